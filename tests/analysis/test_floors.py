@@ -73,6 +73,11 @@ def test_a_steady_run_is_divided_in_time() -> None:
     assert trials.fit_samples(noise) == 3000
 
 
+def test_a_run_in_which_nothing_moves_is_divided_by_time() -> None:
+    """Dry friction may hold a body throughout a run, and a converter then records zero."""
+    assert trials.fit_samples(np.zeros((2, 5000))) == round(trials.FIT_SHARE * 5000)
+
+
 def simulated(scales: list[float]) -> Callable[..., Any]:
     # A rig whose answer to the k-th shaken drive is off by that much; the first call of each set is the clean one.
     calls: list[int] = []

@@ -286,7 +286,7 @@ def fit_samples(measured: FloatArray) -> int:
     parts = np.array_split(measured, BLOCKS, axis=1)
     power = np.stack([part.var(axis=1) for part in parts])
     course = np.cumsum(np.mean(power / np.maximum(power.sum(axis=0), 1e-300), axis=1))
-    if course[-1] - course[round(FIT_SHARE * BLOCKS) - 1] >= STILL_MOVES:
+    if course[-1] == 0.0 or course[-1] - course[round(FIT_SHARE * BLOCKS) - 1] >= STILL_MOVES:  # nothing moves, or its end does
         return round(FIT_SHARE * int(measured.shape[1]))
     moving = np.diff(course, prepend=0.0)
     between = np.flatnonzero((course >= BETWEEN[0]) & (course <= BETWEEN[1]) & (moving <= CALM * moving.max()))
