@@ -265,6 +265,7 @@ def next_step(job: Job) -> Found | None:
     job.progress("looking for the equations of motion that do not hold")
     source: Source | None = None
     forms: list[Entry] = []
+    shapes: list[Entry] = []
     whole = job.left >= POLICY.rest and not job.forms_only
     for each in sources(job):
         rough = job.entries(each.forms[:FINALISTS])
@@ -277,17 +278,20 @@ def next_step(job: Job) -> Found | None:
         forms = job.better([*forms, *(entry for entry in more if job.explains(entry) or each.allows(entry))])
         if more and not each.doubtful(forms):
             break
+        shapes = _without_forms(job, each) if whole and each.leads and not more else shapes
+        if any(job.explains(entry) and each.shown(*entry.candidate.key) for entry in shapes):
+            break
     if source is None:
         return None
     # The error remaining after a form that removes nearly all is not due to another place or kind; another law of its own kind is
     # tested anyway.
     nearly = next((entry for entry in forms if job.nearly(entry)), None)
     alone = any(adequate(entry.score, job.floors) for entry in forms) or (nearly is not None and nearly.kind not in SHAPED)
-    shapes: list[Entry] = []
     try:
         if whole and not alone and not (job.helps(forms) and source.suffices(forms)):
-            job.progress("no form makes the model adequate; fitting free shapes")
-            shapes = job.finished(job.entries(contenders(source.shapes(forms), source.forms, nearly)))
+            if forms or not shapes:
+                job.progress("no form makes the model adequate; fitting free shapes")
+                shapes = job.finished(job.entries(contenders(source.shapes(forms), source.forms, nearly)))
             if shapes or nearly is None:
                 return _as_shown(_kind_and_form(job, source.known, forms, shapes), source)
     except OutOfTimeError:
@@ -296,6 +300,12 @@ def next_step(job: Job) -> Found | None:
     if not forms:
         return None
     return _as_shown(best_form(forms, job.now, job.floors), source)
+
+
+def _without_forms(job: Job, source: Source) -> list[Entry]:
+    # Where no form follows the records, a free shape at the place that the equations show may explain all.
+    job.progress("no form follows the records there; fitting free shapes")
+    return job.finished(job.entries(contenders(source.shapes([]), source.forms, None)))
 
 
 def _as_shown(found: Found | None, source: Source) -> Found | None:

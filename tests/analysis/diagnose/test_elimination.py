@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
 import pytest
 from small_rigs import stage
 
+from isorig.analysis.diagnose import search
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.diagnose.search import PROMISING_LATER, contenders
 from isorig.analysis.diagnose.step import Entry
@@ -161,6 +163,43 @@ def test_a_free_shape_is_finished_only_where_it_may_beat_the_form() -> None:
     assert shape_costs(form, 4.0, 4.0 * FAR_WORSE * 1.01) == [("spring_shape", "rail")]
     assert shape_costs(form, 4.0, 1e9, below=3.99) == []
     assert shape_costs(form, 4.0, 1e9, below=4.01) == [("spring_shape", "rail")]
+
+
+@pytest.mark.parametrize(("explains", "shown", "further"), [(True, True, False), (True, False, True), (False, True, True)])
+def test_a_free_shape_that_explains_where_the_equations_show_a_cause_ends_the_search(
+    explains: bool, shown: bool, further: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No form follows the records: whether candidates at other places are simulated."""
+    asked: list[str] = []
+    curve = Candidate(cause="spring_shape", location="rail", family="spring", starts=(), free=(), reported=())
+
+    class Places:
+        def __init__(self, name: str) -> None:
+            self.name, self.leads, self.known = name, name == "equations", frozenset[tuple[str, str]]()
+
+        @property
+        def forms(self) -> list[tuple[Candidate, Fit]]:
+            asked.append(self.name)
+            return []
+
+        def shapes(self, forms: Sequence[Entry]) -> list[tuple[Candidate, Fit]]:
+            return [(curve, fitted(stage(), 1.0))] if self.leads else []
+
+        def shown(self, cause: str, place: str) -> bool:
+            return shown
+
+        def suffices(self, forms: Sequence[Entry]) -> bool:
+            return False
+
+    job = SimpleNamespace(
+        progress=lambda text: None, left=1.0, forms_only=False, steps=1, explains=lambda entry: explains,
+        helps=lambda forms: False, nearly=lambda entry: False, better=list, finished=list, floors=np.zeros((1, 1)),
+        entries=lambda run: [Entry(candidate=candidate, fit=done, score=cast("Score", None)) for candidate, done in run],
+    )  # fmt: skip
+    monkeypatch.setattr(search, "sources", lambda job: [Places("equations"), Places("screen")])
+    monkeypatch.setattr(search, "_kind_and_form", lambda *given: None)
+    search.next_step(cast("search.Job", job))
+    assert ("screen" in asked) == further
 
 
 @pytest.mark.parametrize(("far", "returns"), [(FAR * 1.01, True), (FAR * 0.99, False)])
