@@ -13,6 +13,9 @@ from isorig.analysis.model.rig_model import RigModel, direction
 
 #: Residual of a body's motion as a combination of sensors above which the sensors do not determine it (rounding).
 UNDETERMINED = 1e-9
+#: Degree of the polynomial that is taken out of an integrated displacement before its high-pass: constants of integration and a
+#: constant error of an accelerometer are of degree two, its drift of three.
+SLOW_DEGREE = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,18 +49,36 @@ def derivatives(values: FloatArray, order: int, rate: float, low: float, high: f
     """
     found = {order: values - (values.mean() if order else 0.0)}
     for below in range(order - 1, -1, -1):
-        found[below] = _integral(found[below + 1], rate, low)
+        found[below] = _integral(found[below + 1], rate)
+    if order:
+        # The constants of integration are a ramp or a parabola. Both ends of the record differ by them, and a filter would spread
+        # that over periods of `low`.
+        n = len(values)
+        time = np.linspace(-1.0, 1.0, n)
+        slow = np.polynomial.legendre.legfit(time, found[0], SLOW_DEGREE)
+        found[0] = _high_passed(found[0] - np.polynomial.legendre.legval(time, slow), rate, low, 1.0)
+        if order == 2:
+            slope = np.polynomial.legendre.legval(time, np.polynomial.legendre.legder(slow)) * 2.0 * rate / (n - 1)
+            found[1] = _high_passed(found[1] - slope, rate, low, -1.0)
     for above in range(order + 1, 3):
         found[above] = _derivative(found[above - 1], rate, high if above == order + 1 else np.inf)
     return Signals(orders=found)
 
 
-def _integral(values: FloatArray, rate: float, low: float) -> FloatArray:
+def _integral(values: FloatArray, rate: float) -> FloatArray:
     n = len(values)
-    frequency = np.asarray(np.fft.rfftfreq(n, 1.0 / rate), dtype=np.float64)
-    gain = highpass_gain(frequency, low)
-    omega = 2j * np.pi * np.maximum(frequency, frequency[1])
-    return np.fft.irfft(np.fft.rfft(values) * gain / omega, n)
+    spectrum = np.fft.rfft(values)
+    spectrum[0] = 0.0
+    spectrum[1:] /= 2j * np.pi * np.fft.rfftfreq(n, 1.0 / rate)[1:]
+    return np.fft.irfft(spectrum, n)
+
+
+def _high_passed(values: FloatArray, rate: float, low: float, sign: float) -> FloatArray:
+    # A record that continues beyond its ends as its mirror image, times `sign`: -1 for the derivative of such a record.
+    n = len(values)
+    whole = np.concatenate([values, sign * values[-2:0:-1]])
+    gain = highpass_gain(np.asarray(np.fft.rfftfreq(len(whole), 1.0 / rate)), low)
+    return np.asarray(np.fft.irfft(np.fft.rfft(whole) * gain, len(whole))[:n])
 
 
 def highpass_gain(frequency: FloatArray, low: float) -> FloatArray:

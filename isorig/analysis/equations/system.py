@@ -41,8 +41,6 @@ HIGHEST_CUT = 0.4
 NOISY = 0.1
 #: Share of it from which on all content is in the integral: the slow part that is fitted along bends little faster.
 SURE = 0.5
-#: Periods in a run of the lowest frequency that an integral contains: what is slower is unknown and grows with its period.
-FEWEST_PERIODS = 3.0
 #: Share of the signal's edge at which a record of displacements is cut before its second derivative.
 EDGE = 1.0
 #: Seconds at both ends of a run that are left out where anything is integrated, in periods of the lowest mode.
@@ -457,7 +455,7 @@ class Equations:
         d, v = np.zeros(n), np.zeros(n)
         for channel, weight in combo.items():
             order = orders[channel]
-            found = derivatives(signals[channel, order], order, self.rate, max(low, FEWEST_PERIODS * self.rate / n), self.edge)
+            found = derivatives(signals[channel, order], order, self.rate, low, self.edge)
             d += weight * found.orders[0]
             v += weight * found.orders[1]
         if 0 in (orders[channel] for channel in combo):
