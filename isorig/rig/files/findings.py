@@ -223,8 +223,8 @@ class Findings(msgspec.Struct, frozen=True, kw_only=True, tag_field="format", ta
     cut_short
         Whether the time limit ended the search for causes.
     pointed
-        The kind of cause and the place to which the equations of motion point, if the time limit ended the search before any
-        cause was certain.
+        The kind of cause and the place to which the equations of motion clearly point, if no simulation confirms any cause:
+        none follows the records, or the time limit ended the search.
     time_limit_s
         The given time limit, s; None for none.
     steps
