@@ -154,7 +154,7 @@ def test_a_form_replaces_the_curve_of_a_pair_up_to_one_and_a_half_times_its_erro
     ratio: float, kept: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     form, (curve, fitted) = with_cost(4.0 * ratio**2), with_cost(4.0, "spring_shape")
-    monkeypatch.setattr(Suspected, "_after", lambda *_, **__: [(form[0], (), None)])
+    monkeypatch.setattr(Suspected, "_after", lambda *_, **__: ([(form[0], (), None)], None))
     monkeypatch.setattr(search, "verified", lambda *_, **__: [form])
     assert (suspected()._forms_for(replace(curve, shape=cast(Any, object())), fitted, cast(Any, None)) == [form]) is kept
 
