@@ -50,6 +50,22 @@ def test_the_answer_names_the_cause_with_its_size_and_the_error() -> None:
     assert said.lines == [said.answer, said.ruled_out, said.next]
 
 
+def test_a_cause_to_which_the_equations_point_is_not_ruled_out() -> None:
+    """Its fit leaves much of the error where no simulation follows the records."""
+    tried = findings().candidates
+    pointed = {"kind": "spring_shape", "location": "coupling"}
+    unconfirmed = [msgspec.to_builtins(msgspec.structs.replace(tried[0], standing="not confirmed", holdout_error=0.69))]
+    others = [msgspec.to_builtins(msgspec.structs.replace(each, location="mount")) for each in tried[1:]]
+    found = findings(verdict="unexplained", steps=[], pointed=pointed, candidates=unconfirmed + others)
+    said = conclude(found, "out")
+    assert "point to a nonlinear spring force over deflection at the coupling, which no fit confirms yet" in said.answer
+    assert said.ruled_out == (
+        "Of this kind and place, not confirmed, with the error each leaves: end stop at the coupling (69 %). "
+        "Ruled out, with the error each leaves: hardening stiffness at the mount (12 %), softening stiffness at the mount "
+        "(20 %), stiffness drift at the mount (34 %)."
+    )
+
+
 def test_a_numbered_place_has_no_article_and_an_error_below_the_noise_limits_it() -> None:
     found = findings(steps=[named(location="l2")])
     found = msgspec.structs.replace(found, holdout=msgspec.structs.replace(found.holdout, extended=0.006))

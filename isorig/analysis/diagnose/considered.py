@@ -30,7 +30,8 @@ class ConsideredCandidate:
     share
         Share of the baseline's excess error that it removes; None if it was not fitted.
     standing
-        "established", "main contributor", "one of several", "ruled out" or "not tested".
+        "established", "main contributor", "one of several", "not confirmed" (no fit confirms it, but the equations of motion
+        point to its kind and place), "ruled out" or "not tested".
     why
         One sentence.
     """
@@ -46,11 +47,12 @@ class ConsideredCandidate:
 
 def all_considered(
     searches: Sequence[tuple[Score, Sequence[Entry]]], steps: Sequence[Step], replaced: Collection[tuple[str, str]], first: Score,
-    floors: FloatArray, model: RigModel, trials: Sequence[Trial],
+    floors: FloatArray, model: RigModel, trials: Sequence[Trial], pointed: tuple[str, str] | None,
 ) -> tuple[ConsideredCandidate, ...]:  # fmt: skip
     """All candidates of all searches, the largest contribution first, followed by the untested causes.
 
-    `replaced` are the causes and places of steps that a more general friction at the same place replaced.
+    `replaced` are the causes and places of steps that a more general friction at the same place replaced; `pointed` is the kind
+    and place to which the equations of motion point where no simulation confirms any cause.
     """
     named = {(step.cause, step.location) for step in steps}
     sets = [{(step.cause, step.location), *step.indistinguishable} for step in steps if step.indistinguishable]
@@ -68,6 +70,10 @@ def all_considered(
             if key in replaced and key not in named:
                 why = f"It removes {_percent(share)}; a more general friction at the same place replaces it."
                 found[key] = replace(found[key], standing="ruled out", why=why)
+    for key, one in found.items():
+        if (one.kind, one.location) == pointed and one.standing == "ruled out":
+            why = f"{one.why} The equations of motion point to its kind and place, so this does not rule it out."
+            found[key] = replace(one, standing="not confirmed", why=why)
     untested = [candidate for candidate in not_tested(model, trials) if (candidate.cause, candidate.location) not in found]
     return (*sorted(found.values(), key=lambda candidate: -(candidate.share or 0.0)), *untested)
 

@@ -267,7 +267,7 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
         budgets=(search.budget(first.fit.model, found.division), search.budget(last.fit.model, found.division)),
         considered=all_considered(
             search.entries, [stage.step for stage in stages[1 : found.kept + 1] if stage.step], found.replaced, first.score,
-            _allowed(found.quiet), first.fit.model, trials,
+            _allowed(found.quiet), first.fit.model, trials, shown_by_equations,
         ),
         searched=tuple((before, tuple(_lean(entry) for entry in entries)) for before, entries in search.entries),
         tolerance=tolerance, cut_short=search.cut_short,

@@ -142,7 +142,7 @@ class TriedCause(msgspec.Struct, frozen=True, kw_only=True):
     location: str
     holdout_error: Number
     share: Number
-    standing: Literal["established", "main contributor", "one of several", "ruled out", "not tested"]
+    standing: Literal["established", "main contributor", "one of several", "not confirmed", "ruled out", "not tested"]
     why: str
 
 

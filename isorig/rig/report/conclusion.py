@@ -5,13 +5,13 @@ It is derived from the content of findings.json alone, so a page, the terminal a
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from isorig.analysis.diagnose.causes import CATALOGUE
 from isorig.analysis.diagnose.causes.base import Kind
 from isorig.analysis.wording import MULTIPLE, sized
-from isorig.rig.files.findings import Findings, HeldOut, NamedCause, Value
+from isorig.rig.files.findings import Findings, HeldOut, NamedCause, TriedCause, Value
 from isorig.rig.report.sections import with_article, words
 
 #: What a cause is, by its name in the findings: {place}, and its parameters by name, as value with uncertainty.
@@ -57,7 +57,8 @@ class Conclusion:
     error
         The held-out errors before and after, and what noise alone would cause.
     ruled_out
-        The rivals that were fitted and rejected, and those that were not; empty if nothing was fitted.
+        The fitted causes: those of the kind and place to which the equations of motion point, those that were rejected, and those
+        that were not; empty if nothing was fitted.
     next
         What to do.
     """
@@ -171,17 +172,27 @@ def in_per_cent(share: float) -> str:
 
 
 def _ruled_out(findings: Findings) -> str:
-    rejected = [(c.holdout_error, c) for c in findings.candidates if c.standing == "ruled out" and c.holdout_error is not None]
-    out = sorted(rejected, key=lambda pair: pair[0])
+    unconfirmed, out = (_fitted(findings, standing) for standing in ("not confirmed", "ruled out"))
     alike = [f"{words(c.cause)} at {with_article(c.location)}" for group in findings.indistinguishable for c in group[1:]]
     said = []
+    if unconfirmed:
+        said.append(f"Of this kind and place, not confirmed, with the error each leaves: {_listed(unconfirmed)}.")
     if out:
-        first = [f"{words(c.cause)} at {with_article(c.location)} ({in_per_cent(error)})" for error, c in out[:NAMED]]
-        more = f", and {len(out) - NAMED} more" if len(out) > NAMED else ""
-        said.append(f"Ruled out, with the error each leaves: {', '.join(first)}{more}.")
+        said.append(f"Ruled out, with the error each leaves: {_listed(out)}.")
     if alike:
         said.append(f"Not distinguishable from it by these runs: {', '.join(alike)}.")
     return " ".join(said)
+
+
+def _fitted(findings: Findings, standing: str) -> list[tuple[float, TriedCause]]:
+    # Fitted candidates of a status with their held-out errors, the smallest first.
+    fitted = [(c.holdout_error, c) for c in findings.candidates if c.standing == standing and c.holdout_error is not None]
+    return sorted(fitted, key=lambda pair: pair[0])
+
+
+def _listed(fitted: Sequence[tuple[float, TriedCause]]) -> str:
+    first = [f"{words(c.cause)} at {with_article(c.location)} ({in_per_cent(error)})" for error, c in fitted[:NAMED]]
+    return ", ".join(first) + (f", and {len(fitted) - NAMED} more" if len(fitted) > NAMED else "")
 
 
 def _next(findings: Findings, folder: str | None) -> str:

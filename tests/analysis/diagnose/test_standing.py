@@ -10,6 +10,7 @@ from small_rigs import guessed, played, stage
 
 from isorig.analysis.diagnose import diagnosis
 from isorig.analysis.diagnose.causes.base import Kind
+from isorig.analysis.diagnose.considered import all_considered
 from isorig.analysis.diagnose.diagnosis import MOST_STEPS, _of_sensors, _Search, _Stage, merged
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.policy import POLICY
@@ -56,6 +57,15 @@ def test_a_form_elsewhere_that_is_as_good_is_reported_by_its_name() -> None:
 
 def test_a_place_without_such_a_form_is_reported_by_its_free_shape() -> None:
     assert reported(elsewhere=0.0300) == {("sensor_gain", "x"), ("sensor", "a")}
+
+
+@pytest.mark.parametrize(
+    ("pointed", "x"), [(None, "ruled out"), (("sensor", "x"), "not confirmed"), (("memory", "x"), "ruled out")]
+)
+def test_a_cause_to_which_the_equations_point_is_not_ruled_out_by_its_fit(pointed: tuple[str, str] | None, x: str) -> None:
+    first, entries = scored(0.1), [entry("sensor_gain", "x", 0.098), entry("sensor_gain", "a", 0.097)]
+    found = all_considered([(first, entries)], [], (), first, FLOORS, stage(), (), pointed)
+    assert {c.location: c.standing for c in found if c.holdout_error is not None} == {"x": x, "a": "ruled out"}
 
 
 def step_to(cause: str, kind: Kind, before: float, after: float, location: str = "rail") -> _Stage:
