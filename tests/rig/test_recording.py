@@ -14,6 +14,9 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from nptdms import ChannelObject, TdmsWriter
+from pyuff import UFF, prepare_58
+from scipy.io import savemat, wavfile
 
 from isorig.analysis.campaign import Campaign, Channel, Gap, Run, Spectrum
 from isorig.rig.cli import main
@@ -219,7 +222,43 @@ def test_files_that_are_no_recording(tmp_path: Path, capsys: pytest.CaptureFixtu
         path.write_bytes(data)
         refused(path, tmp_path, named, capsys)
     refused(tmp_path / "absent.h5", tmp_path, "does not exist", capsys)
-    refused(Path(__file__), tmp_path, "not an HDF5", capsys)
+    refused(Path(__file__), tmp_path, "not a recording; give a recording, or import a file that ends in", capsys)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".mat", ".uff", ".tdms", ".wav", ".toml"])
+def test_files_of_other_programs_are_refused_with_the_commands_that_import_them(
+    suffix: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, values = tmp_path / f"run{suffix}", np.random.default_rng(0).normal(size=(2, 512))
+    if suffix == ".csv":
+        np.savetxt(path, np.column_stack([np.arange(512) / 256.0, *values]), delimiter=",", header="time,head,table", comments="")
+    elif suffix == ".mat":
+        savemat(path, {"head": values[0], "table": values[1], "fs": 256.0})
+    elif suffix == ".uff":
+        record = prepare_58(
+            func_type=1, rsp_node=1, rsp_dir=1, ref_node=0, ref_dir=0, data=values[0], binary=0, x=np.arange(512) / 256.0,
+            id1="head", abscissa_spec_data_type=17, abscissa_spacing=1, abscissa_inc=1 / 256.0, abscissa_min=0.0,
+            ordinate_spec_data_type=12, orddenom_spec_data_type=0, ord_data_type=4, num_pts=512,
+        )  # fmt: skip
+        UFF(str(path)).write_sets(record, "add")
+    elif suffix == ".tdms":
+        with TdmsWriter(path) as writer:
+            writer.write_segment(
+                [ChannelObject("g", n, v, {"wf_increment": 1 / 256.0}) for n, v in zip("ab", values, strict=True)]
+            )
+    elif suffix == ".wav":
+        wavfile.write(path, 256, values.T.astype(np.float32))
+    else:
+        path.write_text("[channels]\n")
+    way = f"rig import {path} -o run.h5" if suffix == ".toml" else f"rig import --draft {path} -o mapping.toml"
+    for command in (["check"], ["diagnose"], ["frf"]):
+        assert main([*command, str(path), *(["-o", str(tmp_path / "out")] if command != ["check"] else [])]) == 2
+        told = capsys.readouterr().err
+        assert way in told
+        assert told.count("\n") == 1
+    assert [each.name for each in tmp_path.iterdir()] == [path.name]
+    if suffix != ".toml":
+        assert main(["import", "--draft", str(path), "-o", str(tmp_path / "mapping.toml")]) == 0
 
 
 def test_no_permission(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

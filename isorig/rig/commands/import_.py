@@ -41,6 +41,7 @@ def import_(
     from isorig.rig.exchange.importing import import_campaign, shortcomings
     from isorig.rig.exchange.mapping import read_mapping
     from isorig.rig.exchange.reading import read_foreign
+    from isorig.rig.files.inputs import import_first
     from isorig.rig.files.output import write_text
     from isorig.rig.files.rigfile import references_of
     from isorig.rig.model.baseline import doubts_in
@@ -55,7 +56,7 @@ def import_(
             write_text(rig_file, proposed.description)
             print(f"{rig_file} is proposed as the rig's description; correct it, or let rig describe --new ask for one.")
     elif len(files) > 1 or files[0].suffix.lower() != ".toml":
-        raise PlanError(f"{files[0]} is not a mapping; propose one with rig import --draft, then import that")
+        raise PlanError(f"{files[0]} is not a mapping; {import_first(files[0])}")
     else:
         campaign = import_campaign(files[0], output, data=data)
         for run in campaign.runs:

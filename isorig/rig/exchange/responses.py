@@ -11,6 +11,7 @@ from isorig.analysis.spectra.welch import Frf
 from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.reading import read_foreign
 from isorig.rig.exchange.table import ForeignTable
+from isorig.rig.files.inputs import import_first
 
 #: Tolerance for equal frequency steps, as a share of a step.
 EVEN = 1e-3
@@ -29,7 +30,7 @@ def read_responses(path: Path) -> list[Frf]:
     if not found:
         if any(spectrum.kind == "transfer_function" for spectrum in table.spectra):
             raise RecordingError(f"{path} contains transfer functions with uneven frequency steps; export them with even ones")
-        has = "time records; import it" if table.columns else "spectra without a phase; export the transfer functions"
+        has = f"time records; {import_first(path)}" if table.columns else "spectra without a phase; export the transfer functions"
         raise RecordingError(f"{path} contains no transfer function but {has}")
     return found
 

@@ -289,6 +289,8 @@ def read_findings(folder: Path) -> Findings:
         return msgspec.json.decode(content_of(path), type=Findings)
     except FileNotFoundError:
         raise PlanError(f"{folder} contains no diagnosis; give the folder that rig diagnose -o wrote") from None
+    except NotADirectoryError:
+        raise PlanError(f"{folder} is not a folder; give the folder that rig diagnose -o wrote") from None
     except OSError as error:
         raise PlanError(f"{path} cannot be read ({error.strerror}); give the folder that rig diagnose -o wrote") from None
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:

@@ -21,6 +21,7 @@ from typing import IO, Literal
 import h5py
 
 from isorig.rig.errors import RecordingError
+from isorig.rig.files.inputs import import_first
 from isorig.rig.files.output import reason
 
 #: Seconds of a processor within which the other process has to show progress; seconds of the clock within which it has to start,
@@ -174,7 +175,9 @@ def _unreadable(path: Path, begin: bytes, message: str) -> str:
     if not begin:
         return f"{path} is empty; record or copy it again"
     if begin != SIGNATURE:
-        return f"{path} is not an HDF5 file; give a recording, or import the file first"
+        if path.suffix.lower() in (".h5", ".hdf5"):
+            return f"{path} is not an HDF5 file, although its name ends like one; give a recording"
+        return f"{path} is not a recording; {import_first(path)}"
     if "truncated" in message:
         return f"{path} is truncated ({path.stat().st_size} bytes); copy it again from its source"
     return f"{path} is damaged or was never closed ({message}); copy it again, or recover it if its recorder was killed"

@@ -12,6 +12,18 @@ from pathlib import Path
 TEXT_MOST, TOML_MOST = 32 << 20, 2 << 20
 
 
+def import_first(path: Path) -> str:
+    """What to do with a file that is not a recording: the commands that import it, if its format can be imported."""
+    from isorig.rig.exchange.formats import FORMATS
+
+    made = f"{path.stem}.h5" if path.suffix.lower() != ".h5" else f"{path.stem}-imported.h5"
+    if path.suffix.lower() == ".toml":
+        return f"if it is a mapping, import it first: rig import {path} -o {made}"
+    if path.suffix.lower() not in FORMATS:
+        return f"give a recording, or import a file that ends in {', '.join(FORMATS)}"
+    return f"import it first: rig import --draft {path} -o mapping.toml, correct what has a ?, rig import mapping.toml -o {made}"
+
+
 def content_of(path: Path, most: int = TEXT_MOST) -> bytes:
     """The content of a file.
 

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, Gap, Quantity, Run, Samples, Spectrum
 from isorig.rig.errors import OutputError, RecordingError
 from isorig.rig.files.hdf import opened
+from isorig.rig.files.inputs import import_first
 from isorig.rig.files.output import reason, replaced, reserve
 
 FORMAT, VERSION = "rig-recording", 1
@@ -202,7 +203,7 @@ def _campaign(file: h5py.File, path: Path) -> Campaign:
     where = str(path)
     found = _plain(file.attrs.get("format"), f"{where}: the attribute format")
     if found != FORMAT:
-        raise RecordingError(f"{where} has format {found!r}, not {FORMAT!r}; give a recording, or import the file first")
+        raise RecordingError(f"{where} has format {found!r}, not {FORMAT!r}; {import_first(path)}")
     version = file.attrs.get("format_version")
     if not isinstance(version, int | np.integer) or int(version) != VERSION:
         raise RecordingError(f"{where} has format_version {version!r}, but this program reads {VERSION}; convert the file")

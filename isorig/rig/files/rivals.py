@@ -129,6 +129,8 @@ def read_rivals(folder: Path) -> Rivals:
         if (folder / "findings.json").is_file():
             raise PlanError(f"{folder} has findings.json but no {NAME}; {AGAIN}") from None
         raise PlanError(f"{folder} contains no diagnosis; give the folder that rig diagnose -o wrote") from None
+    except NotADirectoryError:
+        raise PlanError(f"{folder} is not a folder; give the folder that rig diagnose -o wrote") from None
     except OSError as error:
         raise PlanError(f"{path} cannot be read ({error.strerror}); give the folder that rig diagnose -o wrote") from None
     except (msgspec.MsgspecError, ModelError, TypeError, ValueError, UnicodeDecodeError, RecursionError):

@@ -76,6 +76,10 @@ def test_uneven_lines_and_files_without_any(tmp_path: Path) -> None:
     savemat(tmp_path / "log.mat", {"f": np.geomspace(1.0, 100.0, 65), "H": H})
     savemat(tmp_path / "psd.mat", {"f": F, "Pxx": np.abs(H)})
     savemat(tmp_path / "time.mat", {"fs": 100.0, "x": np.abs(H)})
-    for name, said in (("log", "uneven frequency steps"), ("psd", "without a phase"), ("time", "import it")):
+    for name, said in (
+        ("log", "uneven frequency steps"),
+        ("psd", "without a phase"),
+        ("time", "import it first: rig import --draft"),
+    ):
         with pytest.raises(RecordingError, match=said):
             read_responses(tmp_path / f"{name}.mat")
