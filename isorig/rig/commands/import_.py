@@ -7,6 +7,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from isorig.rig.exchange.formats import FORMATS
+
 
 def import_(
     files: Annotated[list[Path], Parameter(negative=())],
@@ -18,9 +20,9 @@ def import_(
 ) -> None:
     """Import files of other programs according to a mapping, as one recording.
 
-    Supported are MATLAB, CSV and other text, LVM, universal (UFF 58 and 58b), TDMS, WAV, HDF5, JSON, NPY and NPZ files. Let
-    --draft propose the mapping from the files, correct it, then import. For a rig other than the wire bonder, a description is
-    proposed as well, which rig describe shows.
+    Files can be imported that end in {extensions}.
+    Let --draft propose the mapping from the files, correct it, then import. For a rig other than the wire bonder, a description
+    is proposed as well, which rig describe shows.
 
     Example: rig import --draft run1.mat run2.mat -o mapping.toml, then: rig import mapping.toml -o campaign.h5
 
@@ -72,3 +74,6 @@ def import_(
         for doubt in doubts_in(campaign, units):
             print(f"CHECK UNITS, CHANNELS AND GIVEN VALUES FIRST. {doubt.text}")
     print(output)
+
+
+import_.__doc__ = str(import_.__doc__).format(extensions=", ".join(FORMATS))
