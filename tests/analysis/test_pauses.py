@@ -8,7 +8,7 @@ from scipy import signal
 
 from isorig.analysis.campaign import Channel, FloatArray, Run
 from isorig.analysis.spectra.hits import looks_hit, pulses
-from isorig.analysis.spectra.pauses import COHERENT, drives_in_pauses
+from isorig.analysis.spectra.pauses import COHERENT, RESOLVED, drives_in_pauses
 
 RATE, COUNT = 2048.0, 40960
 
@@ -93,6 +93,14 @@ def test_boundary_of_the_coherence(above: bool) -> None:
     response = np.sqrt(share) * force + np.sqrt(1.0 - share) * draw.normal(size=COUNT)
     assert drives_in_pauses(run(force, response), "force", np.array([400]), np.array([410])) is above
     assert looks_hit(run(force, response), "force") is not above
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_a_force_that_converters_do_not_resolve_is_none(share: float) -> None:
+    """White noise of this share of the smallest force, which the response follows."""
+    force = share * RESOLVED * 300.0 * np.random.default_rng(1).normal(size=COUNT)
+    force[400:410] = 300.0
+    assert drives_in_pauses(run(force, force), "force", np.array([400]), np.array([410])) is (share > 1.0)
 
 
 def test_what_cannot_be_compared_is_no_drive() -> None:

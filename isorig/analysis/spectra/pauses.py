@@ -6,9 +6,12 @@ an amplifier that is switched on: a pulse as of a hammer, but followed by a forc
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from isorig.analysis.campaign import MOTION, ComplexArray, FloatArray, IntArray, Run
+from isorig.analysis.campaign import MOTION, IntArray, Run
+from isorig.analysis.spectra.welch import estimate
 
 #: Samples that decide whether a reference is a hammer's force, at most.
 FIRST = 2**20
@@ -18,7 +21,7 @@ LONGEST, SHORTEST, SEGMENTS = 1024, 64, 8
 COMPARED = 0.1
 #: Coherence, as the median of these bins, from which the force drives: as much of the response follows from it as does not.
 COHERENT = 0.5
-#: A force in the pauses below this share of the highest pulse is none: converters do not resolve it.
+#: A force whose rms in the pauses is below this share of the highest pulse is none: converters do not resolve it.
 RESOLVED = 1e-6
 
 
@@ -34,36 +37,27 @@ def drives_in_pauses(run: Run, reference: str, begin: IntArray, end: IntArray) -
     begin, end
         First sample of each pulse and first sample after it, shape (pulses,).
     """
-    values = run.channel(reference).read(0, FIRST)
-    responses = [
-        channel.read(0, FIRST)
-        for name, channel in run.sensors.items()
-        if name != reference and channel.quantity in MOTION and len(channel) == len(run.channel(reference))
-    ]
+    size = len(run.channel(reference))
+    names = [
+        name for name, channel in run.sensors.items()
+        if name != reference and channel.quantity in MOTION and len(channel) == size
+    ]  # fmt: skip
+    records = {name: run.channel(name).read(0, FIRST) for name in (reference, *names)}
+    highest = float(np.abs(records[reference]).max())
     # A pulse begins about its own width before it crosses the trigger level.
-    stops = np.minimum(np.append(begin[1:] - (end - begin)[1:], len(values)), len(values))
+    stops = np.minimum(np.append(begin[1:] - (end - begin)[1:], size), len(records[reference]))
     halves = [(int(a), int(b)) for a, b in zip((end + stops) // 2, stops, strict=True) if b - a >= SHORTEST]
-    if not responses or not halves:
+    if not names or not halves:
         return False
     length = min(LONGEST, 2 ** int(np.log2(np.median([b - a for a, b in halves]))))
-    first = [a + k for a, b in halves for k in range(0, b - a - length + 1, length // 2)]
-    if len(first) < SEGMENTS:
+    parts = [
+        replace(run, gaps=(), channels={
+            name: replace(run.channel(name), samples=values[a:b], scale=1.0, offset=0.0) for name, values in records.items()
+        }) for a, b in halves
+    ]  # fmt: skip
+    spectra = estimate(parts, references=[reference], resolution=run.sample_rate / length, jackknife=False)
+    force = spectra.density(reference)[1:-1]
+    if spectra.segments < SEGMENTS or force.sum() * spectra.resolution <= (RESOLVED * highest) ** 2:
         return False
-    force = _transformed(values, first, length)
-    power = (np.abs(force) ** 2).sum(axis=0)
-    if power.sum() <= len(first) * (RESOLVED * length * float(np.abs(values).max())) ** 2:
-        return False
-    largest = np.argsort(power)[-max(int(COMPARED * len(power)), 1) :]
-    return any(_coherence(force[:, largest], _transformed(each, first, length)[:, largest]) >= COHERENT for each in responses)
-
-
-def _coherence(force: ComplexArray, response: ComplexArray) -> float:
-    # Median over frequency bins, of shape (segments, bins).
-    cross = np.abs((force.conj() * response).sum(axis=0)) ** 2
-    powers = (np.abs(force) ** 2).sum(axis=0) * (np.abs(response) ** 2).sum(axis=0)
-    return float(np.median(cross / np.maximum(powers, np.finfo(float).tiny)))
-
-
-def _transformed(values: FloatArray, first: list[int], length: int) -> ComplexArray:
-    rows = np.stack([values[k : k + length] for k in first])
-    return np.asarray(np.fft.rfft((rows - rows.mean(axis=1, keepdims=True)) * np.hanning(length), axis=1)[:, 1:-1])
+    largest = 1 + np.argsort(force)[-max(int(COMPARED * len(force)), 1) :]
+    return any(np.median(spectra.frf(name, reference).coherence[largest]) >= COHERENT for name in names)
