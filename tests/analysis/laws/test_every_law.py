@@ -104,6 +104,22 @@ def test_a_stop_acts_at_one_end_only(end: Literal[1, -1], damping: float) -> Non
     the_simulated_force_is_the_formulas(law)
 
 
+def jumps(law: laws.Law, d: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """The last samples before a law's force jumps: it changes its state, and the forces of both states differ there."""
+    element = law.element(LINK)
+    assert element is not None
+    found = [np.zeros(0, dtype=int)]
+    for state in element.states:
+        for end in state.exits:
+            after, margin = element.states[end.to], end.const + end.d * d + end.v * v
+            last = np.flatnonzero(np.diff((margin < 0.0).astype(int)))
+            passed = margin[last] / (margin[last] - margin[last + 1])
+            at_end, speed = (x[last] + passed * np.diff(x)[last] for x in (d, v))
+            step = state.const - after.const + (state.d - after.d) * at_end + (state.v - after.v) * speed
+            found.append(last[np.abs(step) > 1e-9 * np.abs(after.const)])
+    return np.concatenate(found)
+
+
 def the_simulated_force_is_the_formulas(drawn: laws.Law) -> None:
     """Laws that remember: their rates by scipy's integrator along the simulated motion."""
     d, v, force, kept = simulated(drawn)
@@ -117,10 +133,9 @@ def the_simulated_force_is_the_formulas(drawn: laws.Law) -> None:
         )  # fmt: skip
         memory = found.y
     want = drawn.force(d, v, t, memory, LINK)
-    if isinstance(drawn, laws.EndStop):
-        # The force of a damped stop jumps as it is met: the samples beside that are left out.
-        met = np.flatnonzero(np.diff((np.abs(d) > drawn.stroke).astype(int)))
-        kept[np.unique(np.clip(met[:, None] + np.arange(-2, 4), 0, len(d) - 1))] = False
+    if isinstance(drawn, laws.SpringLaw):
+        # The samples around a jump of the force are left out.
+        kept[np.unique(np.clip(jumps(drawn, d, v)[:, None] + np.arange(-2, 4), 0, len(d) - 1))] = False
     kept &= np.isfinite(want)
     assert kept.sum() > 100
     assert np.abs(force - want)[kept].max() < (2e-3 if drawn.remembers else 1e-5) * np.abs(want[kept]).max()
