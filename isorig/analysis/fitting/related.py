@@ -20,7 +20,7 @@ from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.model.rig_model import RigModel, Sensor
 from isorig.analysis.parallel import side_by_side
 from isorig.analysis.simulate import simulate
-from isorig.analysis.spectra.welch import effective_averages
+from isorig.analysis.spectra.welch import WELL_DRIVEN, effective_averages
 from isorig.analysis.spectra.windows import HANN
 
 #: Segments of a record, half overlapping.
@@ -30,8 +30,6 @@ TIED = 2.0
 #: Probability of a chance coherence, over all runs, responses and functions, below which the rest is related to the motion, if
 #: the coherent share of its power is above `SHARE` and above the simulation's own error.
 CHANCE, SHARE = 1e-3, 0.1
-#: Share of the drive's largest power density in bins that count.
-DRIVEN = 0.01
 #: Motions for which functions are tested, and the prefix of their channels.
 MOTIONS: tuple[Literal["displacement", "velocity"], ...] = ("displacement", "velocity")
 PREFIX = "link "
@@ -72,7 +70,7 @@ def related(model: RigModel, trials: Sequence[Trial]) -> bool:
         n = min(len(rows) for rows in (*left, *inputs))
         length = 2 * (n // (SEGMENTS + 1))
         driven = _power(_segments(drive[:n], length))
-        kept = driven >= DRIVEN * driven.max()
+        kept = driven >= WELL_DRIVEN * driven.max()
         seen = [_segments(values[:n], length)[:, kept] for values in inputs]
         averages = effective_averages(HANN.samples(length), len(seen[0]), length // 2)
         found: list[tuple[float, bool]] = []

@@ -14,10 +14,8 @@ from numpy.typing import NDArray
 
 from isorig.analysis.campaign import ComplexArray, FloatArray, IntArray, Run
 from isorig.analysis.errors import DataError
-from isorig.analysis.spectra.welch import stretches
+from isorig.analysis.spectra.welch import DRIVEN, stretches
 
-#: Frequencies with less than this share of the largest amplitude count as not excited.
-DRIVEN = 0.01
 #: Number of initial periods discarded because of transients, and minimum number of further periods.
 SETTLING, NEEDED = 1, 2
 
@@ -136,9 +134,9 @@ def driven_lines(drives: Sequence[ComplexArray], where: str) -> IntArray:
     DataError
         There is none.
     """
-    size = np.min([np.abs(drive) for drive in drives], axis=0)
-    size[0] = 0.0
-    kept: NDArray[np.bool_] = size > DRIVEN * size.max()
+    power = np.min([np.abs(drive) ** 2 for drive in drives], axis=0)
+    power[0] = 0.0
+    kept: NDArray[np.bool_] = power > DRIVEN * power.max()
     if not kept.any():
         raise DataError(f"run {where!r} has a drive without content; check its channel")
     return np.flatnonzero(kept)

@@ -25,8 +25,9 @@ BLOCK, CACHED = 8, 1 << 21
 OVERLAP = 0.5
 #: With fewer averages there is no scatter: the standard deviations are then set to the size of the values.
 FEWEST = 1.5
-#: Share of the largest power of a drive below which a frequency is not driven.
-DRIVEN = 1e-4
+#: Share of the largest power density of a drive below which a frequency is not driven, and below which it is driven too weakly
+#: for the coherence to be judged. Chosen.
+DRIVEN, WELL_DRIVEN = 1e-4, 1e-2
 #: Arrays over frequency of a transfer function, other than the frequencies themselves.
 FRF_ROWS = ("value", "coherence", "magnitude_std", "phase_std", "multiple_coherence")
 

@@ -20,8 +20,8 @@ from isorig.analysis.spectra.detection import Detection
 from isorig.analysis.spectra.noise import noise_levels
 from isorig.analysis.spectra.overload import LONGEST
 from isorig.analysis.spectra.periodic import SETTLING
-from isorig.analysis.spectra.welch import Spectra, estimate
-from isorig.rig.acquire.policy import DIFFERENT, DRIVEN, LEVEL_RATIO, NOISE_RATIO, NOT_REPEATABLE, REPEATABLE
+from isorig.analysis.spectra.welch import WELL_DRIVEN, Spectra, estimate
+from isorig.rig.acquire.policy import DIFFERENT, LEVEL_RATIO, NOISE_RATIO, NOT_REPEATABLE, REPEATABLE
 
 Kind = Literal["nonlinear", "undecided", "noise"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -92,7 +92,7 @@ def driven_bins(run: Run, spectra: Spectra, drive: str) -> BoolArray:
     """The frequency bins within the band of a run in which its drive has power, shape (bins,)."""
     low, high = run.band or (spectra.resolution, 0.5 * run.sample_rate)
     density = np.where((spectra.frequency >= low) & (spectra.frequency <= high), spectra.density(drive), 0.0)
-    return np.asarray((density >= DRIVEN * density.max()) & (density > 0.0))
+    return np.asarray((density >= WELL_DRIVEN * density.max()) & (density > 0.0))
 
 
 def _begun(run: Run, name: str, drive: str) -> Run:

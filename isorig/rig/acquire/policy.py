@@ -38,5 +38,3 @@ LEVEL_RATIO, DIFFERENT = 1.2, 2.0
 #: Frequency bins in the driven band below which it is not resolved: in segments that are shorter than the response rings, leakage
 #: lowers the coherence. Chosen: 16 s of a rig driven up to 10 Hz resolve as many.
 RESOLVED = 20
-#: Share of the largest density of the drive below which a frequency bin is not driven.
-DRIVEN = 1e-2
