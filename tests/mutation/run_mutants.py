@@ -91,7 +91,7 @@ OTHERS: dict[str, tuple[str, ...]] = {
         (
             "isorig/analysis/diagnose/search.py", "isorig/analysis/equations/sliding.py", "isorig/analysis/fitting/solve.py",
             "isorig/analysis/fitting/trials.py", "isorig/analysis/fitting/uncertainty.py", "isorig/analysis/spectra/noise.py",
-            "isorig/analysis/spectra/quality.py",
+            "isorig/analysis/spectra/overload.py",
         ),
         ("tests/analysis/test_boundaries.py",),
     ),
