@@ -37,6 +37,7 @@ VERDICT = (
     "tests/analysis/test_scores.py",
 )
 EQUATIONS = ("tests/analysis/equations/test_equation_parts.py", "tests/analysis/equations/test_equations.py")
+TRENDS = ("tests/analysis/trends/test_trend_thresholds.py", "tests/analysis/trends/test_trends.py")
 PROPOSALS = ("tests/analysis/proposals/test_proposal_thresholds.py", "tests/analysis/proposals/test_next_choice.py")
 
 
@@ -68,7 +69,11 @@ MODULES: dict[str, Covered] = {
         ),
         8,
     ),
-    "isorig/analysis/trends/cusum.py": Covered(("tests/analysis/trends/test_trends.py",), 40),
+    "isorig/analysis/trends/cusum.py": Covered(TRENDS, 40),
+    "isorig/analysis/trends/policy.py": Covered(TRENDS),
+    "isorig/rig/fleet/policy.py": Covered(
+        ("tests/rig/fleet/test_fleet_thresholds.py", "tests/rig/fleet/test_followed.py")
+    ),
     **{
         f"isorig/analysis/proposals/{name}.py": Covered(PROPOSALS, 10)
         for name in ("choice", "hypotheses", "limits", "menu", "policy", "precision", "prediction", "remedies")

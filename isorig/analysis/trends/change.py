@@ -6,13 +6,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.stats import chi2
 
 from isorig.analysis.campaign import FloatArray
-
-#: Probability that the interval of a date contains it.
-CERTAIN = 0.95
-#: Logarithm of the likelihood ratio above which drift and step are distinguished: 20 to 1.
-TOLD = float(np.log(20.0))
+from isorig.analysis.trends.policy import POLICY
 
 Kind = Literal["step", "drift", "step or drift"]
 
@@ -72,7 +69,7 @@ def dated(value: FloatArray, variance: FloatArray) -> tuple[int, int, int]:
     probability = np.exp(evidence - evidence.max())
     probability /= probability.sum()
     order = np.argsort(-probability, kind="stable")
-    enough = int(np.searchsorted(np.cumsum(probability[order]), CERTAIN)) + 1
+    enough = int(np.searchsorted(np.cumsum(probability[order]), POLICY.date_confidence)) + 1
     inside = order[:enough] + 1
     return int(order[0]) + 1, int(inside.min()), int(inside.max())
 
@@ -109,7 +106,8 @@ def described(time: FloatArray, value: FloatArray, variance: FloatArray, *, alar
     )
     knee = bent(time, value, weight)
     difference = knee.likelihood - stepped(value, weight, [first])
-    kind: Kind = "drift" if difference > TOLD else "step" if difference < -TOLD else "step or drift"
+    clear = np.log(POLICY.likelihood_ratio)
+    kind: Kind = "drift" if difference > clear else "step" if difference < -clear else "step or drift"
     return drifting(time, knee, alarm) if kind == "drift" else DatedChange(**{**vars(step), "kind": kind})
 
 
@@ -134,8 +132,8 @@ def bent(time: FloatArray, value: FloatArray, weight: FloatArray) -> Knee:
     fits = [_line(np.maximum(time - time[k], 0.0), value, weight) for k in range(len(time) - 1)]
     likelihood = np.array([fit[2] for fit in fits])
     best = int(likelihood.argmax())
-    # Twice the decrease of the log likelihood is about chi-square with one degree of freedom: 3.84 at 95 %.
-    inside = np.flatnonzero(likelihood >= likelihood[best] - 1.92)
+    # Twice the decrease of the log likelihood is about chi-square with one degree of freedom.
+    inside = np.flatnonzero(likelihood >= likelihood[best] - 0.5 * chi2.ppf(POLICY.date_confidence, 1))
     (level, slope), covariance, _ = fits[best]
     return Knee(
         at=best, earliest=int(inside[0]), latest=int(inside[-1]), level=level, slope=slope, covariance=covariance,

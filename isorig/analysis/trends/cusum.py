@@ -16,16 +16,10 @@ from scipy.stats import chi2
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import DataError
+from isorig.analysis.trends.policy import POLICY
 
-#: Slack of the two parallel charts, in standard deviations: half of the change that each detects soonest. The slow one detects
-#: small changes and drifts, the fast one large changes within three campaigns.
-SLACKS = (0.5, 1.0)
-#: Standard deviations at which a campaign's contribution is clipped: one bad campaign alone must not raise an alarm.
-CLIP = 4.0
 #: Points of the integral equation, and equally likely values of an uncertain standard deviation.
 POINTS, LIKELY = 60, 25
-#: Degrees of freedom above which a standard deviation counts as known, and below which there is no alarm.
-KNOWN, FEWEST = 2000.0, 5.0
 #: Run lengths above this are lost in rounding.
 LONGEST = 1e12
 
@@ -68,7 +62,7 @@ def false_rate(threshold: float, slack: float, freedom: float = np.inf) -> float
     `freedom` is the number of degrees of freedom of the standard deviation by which z was divided; the rate is the mean over its
     possible true values.
     """
-    if freedom >= KNOWN:
+    if freedom >= POLICY.known_freedom:
         return float(2.0 / run_length(threshold, slack)[0])
     scales = np.sqrt(freedom / chi2.ppf((np.arange(LIKELY) + 0.5) / LIKELY, freedom))
     return float(np.mean(2.0 / run_length(threshold, slack, scales)))
@@ -76,26 +70,27 @@ def false_rate(threshold: float, slack: float, freedom: float = np.inf) -> float
 
 @cache
 def thresholds(rate: float, freedom: float = np.inf) -> tuple[float, ...]:
-    """A threshold for each of `SLACKS`, so that all together raise at most this many false alarms per campaign.
+    """A threshold for each of `POLICY.slacks`, so that all together raise at most this many false alarms per campaign.
 
-    Each chart gets an equal share. No threshold is so low that a single campaign could exceed it (`CLIP`), so for a high allowed
-    rate there are fewer alarms.
+    Each chart gets an equal share. No threshold is so low that a single campaign could exceed it (`POLICY.clip`), so for a high
+    allowed rate there are fewer alarms.
 
     Raises
     ------
     DataError
-        The rate is not between 0 and 1, or the standard deviation has fewer than `FEWEST` degrees of freedom.
+        The rate is not between 0 and 1, or the standard deviation has fewer than `POLICY.fewest_freedom` degrees of freedom.
     """
     if not 0.0 < rate < 1.0:
         raise DataError(f"the rate is {rate:g} false alarms per campaign; give one above 0 and below 1")
-    if freedom < FEWEST:
+    if freedom < POLICY.fewest_freedom:
         raise DataError(
-            f"the scatter has {freedom:.2g} degrees of freedom, and an alarm needs {FEWEST:g}; measure more campaigns"
+            f"the scatter has {freedom:.2g} degrees of freedom, and an alarm needs {POLICY.fewest_freedom:g}; measure more "
+            "campaigns"
         )
-    share = rate / len(SLACKS)
+    share = rate / len(POLICY.slacks)
     found = []
-    for slack in SLACKS:
-        low, high = CLIP - slack, CLIP - slack
+    for slack in POLICY.slacks:
+        low, high = POLICY.clip - slack, POLICY.clip - slack
         while false_rate(high, slack, freedom) > share:
             high *= 1.5
         found.append(low if high == low else float(brentq(_beyond, low, high, args=(slack, freedom, share), xtol=1e-2)))
@@ -134,7 +129,7 @@ def alarms(value: FloatArray, variance: FloatArray, limits: Sequence[float]) -> 
     value, variance
         The series and the variance of each value about its level, shape (n,).
     limits
-        Thresholds in the order of `SLACKS`.
+        Thresholds in the order of `POLICY.slacks`.
 
     Notes
     -----
@@ -145,21 +140,21 @@ def alarms(value: FloatArray, variance: FloatArray, limits: Sequence[float]) -> 
     """
     at, rising, z = [], [], np.zeros(len(value))
     mean = weight = 0.0
-    up, down = [0.0] * len(SLACKS), [0.0] * len(SLACKS)
+    up, down = [0.0] * len(POLICY.slacks), [0.0] * len(POLICY.slacks)
     for k, (x, v) in enumerate(zip(value.tolist(), variance.tolist(), strict=True)):
         if weight == 0.0:
             mean, weight = x, 1.0 / v
             continue
         z[k] = (x - mean) / (v + 1.0 / weight) ** 0.5
-        clipped = min(max(z[k], -CLIP), CLIP)
-        up = [max(0.0, s + clipped - slack) for s, slack in zip(up, SLACKS, strict=True)]
-        down = [max(0.0, s - clipped - slack) for s, slack in zip(down, SLACKS, strict=True)]
+        clipped = min(max(z[k], -POLICY.clip), POLICY.clip)
+        up = [max(0.0, s + clipped - slack) for s, slack in zip(up, POLICY.slacks, strict=True)]
+        down = [max(0.0, s - clipped - slack) for s, slack in zip(down, POLICY.slacks, strict=True)]
         high = max(s / h for s, h in zip(up, limits, strict=True))
         low = max(s / h for s, h in zip(down, limits, strict=True))
         if max(high, low) > 1.0:
             at.append(k)
             rising.append(high > low)
-            weight, up, down = 0.0, [0.0] * len(SLACKS), [0.0] * len(SLACKS)
+            weight, up, down = 0.0, [0.0] * len(POLICY.slacks), [0.0] * len(POLICY.slacks)
             continue
         mean += clipped * (v + 1.0 / weight) ** 0.5 / (v * weight + 1.0)
         weight += 1.0 / v

@@ -16,20 +16,10 @@ from isorig.analysis.fitting.screen import Screen, ScreenedCandidate, shortened
 from isorig.analysis.fitting.solve import Fit, Free, Problem, base_parameters, fit
 from isorig.analysis.fitting.trials import Trial, prepare
 from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.trends.policy import POLICY
 
-#: Seconds of each run that are compared.
-SECONDS = 10.0
-#: Number of causes of the catalogue with a full fit, the most promising first.
-FITTED = 6
 #: Maximum steps of a fit.
 STEPS = 10
-#: Twice the logarithm of the likelihood ratio up to which two causes are equally likely, and above which a cause explains more
-#: than scatter: 20 to 1.
-LIKELY = 2.0 * float(np.log(20.0))
-#: Share of the misfit by which a cause must be better if no cause explains the change down to the noise.
-BETTER = 0.1
-#: Relative standard deviation of a positive parameter with unknown scatter; for others a hundred finite differences.
-LOOSE = 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,7 +121,7 @@ def explanations(
         The earlier fit cannot be simulated on the campaign.
     """
     trials = prepare(campaign, earlier)
-    short = shortened(trials, SECONDS)
+    short = shortened(trials, POLICY.compared_seconds)
     free = base_parameters(earlier)
     known = [(f, f.encode(earlier.get(f.path)), _deviation(f, scatter)) for f in free]
     whole = ProblemWithPriors(short, known)
@@ -145,7 +135,7 @@ def explanations(
     evidence = observe(campaign, still.model, trials, earlier, earlier)
     with np.errstate(all="ignore"):  # a cause that does not fit may diverge
         screened = Screen(still, whole).ranked([c for cause in CATALOGUE for c in cause.candidates(still.model, evidence)])
-    for item in _distinct(screened)[:FITTED]:
+    for item in _distinct(screened)[: POLICY.fitted_causes]:
         progress(f"trying {item.candidate.cause} ({item.candidate.location})")
         done = _fitted(item, earlier, item.candidate.parameters(still.model, free), whole)
         if done is None:
@@ -173,7 +163,7 @@ def _fitted(item: ScreenedCandidate, earlier: RigModel, free: Sequence[Free], pr
 
 
 def _deviation(free: Free, scatter: Mapping[str, float]) -> float:
-    return max(scatter.get(free.path, LOOSE if free.log else 100.0 * free.step), 1e-3 * free.step)
+    return max(scatter.get(free.path, POLICY.unknown_scatter if free.log else 100.0 * free.step), 1e-3 * free.step)
 
 
 def _distinct(screened: Sequence[ScreenedCandidate]) -> list[ScreenedCandidate]:
@@ -201,13 +191,14 @@ def _of_candidate(candidate: Candidate, done: Fit, problem: Problem) -> CauseOfC
 
 
 def _judged(found: Sequence[CauseOfChange], unchanged: float, size: int, suspected: Collection[str]) -> tuple[CauseOfChange, ...]:
-    likely = (item for item in found if item.misfit < unchanged - LIKELY or item.parameter in suspected)
+    clear = 2.0 * float(np.log(POLICY.likelihood_ratio))
+    likely = (item for item in found if item.misfit < unchanged - clear or item.parameter in suspected)
     ordered = sorted(likely, key=lambda item: item.misfit)
     if not ordered:
         return ()
     best = ordered[0].misfit
     # If even the best leaves more than noise, residuals are correlated, and only a clear difference counts.
-    enough = LIKELY if best <= size else max(LIKELY * best / size, BETTER * best)
+    enough = clear if best <= size else max(clear * best / size, POLICY.better * best)
     gone = max(unchanged - best, 1e-12)
     return tuple(
         replace(item, share=max(1.0 - (item.misfit - best) / gone, 0.0), alike=bool(item.misfit - best <= enough))

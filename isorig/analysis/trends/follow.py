@@ -11,10 +11,8 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.trends.change import DatedChange, bent, dated, described, drifting, stepped
 from isorig.analysis.trends.cusum import alarms
+from isorig.analysis.trends.policy import POLICY
 from isorig.analysis.trends.series import Series
-
-#: Distance from the level, in standard deviations, above which a campaign is an outlier if its neighbours are not.
-ALONE = 6.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +54,7 @@ def follow(series: Series, between: float, limits: Sequence[float]) -> Followed:
     level, std = float(np.average(series.value[begun:], weights=1.0 / variance[begun:])), variance[begun:]
     if changes and changes[-1].kind == "drift":
         level = changes[-1].after
-    far = set(np.flatnonzero(np.abs(raised.z) > ALONE).tolist())
+    far = set(np.flatnonzero(np.abs(raised.z) > POLICY.outlying_campaign).tolist())
     touched = {k for change in changes for k in range(change.earliest, change.alarm + 1)}
     return Followed(
         changes=changes, level=level, std=float(1.0 / np.sqrt((1.0 / std).sum())),

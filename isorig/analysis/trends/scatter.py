@@ -10,17 +10,14 @@ from scipy.optimize import brentq
 from scipy.stats import norm
 
 from isorig.analysis.campaign import FloatArray
+from isorig.analysis.trends.policy import POLICY
 from isorig.analysis.trends.series import Series
 
-#: Difference of successive campaigns, in standard deviations, above which it counts as a change or a bad campaign and is
-#: excluded.
-OUTLYING = 3.5
-#: Limit of the square of a difference (winsorized mean: 95 % of the information of a normal sample).
-WINSOR = 2.5
 #: Information in successive differences relative to that in deviations from a known mean (von Neumann 1941: 2/3).
 INFORMATION = 2.0 / 3.0
-#: Expected value of min(z^2, WINSOR^2) of a standard normal z.
-_EXPECTED = 1.0 - 2.0 * (WINSOR * norm.pdf(WINSOR) + norm.sf(WINSOR)) + 2.0 * WINSOR**2 * norm.sf(WINSOR)
+#: Limit of a difference, and the expected value of min(z^2, _LIMIT^2) of a standard normal z.
+_LIMIT = POLICY.winsorized
+_EXPECTED = 1.0 - 2.0 * (_LIMIT * norm.pdf(_LIMIT) + norm.sf(_LIMIT)) + 2.0 * _LIMIT**2 * norm.sf(_LIMIT)
 #: Median of a chi-square variable with one degree of freedom.
 _MEDIAN = 0.4549364
 
@@ -52,11 +49,11 @@ def scatter_of(series: Sequence[Series]) -> Scatter:
     if not len(squares):
         return Scatter(variance=0.0, freedom=0.0)
     rough = _root(squares, fitted, lambda ratio: float(np.median(ratio)) - _MEDIAN)
-    kept = squares <= OUTLYING**2 * (fitted + 2.0 * rough)
+    kept = squares <= POLICY.outlying_difference**2 * (fitted + 2.0 * rough)
     if not kept.any():
         return Scatter(variance=rough, freedom=0.0)
     squares, fitted = squares[kept], fitted[kept]
-    variance = _root(squares, fitted, lambda ratio: float(np.mean(np.minimum(ratio, WINSOR**2))) - _EXPECTED)
+    variance = _root(squares, fitted, lambda ratio: float(np.mean(np.minimum(ratio, _LIMIT**2))) - _EXPECTED)
     return Scatter(variance=variance, freedom=INFORMATION * len(squares))
 
 

@@ -8,11 +8,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from isorig.analysis.campaign import FloatArray
-
-#: Minimum number of rigs for a comparison.
-FEWEST = 5
-#: Maximum share of outlying rigs.
-MOST = 0.2
+from isorig.analysis.trends.policy import POLICY
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,13 +37,13 @@ def siblings(level: FloatArray, risk: float) -> Siblings:
     Notes
     -----
     The generalized extreme studentized deviate test (Rosner 1983, Technometrics 25:165), which finds several outliers if a test
-    of one would be masked by the next. Fewer than five rigs are not compared.
+    of one would be masked by the next. Fewer than `POLICY.fewest_rigs` are not compared.
     """
     n = len(level)
     left = np.arange(n)
     order: list[int] = []
     odd = 0
-    for i in range(1, (int(MOST * n) if n >= FEWEST else 0) + 1):
+    for i in range(1, (int(POLICY.most_outlying * n) if n >= POLICY.fewest_rigs else 0) + 1):
         spread = level[left].std(ddof=1)
         if spread == 0.0:
             break
@@ -59,7 +55,7 @@ def siblings(level: FloatArray, risk: float) -> Siblings:
             odd = i
     kept = np.delete(level, order[:odd])
     middle, spread = (float(kept.mean()), float(kept.std(ddof=1)) if len(kept) > 1 else 0.0) if n else (0.0, 0.0)
-    away = np.full(n, np.nan) if n < FEWEST else (level - middle) / spread if spread > 0.0 else np.zeros(n)
+    away = np.full(n, np.nan) if n < POLICY.fewest_rigs else (level - middle) / spread if spread > 0.0 else np.zeros(n)
     return Siblings(middle=middle, spread=spread, away=away, odd=tuple(order[:odd]))
 
 

@@ -17,10 +17,8 @@ from isorig.rig.errors import REFUSALS
 from isorig.rig.files.models import read_fitted, read_model
 from isorig.rig.fleet.catalogue import Catalogue, key_of
 from isorig.rig.fleet.history import Fleet, Incident, TrackedRig, followed
+from isorig.rig.fleet.policy import POLICY
 from isorig.rig.fleet.sentences import incident_words
-
-#: Number of explanations stored for a change.
-KEPT = 8
 
 
 class ChangeToExplain(msgspec.Struct, frozen=True, kw_only=True):
@@ -126,7 +124,7 @@ def _explain(question: ChangeToExplain) -> None:
             **common, "rank": rank, "cause": e.cause, "location": e.location, "parameter": e.parameter, "old": e.old,
             "new": e.new, "std": e.std, "unit": e.unit or unit_of(e.parameter), "share": e.share, "alike": e.alike,
         }
-        for rank, e in enumerate(found[:KEPT])
+        for rank, e in enumerate(found[:POLICY.kept_explanations])
     ]  # fmt: skip
     # A row without a cause records that the search was done.
     blank = {"cause": "", "location": "", "parameter": "", "unit": "", "alike": False} | dict.fromkeys(

@@ -13,31 +13,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isorig.analysis.campaign import FloatArray
+from isorig.analysis.trends import policy as trends
 from isorig.analysis.trends.change import DatedChange
-from isorig.analysis.trends.cusum import FEWEST, thresholds
+from isorig.analysis.trends.cusum import thresholds
 from isorig.analysis.trends.follow import Followed, follow
 from isorig.analysis.trends.scatter import Scatter, scatter_of
 from isorig.analysis.trends.series import Series
 from isorig.analysis.trends.siblings import Siblings, siblings
 from isorig.rig.errors import RigError
 from isorig.rig.fleet.catalogue import SUPERSEDED, WITHOUT
+from isorig.rig.fleet.policy import POLICY
 
 if TYPE_CHECKING:
     import pandas as pd
 
-#: Allowed false alarms per month: in the whole fleet, and of each rig (one in four years); and the days of a month. Chosen: a
-#: month is what one operator can follow up, but at this rate three rigs would have a false change every five weeks.
-FALSE_PER_MONTH, FALSE_PER_RIG, MONTH = 1.0, 1.0 / 48.0, 365.25 / 12.0
-#: Days between campaigns, if the interval of a rig is unknown.
-WEEK = 7.0
-#: Probability that a rig of a fleet without outliers is called an outlier.
-ODD_RISK = 0.05
-#: A cause is new if this many of this many successive campaigns name it, and as many before named no similar cause.
-NAMED, OF, CLEAN = 2, 3, 3
+#: Days of a month.
+MONTH = 365.25 / 12.0
 #: Verdict of a diagnosis that names no cause although the model misfits.
 UNEXPLAINED = "unexplained"
-#: Size of a parameter's change, in standard deviations, above which it dates a change better than the name of a cause.
-PLAIN = 8.0
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
@@ -238,8 +231,7 @@ def followed(answers: pd.DataFrame, baseline: str, *, false_per_month: float | N
     baseline
         The diagnoses to use.
     false_per_month
-        Allowed false alarms per month in the whole fleet; None for the smaller of `FALSE_PER_MONTH` and `FALSE_PER_RIG` of every
-        rig.
+        Allowed false alarms per month in the whole fleet; None for those of `POLICY`.
 
     Raises
     ------
@@ -273,9 +265,10 @@ def followed(answers: pd.DataFrame, baseline: str, *, false_per_month: float | N
         for name, (_, _, series) in tracks.items():
             by_name.setdefault(name, []).append(series)
     scatter = {name: scatter_of(series) for name, series in by_name.items()}
-    allowed = min(FALSE_PER_MONTH, FALSE_PER_RIG * len(raw)) if false_per_month is None else false_per_month
+    allowed = min(POLICY.false_alarms, POLICY.false_alarms_of_rig * len(raw)) if false_per_month is None else false_per_month
     rate = allowed / max(_tests_per_month(raw.values()), 2.0 * allowed)
-    limits = {name: thresholds(rate, _coarse(s.freedom)) for name, s in scatter.items() if _coarse(s.freedom) >= FEWEST}
+    freedom = {name: _coarse(s.freedom) for name, s in scatter.items()}
+    limits = {name: thresholds(rate, each) for name, each in freedom.items() if each >= trends.POLICY.fewest_freedom}
     rigs = {}
     for name, (_, version, waiting) in chosen.items():
         own = {
@@ -308,8 +301,8 @@ def _ordered(version: str) -> tuple[tuple[int, str], ...]:
 
 
 def _without(named: Sequence[NewCause], campaigns: Sequence[DiagnosedCampaign]) -> frozenset[int]:
-    # Campaigns of a rig with a cause whose model lacks it: their values are biased and not compared. A cause that `OF` successive
-    # campaigns do not name is gone.
+    # Campaigns of a rig with a cause whose model lacks it: their values are biased and not compared. A cause that as many
+    # successive campaigns do not name as decide on a new one is gone.
     found: set[int] = set()
     for one in named:
         absent: list[int] = []
@@ -319,7 +312,7 @@ def _without(named: Sequence[NewCause], campaigns: Sequence[DiagnosedCampaign]) 
                 absent = []
             else:
                 absent.append(k)
-                if len(absent) >= OF:
+                if len(absent) >= POLICY.successive:
                     absent = []
                     break
         found.update(absent)
@@ -377,7 +370,7 @@ def _tests_per_month(rigs: Iterable[Mapping[str, tuple[tuple[int, ...], str, Ser
     for tracks in rigs:
         for _, _, series in tracks.values():
             steps = np.diff(series.time)
-            total += MONTH / max(float(np.median(steps)) if len(steps) else WEEK, 1e-3)
+            total += MONTH / max(float(np.median(steps)) if len(steps) else POLICY.unknown_interval, 1e-3)
     return total
 
 
@@ -393,15 +386,15 @@ def _named(campaigns: Sequence[DiagnosedCampaign]) -> list[NewCause]:
         near = [cause in c.causes or cause in c.alike for c in campaigns]
         clean, standing = 0, False
         for k in range(len(campaigns)):
-            recent = range(max(k - OF + 1, 0), k + 1)
-            if not standing and named[k] and sum(named[i] for i in recent) >= NAMED:
+            recent = range(max(k - POLICY.successive + 1, 0), k + 1)
+            if not standing and named[k] and sum(named[i] for i in recent) >= POLICY.naming:
                 first = next(i for i in recent if named[i])
-                if clean >= CLEAN:
+                if clean >= POLICY.unnamed_before:
                     found.append(NewCause(cause=cause, begun=_begun(campaigns, first), first=first, alarm=k))
                 standing = True
             # Successive campaigns without a similar cause before the tested ones.
-            before = near[max(k - OF + 1, 0)]
-            clean = 0 if before else clean + (k - OF + 1 >= 0)
+            before = near[max(k - POLICY.successive + 1, 0)]
+            clean = 0 if before else clean + (k - POLICY.successive + 1 >= 0)
             if standing and not any(near[i] for i in recent):
                 standing = False
     return found
@@ -442,7 +435,7 @@ def _incident(rig: str, group: Sequence[tuple[int, int, int, int, int, Any]]) ->
     changes = sorted((p[5] for p in group if p[4] == 0), key=lambda pair: -abs(pair[1].size))
     # Dated by the most significant parameter change; if there is none, by the first new cause.
     causes = [p for p in group if p[4] == 1]
-    plain = bool(changes) and (abs(changes[0][1].size) >= PLAIN or not causes)
+    plain = bool(changes) and (abs(changes[0][1].size) >= POLICY.dating_change or not causes)
     main = next(p for p in group if p[5] is changes[0]) if plain else min(causes, key=lambda p: p[2])
     low, high, first, *_ = main
     return Incident(
@@ -457,5 +450,5 @@ def _siblings(rigs: Mapping[str, TrackedRig]) -> dict[str, tuple[tuple[str, ...]
     for name in names:
         have = tuple(rig.name for rig in rigs.values() if name in rig.tracks)
         level: FloatArray = np.array([rigs[rig].tracks[name].followed.level for rig in have])
-        found[name] = (have, siblings(level, ODD_RISK / len(names)))
+        found[name] = (have, siblings(level, POLICY.outlier_risk / len(names)))
     return found

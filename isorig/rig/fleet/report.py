@@ -11,6 +11,7 @@ from isorig.analysis.campaign import FloatArray
 from isorig.analysis.wording import capitalized
 from isorig.rig.fleet.change_causes import name_of
 from isorig.rig.fleet.history import Fleet, Incident, Track, TrackedRig, date_of
+from isorig.rig.fleet.policy import POLICY
 from isorig.rig.fleet.sentences import (
     bad_campaigns,
     cause_words,
@@ -34,8 +35,6 @@ from isorig.rig.report.sparkline import sparkline
 
 #: Changes listed on the first page, the latest first, and recordings without an answer that it lists.
 LATEST, NAMED = 40, 20
-#: Share of the improvement by the best cause, above which another one is listed.
-WORTH_TELLING = 0.01
 #: Campaigns listed on a rig's page, the latest first.
 LISTED = 60
 
@@ -252,7 +251,7 @@ def _change_section(fleet: Fleet, incident: Incident, explanations: Explanations
                 rows=[
                     (cause_words(row), f"{100.0 * row['share']:.3g} %", "yes" if row["alike"] else "no")
                     for row in found
-                    if row["share"] >= WORTH_TELLING
+                    if row["share"] >= POLICY.listed_explanation
                 ],
             )
         )

@@ -11,11 +11,7 @@ import numpy as np
 from isorig.analysis.trends.change import DatedChange
 from isorig.rig.fleet.catalogue import StoredAnswer
 from isorig.rig.fleet.history import DiagnosedCampaign, Fleet, Incident, Track, TrackedRig
-
-#: A pause in the measurements of this many usual intervals is reported.
-PAUSE = 3.0
-#: Changes whose size, over all campaigns since, is below this many standard deviations are not confirmed.
-CONFIRMED = 3.0
+from isorig.rig.fleet.policy import POLICY
 
 
 def parameter_words(name: str) -> str:
@@ -55,7 +51,7 @@ def change_words(track: Track, change: DatedChange) -> str:
     unit = f" {track.unit}" if track.unit not in ("", "1") else ""
     text = f"{parameter_words(track.name)} {track.moved(change)} (from {track.plain(change.before):.4g} to "
     text += f"{track.plain(change.after):.4g}{unit}; {change.kind})"
-    return text if abs(change.size) >= CONFIRMED else f"{text}, not confirmed by the campaigns since"
+    return text if abs(change.size) >= POLICY.confirmed_change else f"{text}, not confirmed by the campaigns since"
 
 
 def explained(rows: Sequence[Mapping[str, object]]) -> str:
@@ -127,7 +123,7 @@ def _pause(rig: TrackedRig, incident: Incident) -> list[str]:
     usual = float(np.median(steps))
     here = slice(incident.last_before, max(incident.first_after, incident.last_before + 1))
     longest = int(np.argmax(steps[here])) + incident.last_before
-    if steps[longest] <= PAUSE * usual:
+    if steps[longest] <= POLICY.reported_pause * usual:
         return []
     return [
         f"The rig was not measured for {steps[longest]:.0f} days from {day(rig.campaigns[longest].date)} on "
@@ -151,7 +147,7 @@ def last_change(rig: TrackedRig) -> Incident | None:
 
 def is_confirmed(incident: Incident) -> bool:
     """Whether all campaigns since confirm a change."""
-    return bool(incident.named) or any(abs(change.size) >= CONFIRMED for _, change in incident.changes)
+    return bool(incident.named) or any(abs(change.size) >= POLICY.confirmed_change for _, change in incident.changes)
 
 
 def state_of(fleet: Fleet, rig: TrackedRig) -> str:

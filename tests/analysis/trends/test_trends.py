@@ -9,8 +9,9 @@ from scipy.stats import binomtest, kstest
 
 from isorig.analysis.errors import DataError
 from isorig.analysis.trends.change import dated, described
-from isorig.analysis.trends.cusum import SLACKS, alarms, false_rate, run_length, thresholds
+from isorig.analysis.trends.cusum import alarms, false_rate, run_length, thresholds
 from isorig.analysis.trends.follow import follow
+from isorig.analysis.trends.policy import POLICY
 from isorig.analysis.trends.scatter import scatter_of
 from isorig.analysis.trends.series import Series
 from isorig.analysis.trends.siblings import siblings
@@ -47,7 +48,7 @@ def test_run_length_agrees_with_siegmund() -> None:
 def test_thresholds_keep_the_stated_rate() -> None:
     for freedom in (np.inf, 40.0):
         limits = thresholds(1e-3, freedom)
-        assert sum(false_rate(h, k, freedom) for h, k in zip(limits, SLACKS, strict=True)) == pytest.approx(1e-3, rel=0.01)
+        assert sum(false_rate(h, k, freedom) for h, k in zip(limits, POLICY.slacks, strict=True)) == pytest.approx(1e-3, rel=0.01)
     assert all(a > b for a, b in zip(thresholds(1e-3, 40.0), thresholds(1e-3), strict=True))
     with pytest.raises(DataError, match="false alarms per campaign"):
         thresholds(0.0)

@@ -17,7 +17,8 @@ from scipy.stats import binomtest, poisson
 from isorig.rig.cli import main
 from isorig.rig.fleet.catalogue import Catalogue
 from isorig.rig.fleet.change_causes import name_of
-from isorig.rig.fleet.history import FALSE_PER_RIG, MONTH, followed
+from isorig.rig.fleet.history import MONTH, followed
+from isorig.rig.fleet.policy import POLICY
 
 #: Campaigns of a rig that are in hand before it changes, at least; and within how many after it the change must be found.
 BEFORE, WITHIN = 12, 3
@@ -93,7 +94,7 @@ def test_three_rigs_over_twelve_weeks_are_silent_unless_one_changes() -> None:
         [(track, change)] = changed.incidents[0].changes[:1]
         assert (track.name, change.first) == (FRICTION, 5)
         assert change.alarm < 5 + WITHIN
-    assert poisson.sf(false - 1, 20 * 3 * FALSE_PER_RIG * 84.0 / MONTH) > 0.01
+    assert poisson.sf(false - 1, 20 * 3 * POLICY.false_alarms_of_rig * 84.0 / MONTH) > 0.01
 
 
 @pytest.mark.study
