@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from isorig.analysis.campaign import Campaign, Channel, Run
-from isorig.analysis.fitting import swapped
+from isorig.analysis.fitting import plausible, swapped
 from isorig.analysis.fitting.linear_spectra import spectra_of, spectrum_of
 from isorig.analysis.fitting.plausible import doubts
-from isorig.analysis.fitting.swapped import EXPLAINS_RESPONSES, exceeds_noise, swapped_channels
+from isorig.analysis.fitting.swapped import exceeds_noise, swapped_channels
 from isorig.analysis.model.rig_model import RigModel, from_tree
 from isorig.analysis.simulate import Excitation, simulate
 from isorig.analysis.simulate.excitation import random
@@ -162,22 +162,27 @@ def test_campaigns_of_another_program_have_none(shared: object) -> None:
 
     for path in sorted((Path(str(shared)) / "campaigns").rglob("*.h5")):
         campaign = read(path)
-        assert not swapped_channels(baseline_model(campaign), spectra_of(baseline_model(campaign), campaign)), path
+        found = plausible.doubts_of_records(baseline_model(campaign), campaign)
+        assert not [doubt for doubt in found if doubt.kind == "swapped"], path
 
 
-@pytest.mark.parametrize(
-    ("own", "named"),
-    [
-        (1.1 * share / (2.0 - share), share > EXPLAINS_RESPONSES)
-        for share in (1.02 * EXPLAINS_RESPONSES, 0.98 * EXPLAINS_RESPONSES)
-    ],
-)
-def test_an_exchange_that_explains_little_of_the_shapes_is_none(
-    session: Campaign, own: float, named: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # The first response falls where it should rise, and the second, which should be flat, rises by `own` of that: their
-    # exchange removes 2 own / (1.1 + own) of the distance.
+def test_an_exchange_that_brings_the_shapes_no_nearer_is_none(session: Campaign, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first response falls where it should rise; the second should be flat, and rises a little in the first case only."""
     rise = np.linspace(0.0, 3.0, 20)
-    recorded, predicted = np.stack([0.0 * rise, -0.1 * rise, own * rise]), np.stack([0.0 * rise, rise, 0.0 * rise])
-    monkeypatch.setattr(swapped, "_shapes", lambda *more: (recorded, predicted))
-    assert bool(swapped_channels(wire_bonder(), spectra_of(wire_bonder(), session))) is named
+    middle = np.where(np.abs(rise - 1.5) < 1.3, 0.1, -1.0) * (rise - 1.5)
+    for first, second, named in ((-0.1 * rise, 0.02 * rise, True), (middle, 0.0 * rise, False)):
+        recorded, predicted = np.stack([0.0 * rise, first, second]), np.stack([0.0 * rise, rise, 0.0 * rise])
+        assert swapped._turned(first - second, rise)
+        monkeypatch.setattr(swapped, "_shapes", lambda *more, shapes=(recorded, predicted): shapes)
+        assert bool(swapped_channels(wire_bonder(), spectra_of(wire_bonder(), session))) is named
+
+
+@pytest.mark.parametrize(("worst", "named"), [(0.51, True), (0.49, False)])
+def test_an_exchange_must_repair_the_phases_of_every_record(
+    session: Campaign, worst: float, named: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The correlations of the records with their predictions, as recorded and after the exchange."""
+    wrong = exchanged(session, list(SHAPED), "motor", "heatblock")
+    agreements = iter([(None, np.full(4, 0.3)), (None, np.array([worst, 0.9, 0.9, 0.9]))])
+    monkeypatch.setattr(plausible, "wrong_scale", lambda *more: next(agreements))
+    assert [doubt.kind for doubt in plausible.doubts_of_records(wire_bonder(), wrong)] == ["swapped"] * named

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from itertools import combinations
 from math import log, pi
 
 import numpy as np
@@ -219,6 +220,17 @@ def test_a_wrong_factor_on_a_strongly_nonlinear_rig_is_no_exchange(wrong: Mappin
     model = rig.description({path: off.get(path, 1.0) * wrong.get(path, 1.0) for path in {**off, **wrong}})
     (doubt,) = told(model, measured)
     assert said in doubt.text
+
+
+@pytest.mark.parametrize(("name", "cause"), [key for key in CAUSES if len(RIGS[key[0]].sensors) > 1])
+def test_exchanged_responses_are_found_with_a_cause(name: str, cause: str) -> None:
+    rig, measured = RIGS[name], recorded(name, cause)
+    for a, b in combinations([channel for channel, _, _ in rig.sensors], 2):
+        runs = tuple(
+            dataclasses.replace(run, channels={**run.channels, a: run.channels[b], b: run.channels[a]}) for run in measured.runs
+        )
+        doubts = told(rig.description(guessed(rig, 1)), dataclasses.replace(measured, runs=runs))
+        assert [(doubt.kind, doubt.parameter) for doubt in doubts] == [("swapped", f"channels.{a}/{b}")]
 
 
 def drafted(rig: StrangeRig) -> RigModel:

@@ -1,8 +1,9 @@
 """Detects exchanged channels from the shape of their ratio: for every pair, from a single run.
 
 The ratio of two channels over frequency has a shape that the given rig predicts for the recorded drive. If the recorded ratio has
-the inverse shape, the channels are exchanged. Levels do not matter, so a wrong unit is no exchange; channels with the same motion
-over the drive's band cannot be distinguished. Bands in which a record does not exceed its noise do not count.
+the inverse shape, the channels may be exchanged, and the phases decide it (`plausible.py`). Levels do not matter, so a wrong unit
+is no exchange; channels with the same motion over the drive's band cannot be distinguished. Bands in which a record does not
+exceed its noise do not count.
 """
 
 from __future__ import annotations
@@ -27,10 +28,9 @@ TURNED = -0.1
 #: An exchange with the drive must reduce the distance of all channels' shapes by this (mean |log|): a wrong drive predicts
 #: another motion, so the regression is less informative. For records without faults there was no reduction at all.
 NEARER = 0.3
-#: Share of that distance that an exchange must remove: one with the drive, and one of two responses. Chosen: with the drive,
-#: those of the tests remove at least twice as much, and a misfit by strong contacts, whose shapes are turned by chance, not even
-#: a hundredth; exchanged responses remove more than half, and those of a run with an imperfect lock a seventh.
-EXPLAINS, EXPLAINS_RESPONSES = 0.1, 0.28
+#: Share of that distance that an exchange with the drive must remove. Chosen: those of the tests remove at least twice as much,
+#: and a misfit by strong contacts, whose shapes are turned by chance, not even a hundredth.
+EXPLAINS = 0.1
 #: Power of a record relative to its noise from which a band counts. Chosen: half of it is then motion.
 ABOVE_NOISE = 2.0
 
@@ -73,7 +73,7 @@ def _nearer(
             order = list(range(len(recorded)))
             order[a], order[b] = b, a
             gain = as_is - _distance(recorded[order], predicted)
-            if gain > EXPLAINS_RESPONSES * as_is:
+            if gain > 0.0:
                 yield gain, a, b
 
 
