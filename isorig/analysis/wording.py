@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 
 import numpy as np
@@ -67,6 +67,17 @@ def did_you_mean(name: str, allowed: Iterable[str]) -> str:
     names = {each.lower(): each for each in allowed}
     close = get_close_matches(name.lower(), names, n=1)
     return f" (did you mean {names[close[0]]!r}?)" if close else ""
+
+
+def first_of(names: Sequence[str], most: int) -> str:
+    """The first names of a list, and the number of the others.
+
+    Examples
+    --------
+    >>> first_of(["a", "b", "c", "d"], 2), first_of(["a", "b"], 2)
+    ('a, b, and 2 more', 'a, b')
+    """
+    return ", ".join(names[:most]) + (f", and {len(names) - most} more" if len(names) > most else "")
 
 
 def capitalized(text: str) -> str:

@@ -95,7 +95,7 @@ class Port:
             data, self._buffer = bytes(self._buffer) + data, bytearray()
         return data
 
-    def line(self, end: bytes = b"\n", *, longest: int = LONGEST) -> bytes:
+    def line(self, end: bytes = b"\n") -> bytes:
         """The next line without its end.
 
         Raises
@@ -103,13 +103,13 @@ class Port:
         ConnectionLostError
             No line arrives in time.
         ProtocolError
-            More than `longest` bytes arrive without an end of line.
+            More than `LONGEST` bytes arrive without an end of line.
         """
-        self._wait(lambda: end in self._buffer or len(self._buffer) > longest, self.waits.answer, "a line")
+        self._wait(lambda: end in self._buffer or len(self._buffer) > LONGEST, self.waits.answer, "a line")
         at = self._buffer.find(end)
-        if not 0 <= at <= longest:
+        if not 0 <= at <= LONGEST:
             raise ProtocolError(
-                f"{self.name} sends more than {longest} bytes without an end of line; check that the plan names its kind"
+                f"{self.name} sends more than {LONGEST} bytes without an end of line; check that the plan names its kind"
             )
         line = bytes(self._buffer[:at])
         del self._buffer[: at + len(end)]

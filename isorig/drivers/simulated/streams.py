@@ -95,13 +95,11 @@ class SimulatedDataq(Streaming):
         return echo
 
 
-def groups(
-    samples: Raw, *, rate: float, first: int = 0, counter: int = 0, clip: int = 32767
-) -> Iterator[list[tuple[int, bytes]]]:
+def groups(samples: Raw, *, rate: float, first: int = 0, counter: int = 0) -> Iterator[list[tuple[int, bytes]]]:
     """The frames of each sample: counter, time, acceleration (counts, shape (n, 3)) and status."""
     for k, row in enumerate(samples):
         tick = first + k
-        flags = CLIPPED & 0x100 if (np.abs(row.astype(int)) >= clip).any() else 0
+        flags = CLIPPED & 0x100 if (np.abs(row.astype(int)) >= 32767).any() else 0
         yield [
             (GROUP_COUNTER, ((counter + tick) % WRAP).to_bytes(2, "big")),
             (SAMPLE_TIME, (round(1e6 * tick / rate) % 2**32).to_bytes(4, "big")),

@@ -26,6 +26,8 @@ from isorig.rig.errors import PlanError
 
 #: The check ends after a second without a sample.
 IMPATIENT = SessionWaits(reconnection=1.0)
+#: Bytes of a stored sample, at most.
+BYTES = 4
 #: More ticks than any check lasts.
 ENDLESS = 1 << 62
 #: Status flags of the instrument or its driver that prevent a run.
@@ -38,10 +40,10 @@ REPORTED = {
 }
 
 
-def check_room(plan: Plan, output: Path, bytes_per_sample: int = 4) -> str | None:
+def check_room(plan: Plan, output: Path) -> str | None:
     """Check that the disk has room for the session twice: for the working file and for the recording."""
     ticks = sum(run.ticks(plan.instrument.sample_rate) * run.repeats for run in plan.runs)
-    needed = int(2.2 * ticks * len(plan.channels) * bytes_per_sample) + (32 << 20)
+    needed = int(2.2 * ticks * len(plan.channels) * BYTES) + (32 << 20)
     folder = next((f for f in output.absolute().parents if f.exists()), Path("/"))
     free = shutil.disk_usage(folder).free
     if free >= needed:

@@ -99,10 +99,10 @@ def _gain(run: Run) -> str:
     return f"{gain.min():.3g} to {gain.max():.3g}"
 
 
-def _rms_and_clipped(channel: Channel, block: int = 1 << 20) -> tuple[str, int]:
+def _rms_and_clipped(channel: Channel) -> tuple[str, int]:
     import numpy as np
 
-    power, clipped = 0.0, 0
+    power, clipped, block = 0.0, 0, 1 << 20
     limit = np.inf if channel.full_scale is None else channel.full_scale * (1.0 - 1e-6)
     for start in range(0, len(channel), block):
         values = channel.read(start, start + block)

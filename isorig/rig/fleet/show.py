@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
+from isorig.analysis.wording import first_of
 from isorig.rig.errors import RigError
 from isorig.rig.fleet.history import Fleet, Track, TrackedRig
 from isorig.rig.fleet.sentences import (
@@ -19,6 +20,9 @@ from isorig.rig.fleet.sentences import (
 )
 from isorig.rig.process.terminal import show_table
 from isorig.rig.report.sections import number
+
+#: Names listed where a given one is unknown.
+SHOWN = 12
 
 
 def show_fleet(fleet: Fleet, show: Callable[[str], None]) -> None:
@@ -106,7 +110,7 @@ def rig_of(fleet: Fleet, name: str) -> TrackedRig:
         There is none.
     """
     if name not in fleet.rigs:
-        raise RigError(f"there is no rig {name!r}; there are {_some(list(fleet.rigs))}")
+        raise RigError(f"there is no rig {name!r}; there are {first_of(list(fleet.rigs), SHOWN)}")
     return fleet.rigs[name]
 
 
@@ -121,8 +125,5 @@ def parameter_of(fleet: Fleet, name: str) -> str:
     for known in fleet.siblings:
         if name in (known, parameter_words(known)):
             return known
-    raise RigError(f"there is no parameter {name!r}; there are {_some([parameter_words(k) for k in fleet.siblings])}")
-
-
-def _some(names: Sequence[str]) -> str:
-    return ", ".join(names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "")
+    known = first_of([parameter_words(each) for each in fleet.siblings], SHOWN)
+    raise RigError(f"there is no parameter {name!r}; there are {known}")

@@ -45,12 +45,7 @@ def required_uncertainty(text: str) -> RequiredUncertainty:
 
 
 def propose_for(
-    now: Situation,
-    wanted: RequiredUncertainty,
-    *,
-    budget: float,
-    work: float = WORK,
-    tell: Callable[[str], None] = lambda text: None,
+    now: Situation, wanted: RequiredUncertainty, *, budget: float, tell: Callable[[str], None] = lambda text: None
 ) -> Proposal:
     """The runs after which a parameter has the required uncertainty.
 
@@ -69,7 +64,7 @@ def propose_for(
     models = drawn_models(variant, KEPT, 5)
     found = design(
         known, prospects, now.limits, lambda one: candidate_peaks(models, one), wish=wanted.std, configuration=now.configuration,
-        budget=budget, most=MOST_RUNS, deadline=Deadline(work), progress=tell,
+        budget=budget, most=MOST_RUNS, deadline=Deadline(WORK), progress=tell,
     )  # fmt: skip
     how = "the error bars of the transfer functions" if found.linear else "the waveforms"
     sentences = [

@@ -14,7 +14,7 @@ from isorig.analysis.proposals.policy import CANNOT, HIGHER, RESOLVES, WILL
 from isorig.analysis.proposals.prediction import Variant
 from isorig.analysis.proposals.remedies import SECOND, Remedy
 from isorig.analysis.simulate.gauges import DEFLECTION
-from isorig.analysis.wording import capitalized
+from isorig.analysis.wording import capitalized, first_of
 from isorig.rig.next.proposal import Proposal, Proposed, Situation
 from isorig.rig.next.runs import described
 from isorig.rig.report.sections import with_article, words
@@ -72,14 +72,11 @@ def _chance(apart: PairDistance) -> str:
 
 def _shows(choice: Choice) -> list[str]:
     shown = sorted((apart for apart in choice.apart if apart.distance >= WILL), key=lambda apart: -apart.distance)
-    names = list(dict.fromkeys(cause(apart.truth) for apart in shown))
-    if not names:
+    if not shown:
         return []
-    more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
-    return [
-        f"Together with the runs so far it would reveal, at the smallest relevant size, {names[0]} "
-        f"(by {_errors(shown[0].distance)}){''.join(f', {name}' for name in names[1:LISTED])}{more}."
-    ]
+    first, *others = dict.fromkeys(cause(apart.truth) for apart in shown)
+    names = [f"{first} (by {_errors(shown[0].distance)})", *others]
+    return [f"Together with the runs so far it would reveal, at the smallest relevant size, {first_of(names, LISTED)}."]
 
 
 def _after(choice: Choice, supposed: bool) -> str:
@@ -157,23 +154,20 @@ def unfitted(proposal: Proposal) -> list[str]:
     if not proposal.unfitted:
         return []
     names = [f"{words(cause)} at {place}" for cause, place in proposal.unfitted]
-    more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
     return [
-        f"The diagnosis does not exclude {', '.join(names[:LISTED])}{more}, but did not fit it in full: diagnose again with more "
+        f"The diagnosis does not exclude {first_of(names, LISTED)}, but did not fit it in full: diagnose again with more "
         "--seconds."
     ]
 
 
-def untested(proposal: Proposal, most: int = 8) -> list[str]:
+def untested(proposal: Proposal) -> list[str]:
     """Causes that none of the compared runs would reveal."""
     if proposal.chosen is None or proposal.kind != "untested":
         return []
-    names = [cause(apart.truth) for apart in proposal.chosen.best if apart.distance < CANNOT]
-    names = list(dict.fromkeys(names))
+    names = list(dict.fromkeys(cause(apart.truth) for apart in proposal.chosen.best if apart.distance < CANNOT))
     if not names:
         return []
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return [f"None of the compared runs alone would reveal, at the smallest relevant size: {', '.join(names[:most])}{more}."]
+    return [f"None of the compared runs alone would reveal, at the smallest relevant size: {first_of(names, 2 * LISTED)}."]
 
 
 def summary(proposal: Proposal) -> list[str]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from isorig.analysis.diagnose.causes import CATALOGUE
 from isorig.analysis.diagnose.causes.base import Kind
-from isorig.analysis.wording import MULTIPLE, sized
+from isorig.analysis.wording import MULTIPLE, first_of, sized
 from isorig.rig.files.findings import Findings, HeldOut, NamedCause, TriedCause, Value
 from isorig.rig.report.sections import with_article, words
 
@@ -191,8 +191,7 @@ def _fitted(findings: Findings, standing: str) -> list[tuple[float, TriedCause]]
 
 
 def _listed(fitted: Sequence[tuple[float, TriedCause]]) -> str:
-    first = [f"{words(c.cause)} at {with_article(c.location)} ({in_per_cent(error)})" for error, c in fitted[:NAMED]]
-    return ", ".join(first) + (f", and {len(fitted) - NAMED} more" if len(fitted) > NAMED else "")
+    return first_of([f"{words(c.cause)} at {with_article(c.location)} ({in_per_cent(error)})" for error, c in fitted], NAMED)
 
 
 def _next(findings: Findings, folder: str | None) -> str:

@@ -72,7 +72,7 @@ class MoveIsolation:
         return 1.0 - np.array([u.largest / k.largest for u, k in zip(self.unlocked, self.locked, strict=True)])
 
 
-def move_within(distance: float, seconds: float, *, shape: Shape = "sine", pause: float = 0.0) -> Move:
+def move_within(distance: float, seconds: float, *, shape: Shape = "sine") -> Move:
     """The move with a given duration: its peak acceleration is 2 pi d / T^2 (sine) or 4 d / T^2 (constant).
 
     Raises
@@ -83,19 +83,11 @@ def move_within(distance: float, seconds: float, *, shape: Shape = "sine", pause
     if not (isfinite(seconds) and seconds > 0.0):
         raise DataError(f"a move lasts {seconds:g} s; give a time above zero")
     factor = 2.0 * pi if shape == "sine" else 4.0
-    return Move(distance=distance, acceleration=factor * abs(distance) / seconds**2, pause=pause, shape=shape)
+    return Move(distance=distance, acceleration=factor * abs(distance) / seconds**2, pause=0.0, shape=shape)
 
 
-def on_move(
-    model: RigModel,
-    move: Move,
-    *,
-    tolerance: float,
-    configuration: str = "unlocked",
-    body: str = "heatblock",
-    base: str = "table",
-) -> MoveResponse:
-    """Simulate one move from rest and evaluate a body relative to its base.
+def on_move(model: RigModel, move: Move, *, tolerance: float, configuration: str = "unlocked") -> MoveResponse:
+    """Simulate one move from rest and evaluate the heatblock relative to the table.
 
     Parameters
     ----------
@@ -107,12 +99,9 @@ def on_move(
         Tolerance of the bond, m in either direction.
     configuration
         Configuration of the rig.
-    body, base
-        The evaluated body, and its reference.
     """
-    watched = msgspec.structs.replace(
-        model, sensors=(Sensor(channel="bond", body=body, relative_to=base, quantity="displacement"),), free=()
-    )
+    bond = Sensor(channel="bond", body="heatblock", relative_to="table", quantity="displacement")
+    watched = msgspec.structs.replace(model, sensors=(bond,), free=())
     head = head_acceleration([move], RATE, lead=LEAD, tail=WATCHED)
     # The time between samples is short compared with a move: linear interpolation keeps its momentum.
     motion = simulate(watched, Excitation.prepare(head, RATE, oversample=1), configuration=configuration).channels["bond"]
@@ -128,9 +117,9 @@ def on_move(
 
 
 def isolation_by_level(
-    model: RigModel, distance: float, accelerations: Sequence[float] | FloatArray, *, tolerance: float, shape: Shape = "sine"
+    model: RigModel, distance: float, accelerations: Sequence[float] | FloatArray, *, tolerance: float
 ) -> MoveIsolation:
-    """Isolation during moves of one distance at several accelerations.
+    """Isolation during moves of one distance with sinusoidal acceleration at several levels.
 
     Friction is a constant force, so its influence decreases with acceleration: the isolation increases.
 
@@ -144,8 +133,6 @@ def isolation_by_level(
         Peaks of the head's acceleration, m/s^2.
     tolerance
         Tolerance of the bond, m in either direction.
-    shape
-        Shape of the moves.
 
     Raises
     ------
@@ -154,7 +141,7 @@ def isolation_by_level(
     """
     if "locked" not in model.configurations:
         raise DataError(f"the rig {model.name!r} has no locked configuration to compare with; describe one")
-    moves = [Move(distance=distance, acceleration=float(a), pause=0.0, shape=shape) for a in accelerations]
+    moves = [Move(distance=distance, acceleration=float(a), pause=0.0) for a in accelerations]
     both = [tuple(on_move(model, move, tolerance=tolerance, configuration=c) for move in moves) for c in ("unlocked", "locked")]
     return MoveIsolation(
         acceleration=np.asarray(accelerations, dtype=np.float64), unlocked=both[0], locked=both[1], tolerance=tolerance

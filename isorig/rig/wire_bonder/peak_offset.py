@@ -70,7 +70,7 @@ class PeakOffset:
     verdict: str
 
 
-def peak_offset(campaign: Campaign, model: RigModel, *, response: str = "heatblock", reference: str = "head") -> PeakOffset:
+def peak_offset(campaign: Campaign, model: RigModel) -> PeakOffset:
     """Fit the heatblock's peak unlocked and locked at every gain whose drive excites it.
 
     Parameters
@@ -79,15 +79,13 @@ def peak_offset(campaign: Campaign, model: RigModel, *, response: str = "heatblo
         Measured or simulated.
     model
         The rig with values accurate enough to predict mass loading, e.g. fitted ones.
-    response, reference
-        Channels.
 
     Raises
     ------
     DataError
         No gain excites the peak in both configurations.
     """
-    guess, loading = loaded_frequencies(model, response)
+    guess, loading = loaded_frequencies(model, "heatblock")
     pairs = []
     reason = ""
     for gain in sorted({run.gain for run in campaign.runs}, reverse=True):
@@ -99,14 +97,14 @@ def peak_offset(campaign: Campaign, model: RigModel, *, response: str = "heatblo
         if not all(there.values()):
             continue
         try:
-            unlocked, locked = (_peak(campaign, gain, c, guess, response, reference) for c in ("unlocked", "locked"))
+            unlocked, locked = (_peak(campaign, gain, c, guess) for c in ("unlocked", "locked"))
         except AnalysisError as error:
             reason = f" ({error})"
             continue
         pairs.append(PeakPair(gain=gain, unlocked=unlocked, locked=locked))
     if not pairs:
         raise DataError(
-            f"no gain shows the {response}'s peak near {guess:.4g} Hz both unlocked and locked{reason}; excite that band in both "
+            f"no gain shows the heatblock's peak near {guess:.4g} Hz both unlocked and locked{reason}; excite that band in both "
             "configurations"
         )
     slope, slope_std, change = _change(pairs)
@@ -126,13 +124,12 @@ def loaded_frequencies(model: RigModel, body: str) -> tuple[float, float]:
     return locked, unlocked - locked
 
 
-def _peak(campaign: Campaign, gain: float, configuration: str, guess: float, response: str, reference: str) -> Mode:
+def _peak(campaign: Campaign, gain: float, configuration: str, guess: float) -> Mode:
     runs = broad(campaign.select(configuration=configuration, gain=gain))
     longest = max(run.duration for run in runs)
 
     def estimated(resolution: float) -> Frf:
-        found = estimate(runs, references=[reference], channels=[response], resolution=resolution)
-        return found.frf(response, reference)
+        return estimate(runs, references=["head"], channels=["heatblock"], resolution=resolution).frf("heatblock", "head")
 
     finest = SEGMENTS / longest
     frf = estimated(max(finest, guess / 300.0))

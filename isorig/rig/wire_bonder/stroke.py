@@ -16,6 +16,10 @@ from isorig.analysis.model.rig_model import Body, Link, RigModel, Sensor
 from isorig.analysis.simulate import Excitation, scan, simulate
 from isorig.analysis.simulate.state_space import state_space
 
+#: Radius of gyration of the motor, m (its moment of inertia is m r^2), and damping ratio of its rocking; assumed, as the thesis
+#: does not give them.
+RADIUS, DAMPING_RATIO = 0.1, 0.03
+
 
 @dataclass(frozen=True, kw_only=True)
 class StrokeStudy:
@@ -63,14 +67,12 @@ def frictionless(model: RigModel) -> RigModel:
     return msgspec.structs.replace(model, contacts=(), free=())
 
 
-def strokes(
-    models: Sequence[RigModel], frequencies: FloatArray, head: FloatArray, sample_rate: float, *, link: str = "isolation"
-) -> FloatArray:
+def strokes(models: Sequence[RigModel], frequencies: FloatArray, head: FloatArray, sample_rate: float) -> FloatArray:
     """Largest relative displacement across the isolation of every rig at every frequency, shape (models, frequencies), m."""
-    ends = models[0].link(link)
+    ends = models[0].link("isolation")
     stroke = Sensor(channel="stroke", body=ends.a, relative_to=ends.b, quantity="displacement")
     watched = [msgspec.structs.replace(model, sensors=(stroke,), free=()) for model in models]
-    designs = [isolated(model, float(f), link=link) for model in watched for f in frequencies]
+    designs = [isolated(model, float(f)) for model in watched for f in frequencies]
     # The time between samples is short compared with a move: linear interpolation keeps its momentum.
     excitation = Excitation.prepare(head, sample_rate, oversample=1)
     largest = scan(designs, excitation, lambda batch: np.abs(batch.channels["stroke"]).max(axis=1))
@@ -97,7 +99,6 @@ def stroke_study(
     *,
     limit: float,
     safety: float = 1.0,
-    link: str = "isolation",
 ) -> StrokeStudy:
     """Stroke over isolation frequency, and the lowest frequency that stays within a limit.
 
@@ -115,8 +116,6 @@ def stroke_study(
         Largest stroke in either direction, m.
     safety
         The stroke must stay within limit / safety.
-    link
-        The isolation's link.
 
     Raises
     ------
@@ -128,7 +127,7 @@ def stroke_study(
         raise DataError("the frequencies to try must be positive and ascending, at least two")
     if not 0.0 < limit < np.inf or not 1.0 <= safety < np.inf:
         raise DataError(f"a limit of {limit:g} m with a safety factor of {safety:g} is not allowed; give limit > 0, safety >= 1")
-    found = strokes(models, frequencies, head, sample_rate, link=link)
+    found = strokes(models, frequencies, head, sample_rate)
     allowed = limit / safety
     lowest = np.array([lowest_inside(frequencies, row, allowed) for row in found])
     return StrokeStudy(
@@ -156,22 +155,13 @@ def linear_frf(model: RigModel, frequency: FloatArray, channel: str, *, configur
     return np.asarray((system.c[row] @ states + system.d[row])[:, 0])
 
 
-def linear_ratio(model: RigModel, frequency: FloatArray, *, channel: str = "heatblock") -> FloatArray:
-    """Isolation ratio |unlocked| / |locked| of the rig without friction, shape (n,); thesis, Eq. 6."""
-    both = [np.abs(linear_frf(model, frequency, channel, configuration=c)) for c in ("unlocked", "locked")]
+def linear_ratio(model: RigModel, frequency: FloatArray) -> FloatArray:
+    """Isolation ratio |unlocked| / |locked| at the heatblock of the rig without friction, shape (n,); thesis, Eq. 6."""
+    both = [np.abs(linear_frf(model, frequency, "heatblock", configuration=c)) for c in ("unlocked", "locked")]
     return np.asarray(both[0] / both[1])
 
 
-def rocking(
-    model: RigModel,
-    offset: float,
-    *,
-    frequency: float,
-    radius: float = 0.1,
-    damping_ratio: float = 0.03,
-    bearing_height: float = 0.02,
-    link: str = "isolation",
-) -> RigModel:
+def rocking(model: RigModel, offset: float, *, frequency: float, bearing_height: float = 0.02) -> RigModel:
     """The rig with a drive offset from the motor's centre of gravity, so that the motor rocks on its bearings.
 
     Parameters
@@ -182,25 +172,18 @@ def rocking(
         Distance of the drive force from the centre of gravity, m.
     frequency
         Rocking frequency on the bearings, Hz.
-    radius
-        Radius of gyration of the motor, m: its moment of inertia is m r^2.
-    damping_ratio
-        Damping ratio of the rocking.
     bearing_height
         Distance of the springs from the centre of gravity, m: it couples rocking to the table.
-    link
-        The isolation's link.
     """
-    name = model.link(link).a
-    inertia = model.body(name).mass * radius**2
+    name = model.link("isolation").a
+    inertia = model.body(name).mass * RADIUS**2
     omega = 2.0 * pi * frequency
-    bearing = Link(name="bearing", a="rocking", stiffness=inertia * omega**2, damping=2.0 * damping_ratio * inertia * omega)
-    links = tuple(msgspec.structs.replace(p, arms={"rocking": bearing_height}) if p.name == link else p for p in model.links)
-    contacts = tuple(
-        msgspec.structs.replace(p, arms={"rocking": bearing_height}) if p.name == link else p for p in model.contacts
-    )
+    bearing = Link(name="bearing", a="rocking", stiffness=inertia * omega**2, damping=2.0 * DAMPING_RATIO * inertia * omega)
+    arms = {"rocking": bearing_height}
+    links = tuple(msgspec.structs.replace(p, arms=arms) if p.name == "isolation" else p for p in model.links)
+    contacts = tuple(msgspec.structs.replace(p, arms=arms) if p.name == "isolation" else p for p in model.contacts)
     configurations = {
-        key: msgspec.structs.replace(c, rigid=(*c.rigid, "bearing")) if link in c.rigid else c
+        key: msgspec.structs.replace(c, rigid=(*c.rigid, "bearing")) if "isolation" in c.rigid else c
         for key, c in model.configurations.items()
     }
     pushes = {**model.drive.pushes, "rocking": offset * model.drive.pushes[name]}
