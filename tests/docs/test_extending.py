@@ -10,26 +10,20 @@ import sys
 from pathlib import Path
 
 import pytest
+from plans import plan_text
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = ("add-law.md", "add-cause.md", "add-instrument.md", "add-format.md", "add-command.md")
 #: Files that the pages show: a fence with a title.
 FILE = re.compile(r'^```python title="([^"]+)"\n(.*?)^```$', re.MULTILINE | re.DOTALL)
-PLAN = """
-[instrument]
-kind = "millivolts"
-port = "/dev/none"
-sample_rate = 100.0
-[channels.motor]
-input = 3
-sensitivity = 0.2
-[[runs]]
-id = "a"
-configuration = "unlocked"
-gain = 70.0
-excitation = "other"
-seconds = 3.0
-"""
+PLAN = plan_text(
+    {"id": "a", "excitation": "other", "seconds": 3.0},
+    channels={"motor": 3},
+    rate=100.0,
+    sensitivity=0.2,
+    kind="millivolts",
+    port="/dev/none",
+)
 
 
 def shown(page: str) -> list[tuple[str, str]]:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plans import plan_text
 from ramps import CHANNELS, Watcher, acquire, plan_of, ramp_instrument, ticks_of
 
 from isorig.drivers.errors import ConnectionLostError
@@ -157,29 +158,7 @@ def test_a_full_disk_is_said_in_a_sentence_and_what_fitted_is_kept(tmp_path: Pat
     np.testing.assert_array_equal(saved.runs[1].channels["table"].samples, np.arange(len(saved.runs[1])) * 4 + 2)
 
 
-PLAN = """
-[instrument]
-kind = "framed"
-port = "by hand"
-sample_rate = 1024.0
-[channels]
-head = {input = 0, sensitivity = 1.0}
-motor = {input = 1, sensitivity = 1.0}
-table = {input = 2, sensitivity = 1.0}
-heatblock = {input = 3, sensitivity = 1.0}
-[[runs]]
-id = "a"
-configuration = "unlocked"
-gain = 1.0
-excitation = "moves"
-seconds = 1.0
-[[runs]]
-id = "b"
-configuration = "unlocked"
-gain = 1.0
-excitation = "moves"
-seconds = 2000.0
-"""
+PLAN = plan_text({"id": "a", "gain": 1.0, "seconds": 1.0}, {"id": "b", "gain": 1.0, "seconds": 2000.0})
 
 
 def test_a_session_that_does_not_fit_is_not_begun(tmp_path: Path) -> None:

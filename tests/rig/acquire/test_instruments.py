@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plans import plan_text
 from ramps import RampPlant, Watcher, acquire, plan_of, ramp_instrument
 
 from isorig import drivers
@@ -72,21 +73,8 @@ class Height(Settings, frozen=True):
 
 KIND = StreamKind(name="lamp", open=Lamp, settings=Height)
 """
-PLAN = """
-[instrument]
-kind = "lamp"
-height = 100
-port = "by hand"
-sample_rate = 1024.0
-[channels]
-motor = {input = 1, sensitivity = 0.2}
-[[runs]]
-id = "a"
-configuration = "unlocked"
-gain = 70.0
-excitation = "other"
-seconds = 3.0
-"""
+LAMPS = {"channels": {"motor": 1}, "sensitivity": 0.2, "kind": "lamp"}
+RUN = {"id": "a", "excitation": "other", "seconds": 3.0}
 
 
 def test_an_instrument_is_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -94,10 +82,10 @@ def test_an_instrument_is_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(drivers, "__path__", [*drivers.__path__, str(tmp_path)])
     kinds.cache_clear()
     try:
-        (tmp_path / "plan.toml").write_text(PLAN)
+        (tmp_path / "plan.toml").write_text(plan_text(RUN, **LAMPS, height=100))
         acquire(read_plan(tmp_path / "plan.toml"), "wall", tmp_path / "c.h5", Watcher().operator)
         assert len(read(tmp_path / "c.h5").runs[0]) >= 3072
-        (tmp_path / "plan.toml").write_text(PLAN.replace("height = 100", ""))
+        (tmp_path / "plan.toml").write_text(plan_text(RUN, **LAMPS))
         with pytest.raises(PlanError, match=r"kind lamp: .*missing required field height"):
             read_plan(tmp_path / "plan.toml")
     finally:

@@ -11,6 +11,7 @@ import h5py
 import msgspec
 import numpy as np
 import pytest
+from plans import plan_text
 from ramps import Watcher, acquire, plan_of, ramp_instrument
 
 from isorig.drivers.errors import ConnectionLostError
@@ -88,26 +89,7 @@ def test_a_repeated_run_replaces_the_first(tmp_path: Path, capsys: pytest.Captur
         assert [bool(file[f"runs/{run}/timing"]["status"].any()) for run in "ab"] == [True, False]
 
 
-PLAN = """
-[instrument]
-kind = "framed"
-port = "by hand"
-sample_rate = 1024.0
-[channels]
-motor = {input = 1, sensitivity = 1.0}
-[[runs]]
-id = "a"
-configuration = "unlocked"
-gain = 70.0
-excitation = "moves"
-seconds = 1.0
-[[runs]]
-id = "b"
-configuration = "unlocked"
-gain = 70.0
-excitation = "moves"
-seconds = 1.0
-"""
+PLAN = plan_text({"id": "a", "seconds": 1.0}, {"id": "b", "seconds": 1.0}, channels={"motor": 1})
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal, which Windows has not")

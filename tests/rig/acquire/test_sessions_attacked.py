@@ -19,6 +19,7 @@ import h5py
 import msgspec
 import numpy as np
 import pytest
+from plans import plan_text
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "drivers"))
 
@@ -36,22 +37,6 @@ from isorig.rig.acquire.waits import SESSION_WAITS, SessionWaits
 from isorig.rig.files.recording import read
 from isorig.rig.virtual.levels import HEAD_PER_GAIN
 
-PLAN = """
-[instrument]
-kind = "framed"
-port = "by hand"
-sample_rate = 1000.0
-[channels]
-motor = {input = 0, sensitivity = 1.0}
-table = {input = 1, sensitivity = 1.0}
-[[runs]]
-id = "a"
-configuration = "unlocked"
-gain = 1.0
-excitation = "moves"
-seconds = SECONDS
-"""
-
 
 def plan(seconds: float, **run: object) -> Plan:
     """Two inputs at 1 kHz."""
@@ -63,7 +48,9 @@ def plan(seconds: float, **run: object) -> Plan:
 
 def session(folder: Path, port: str, *options: str, seconds: float = 60.0, **more: object) -> subprocess.Popen[bytes]:
     """`rig acquire`, begun."""
-    (folder / "plan.toml").write_text(PLAN.replace("SECONDS", str(seconds)))
+    (folder / "plan.toml").write_text(
+        plan_text({"id": "a", "gain": 1.0, "seconds": seconds}, channels={"motor": 0, "table": 1}, rate=1000.0)
+    )
     call = [sys.executable, "-m", "isorig", "acquire", str(folder / "plan.toml"), "--port", port, "-o", str(folder / "c.h5")]
     # A test run under nohup hands its children a SIGHUP that is ignored.
     more.setdefault("preexec_fn", lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL))

@@ -17,6 +17,7 @@ import numpy as np
 import psutil
 import pytest
 from pages import Socket, until
+from plans import plan_text
 
 from isorig.rig.acquire.session import acquire
 from isorig.rig.cli import main
@@ -97,24 +98,11 @@ def test_recording_with_the_screen_open_costs_a_tenth_of_a_core_at_most() -> Non
         assert (stored, lost) == (60 * RATE, 0)
 
 
-PLAN = """
-[instrument]
-kind = "framed"
-port = "by hand"
-sample_rate = 1024.0
-[channels]
-head = {input = 0, sensitivity = 0.2}
-[[runs]]
-id = "a"
-configuration = "unlocked"
-gain = 70.0
-band = [0.5, 20.0]
-seconds = 30.0
-"""
+RUN = {"id": "a", "excitation": "random", "band": [0.5, 20.0]}
 
 
 def test_a_killed_session_is_reported_and_its_notes_are_recovered(tmp_path: Path) -> None:
-    (tmp_path / "plan.toml").write_text(PLAN)
+    (tmp_path / "plan.toml").write_text(plan_text({**RUN, "seconds": 30.0}, channels={"head": 0}, sensitivity=0.2))
     output = tmp_path / "c.h5"
     with subprocess.Popen(
         [*RIG, "virtual", "instrument", "--speed", "2", "--seconds", "60"], stdout=subprocess.PIPE, text=True
@@ -157,7 +145,7 @@ def test_a_killed_session_is_reported_and_its_notes_are_recovered(tmp_path: Path
 
 
 def test_a_session_that_is_ended_while_it_waits_keeps_its_notes(tmp_path: Path) -> None:
-    (tmp_path / "plan.toml").write_text(PLAN.replace("seconds = 30.0", "seconds = 1.5"))
+    (tmp_path / "plan.toml").write_text(plan_text({**RUN, "seconds": 1.5}, channels={"head": 0}, sensitivity=0.2))
     output = tmp_path / "c.h5"
     call = [*RIG, "acquire", str(tmp_path / "plan.toml"), "--port", "virtual", "-o", str(output), "--view", "--json", "--force"]
     with subprocess.Popen(call, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as session:

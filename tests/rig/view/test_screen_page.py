@@ -13,6 +13,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
+from plans import plan_text
 from screen_browser import Page, browser, needs_browser
 
 from isorig.rig.acquire.notes import notes_in
@@ -22,30 +23,10 @@ from isorig.rig.wire_bonder.session import SESSION, virtual_campaign
 
 pytestmark = needs_browser
 RIG = (sys.executable, "-m", "isorig")
-PLAN = """
-rig = {head_mass = 6.5}
-[instrument]
-kind = "framed"
-port = "by hand"
-sample_rate = 1024.0
-[channels]
-head = {input = 0, sensitivity = 0.2}
-motor = {input = 1, sensitivity = 0.2}
-table = {input = 2, sensitivity = 0.2}
-heatblock = {input = 3, sensitivity = 0.2}
-[[runs]]
-id = "u70"
-configuration = "unlocked"
-gain = 70.0
-band = [0.5, 20.0]
-seconds = 90.0
-[[runs]]
-id = "l70"
-configuration = "locked"
-gain = 70.0
-band = [0.5, 20.0]
-seconds = 8.0
-"""
+RUN = {"excitation": "random", "band": [0.5, 20.0]}
+PLAN = plan_text(
+    {"id": "u70", **RUN, "seconds": 90.0}, {"id": "l70", **RUN, "configuration": "locked", "seconds": 8.0}, sensitivity=0.2
+)
 #: Pixels of a plot's own colour, so that a canvas that only holds axes counts nothing.
 INKED = """(() => [...document.querySelectorAll("canvas")].map((canvas) => {
   const data = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
