@@ -19,6 +19,11 @@ FLAGS = (
 FRAME = """<!doctype html><link rel="icon" href="data:,"><iframe src="report.html" style="width:{width}px;height:2000px;border:0">
 </iframe><pre></pre><script>onmessage = (event) => {{ document.querySelector("pre").textContent = event.data; }};</script>"""
 
+#: Whether each chart is drawn, and how wide the page's content and its frame are.
+EXTENT = """<script>addEventListener("load", () => setTimeout(() => parent.postMessage(JSON.stringify({
+  drawn: [...document.querySelectorAll(".chart")].map((c) => c.querySelectorAll(".main-svg path").length > 0),
+  wide: document.documentElement.scrollWidth, inner: innerWidth }), "*"), 1500));</script>"""
+
 
 def told_by(page: str, probe: str, width: int, folder: Path) -> dict[str, Any]:
     """What a script put after a page's own posts to the page around it, in a frame of a width; nothing may be in the console."""

@@ -29,6 +29,8 @@ SIZED: dict[str, tuple[tuple[float, float, str], ...]] = {
 MOST_DIGITS = 6
 #: Power of ten below which a value is written with an exponent.
 LEAST_ORDER = -3
+#: Names of up to this many letters are no words.
+INITIALS = 2
 
 
 def of_signal(share: float, digits: int = 2) -> str:
@@ -89,6 +91,19 @@ def capitalized(text: str) -> str:
     'Random drive from 1 to 40 Hz'
     """
     return text[:1].upper() + text[1:]
+
+
+def with_article(name: str) -> str:
+    """The name of a place or channel in a sentence; one with a digit or a capital, or of one or two letters, needs no article.
+
+    Examples
+    --------
+    >>> with_article("heat_block"), with_article("l2"), with_article("a"), with_article("ACC_z")
+    ('the heat block', 'l2', 'a', 'ACC z')
+    """
+    plain = name.replace("_", " ")
+    proper = len(name) <= INITIALS or any(letter.isdigit() or letter.isupper() for letter in name)
+    return plain if proper else f"the {plain}"
 
 
 def state(configuration: str, gain: float, alone: bool = False) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from headless_page import CHROMIUM, told_by
+from headless_page import CHROMIUM, EXTENT, told_by
 from scipy.signal import cont2discrete, decimate, dlsim
 
 import isorig as iso
@@ -125,9 +125,6 @@ def test_the_command_writes_modes_and_page(tmp_path: Path, capsys: pytest.Captur
     page = (tmp_path / "out" / "modes.html").read_text()
     assert "Operating modes of m.h5" in page
     if CHROMIUM is not None:
-        probe = """<script>addEventListener("load", () => setTimeout(() => parent.postMessage(JSON.stringify({
-          drawn: [...document.querySelectorAll(".chart")].map((c) => c.querySelectorAll(".main-svg path").length > 0),
-          wide: document.documentElement.scrollWidth, inner: innerWidth }), "*"), 1500));</script>"""
-        told = told_by(page, probe, 420, tmp_path)
+        told = told_by(page, EXTENT, 420, tmp_path)
         assert told["drawn"] == [True, True]
         assert told["wide"] <= told["inner"] == 420

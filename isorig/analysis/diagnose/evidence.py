@@ -24,7 +24,7 @@ from isorig.analysis.model.rig_model import GROUND, RigModel
 from isorig.analysis.spectra.periodic import periodic
 from isorig.analysis.spectra.quality import faults
 from isorig.analysis.spectra.welch import estimate
-from isorig.analysis.wording import of_signal
+from isorig.analysis.wording import of_signal, with_article
 
 #: Standard errors above which a quantity is a sign, and the share below which it is too small to be one.
 SURE, SMALL = 4.0, 0.004
@@ -101,14 +101,15 @@ def record_signs(campaign: Campaign, model: RigModel, trials: Sequence[Trial]) -
     """The signs of the records alone: bad data, flat tops, hum."""
     flat = [
         Sign(
-            text=f"Flat tops: the {name} is cut off at its largest magnitude, {limit:.4g}, like a clipped record.",
+            text=f"Flat tops: {with_article(name)} is cut off at its largest magnitude, {limit:.4g}, like a clipped record.",
             supported=supported("flat tops", name),
         )
         for name, limit in flat_tops(campaign, peaks_of(campaign)).items()
     ]
     hums = [
         Sign(
-            text=f"Spectral peaks: in most runs the residual of the {name} has peaks at {frequency:g} Hz and its multiples.",
+            text=f"Spectral peaks: in most runs the residual of {with_article(name)} has peaks at {frequency:g} Hz and its "
+            "multiples.",
             supported=supported("hum", name),
         )
         for name, frequency in mains(model, trials).items()
@@ -236,7 +237,8 @@ def poles(model: RigModel, groups: Groups) -> list[Sign]:
             place = bodies[sensor.channel]
             found.append(
                 Sign(
-                    text=f"Poles: near {best[0]:.4g} Hz the measured and simulated transfer functions of the {sensor.channel} "
+                    text=f"Poles: near {best[0]:.4g} Hz the measured and simulated transfer functions of "
+                    f"{with_article(sensor.channel)} "
                     f"differ by {100 * best[1]:.0f} % of the larger one, elsewhere by {100 * best[2]:.2g} %: a mode that the "
                     "model lacks or has at another frequency.",
                     supported=supported("mode", place),
@@ -478,7 +480,8 @@ def _periods(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
                 bent = float(np.median(known)) / size
                 found.append(
                     Sign(
-                        text=f"Periods: {group[0].configuration} at gain {gain:g} the distortion of the {sensor.channel} is "
+                        text=f"Periods: {group[0].configuration} at gain {gain:g} the distortion of "
+                        f"{with_article(sensor.channel)} is "
                         f"{100 * bent:.2g} % of the signal, its noise {100 * noise:.2g} %.",
                         supported=supported("amplitude") if bent > DISTORTED * noise else (),
                     )

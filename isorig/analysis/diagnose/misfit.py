@@ -13,7 +13,7 @@ from isorig.analysis.errors import DataError
 from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.isolation.ratio import isolation_ratio
 from isorig.analysis.model.rig_model import RigModel
-from isorig.analysis.wording import capitalized, of_signal, state
+from isorig.analysis.wording import capitalized, of_signal, state, with_article
 
 #: A band counts if the misfit's power exceeds the noise's by this factor, other quantities by this many standard errors.
 ABOVE_NOISE, SURE = 4.0, 4.0
@@ -87,8 +87,9 @@ def at_first(judged: Sequence[Trial], error: FloatArray, quiet: FloatArray) -> t
             if size**2 < ABOVE_NOISE * noise**2:
                 continue
             text = (
-                f"{capitalized(state(run.configuration, run.gain, alone))} ({run.id}) the first {seconds:g} s of the {name} are "
-                f"simulated with an error of {of_signal(size)}, where noise alone would be {of_signal(noise)}; "
+                f"{capitalized(state(run.configuration, run.gain, alone))} ({run.id}) the first {seconds:g} s of "
+                f"{with_article(name)} are simulated with an error of {of_signal(size)}, where noise alone would be "
+                f"{of_signal(noise)}; "
                 "the end of the run fits."
             )
             found.append(
@@ -128,7 +129,7 @@ def _bands(model: RigModel, trials: Sequence[Trial]) -> list[Discrepancy]:
             size, noise = (float(np.sqrt(power[inside].sum() / heard)) for power in (e, quiet))
             band = (round(float(edges[low]), 2), round(float(edges[high + 1]), 2))
             text = (
-                f"{_at(model, trial.run.configuration, trial.run.gain)} ({trial.run.id}) the {name} between "
+                f"{_at(model, trial.run.configuration, trial.run.gain)} ({trial.run.id}) {with_article(name)} between "
                 f"{band[0]:g} and {band[1]:g} Hz is simulated with an error of {of_signal(size)}, where noise alone would be "
                 f"{of_signal(noise)}."
             )
@@ -136,7 +137,7 @@ def _bands(model: RigModel, trials: Sequence[Trial]) -> list[Discrepancy]:
                 Discrepancy(
                     channel=name, configuration=trial.run.configuration, gain=trial.run.gain, run=trial.run.id,
                     band_hz=band, what="time" if trial.run.excitation == "moves" else "frf", size=size, noise=noise,
-                    text=text[0].upper() + text[1:] + ".",
+                    text=capitalized(text),
                 )
             )  # fmt: skip
     found.sort(key=lambda d: -d.size / max(d.noise, 1e-6))
@@ -216,7 +217,7 @@ def _peaks(model: RigModel, compared: Doubles) -> list[Discrepancy]:
         others = sorted({c for c, _ in shifts if c != configuration})
         fit = [c for c in others if _agree([s for k, s in shifts.items() if k[0] == c])]
         text = (
-            f"{_at(model, configuration, gain)} the {sensor.channel}'s peak is {abs(by):.2g} ± {std:.1g} Hz "
+            f"{_at(model, configuration, gain)} {with_article(sensor.channel)}'s peak is {abs(by):.2g} ± {std:.1g} Hz "
             f"{'higher' if by > 0 else 'lower'} than simulated, at {at:.4g} Hz, and its height is {height:.3g} times the "
             "simulated one"
         )
@@ -266,7 +267,7 @@ def _coherences(model: RigModel, compared: Doubles) -> list[Discrepancy]:
             whole = float(np.sqrt(np.mean(seen.coherence[bad] ** 2)))
             size, noise = float(np.sqrt(np.mean(off[bad] ** 2))) / whole, float(np.sqrt(np.mean(std[bad] ** 2))) / whole
             text = (
-                f"{_at(model, configuration, gain)} the coherence of the {sensor.channel} with the drive is "
+                f"{_at(model, configuration, gain)} the coherence of {with_article(sensor.channel)} with the drive is "
                 f"{seen.coherence[bad].mean():.3f} in {int(bad.sum())} frequency bins between {low:g} and {high:g} Hz, "
                 f"where the simulation has {seen.simulated_coherence[bad].mean():.3f}."
             )

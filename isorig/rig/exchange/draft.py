@@ -233,7 +233,7 @@ def _channel(name: str, source: str, column: Column) -> list[str]:
     values = np.asarray(column.values, dtype=np.float64)
     finite = values[np.isfinite(values)]
     extent = f" from {finite.min():.4g} to {finite.max():.4g}" if len(finite) else ""
-    absent = "by the column's name" if _unit_in(source) and not column.unit else "not given by the file"
+    absent = "by the column's name" if _unit_in(column.label, source) and not column.unit else "not given by the file"
     note = "" if found else f"    # ? {f'the file gives {column.unit!r}' if column.unit else absent}"
     sensitivity = "1.0    # ? column's unit per unit, e.g. V per m/s^2"
     if column.sensitivity != 1.0:
@@ -250,17 +250,31 @@ def _channel(name: str, source: str, column: Column) -> list[str]:
 
 def _unit_of(name: str, column: Column, source: str = "") -> str:
     guess = next((unit for word, unit in QUANTITIES if word in name.lower()), "m/s^2")
-    return known_unit(column.unit) or ("1" if name == GAIN else _unit_in(source) or guess)
+    return known_unit(column.unit) or ("1" if name == GAIN else _unit_in(column.label, source) or guess)
 
 
-def _unit_in(source: str) -> str | None:
-    # The unit at the end of a column's name: encoder_angle_deg, force_kN, Kraft (N).
-    found = re.search(r"[\s_.\-(\[]([^\s_.\-()\[\]]+)[)\]]?$", source)
-    return known_unit(found[1]) if found and found[1] not in AMBIGUOUS else None
+def _unit_in(*names: str) -> str | None:
+    # The unit at the end of a column's label or name: encoder_angle_deg, force_kN, Kraft (N), gyro [deg/s].
+    for name in names:
+        found = re.search(r"[\s_.\-(\[]([^\s_.\-()\[\]]+)[)\]]?$", name)
+        within = re.search(r"[\[(]([^\[\]()]+)[)\]]$", name)
+        unit = (
+            known_unit(within[1])
+            if within and within[1] != "1"
+            else known_unit(found[1])
+            if found and found[1] not in AMBIGUOUS
+            else None
+        )
+        if unit is not None:
+            return unit
+    return None
 
 
 def _name(source: str, column: Column, taken: set[str], words: Sequence[tuple[str, str]]) -> str:
-    plain = re.sub(r"\W+", "_", column.label or source).strip("_").lower() or "channel"
+    text = column.label or source
+    bracketed = re.fullmatch(r"(.*\S)\s*[\[(]([^\[\]()]+)[\])]", text)
+    text = bracketed[1] if bracketed and known_unit(bracketed[2]) else text
+    plain = re.sub(r"\W+", "_", text).strip("_").lower() or "channel"
     if plain in (GAIN, STREAMED) and GAIN not in taken and UNITS[known_unit(column.unit) or "1"].quantity == GAIN:
         return GAIN
     name = next((channel for word, channel in words if word in plain and channel not in taken), plain)

@@ -11,12 +11,12 @@ from isorig.analysis.campaign import SI_UNIT
 from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.proposals.choice import Choice, PredictedPair
 from isorig.analysis.proposals.policy import CANNOT, WILL
-from isorig.analysis.wording import capitalized, sized
+from isorig.analysis.wording import capitalized, sized, with_article
 from isorig.rig.next.proposal import Proposal, Situation
 from isorig.rig.next.sentences import cause, reasons, summary
 from isorig.rig.report.charts import Chart, ChartTrace, Panel
 from isorig.rig.report.page import Report, Section, Table, build_report
-from isorig.rig.report.sections import number
+from isorig.rig.report.sections import number, unit
 
 #: Seconds of a prediction shown around the largest difference.
 SHOWN = 1.0
@@ -46,14 +46,20 @@ def proposal_sections(proposal: Proposal, now: Situation, names: Sequence[str]) 
 
 
 def _distances(choice: Choice) -> Table:
+    apart = sorted(choice.apart, key=lambda apart: -apart.distance)
+    rivals = list(dict.fromkeys(cause(each.rival) for each in apart))
+    # One rival of all is named once, in the caption.
+    fitted = f": {rivals[0]}" if len(rivals) == 1 else ""
     rows = [
-        (cause(apart.truth), cause(apart.rival), number(min(apart.distance, 999.0), 3), number(apart.probability, 2))
-        for apart in sorted(choice.apart, key=lambda apart: -apart.distance)
-    ]
+        (
+            cause(each.truth), *(() if fitted else (cause(each.rival),)), number(min(each.distance, 999.0), 3),
+            number(each.probability, 2),
+        ) for each in apart
+    ]  # fmt: skip
     return Table(
-        columns=("true cause", "fitted cause", "standard errors", "probability"), rows=rows,
-        caption="Error of the refitted model in this run, in standard errors of one frequency bin of the worst channel, and the "
-        f"probability that this distinguishes the two: 0 up to {CANNOT:g}, 1 from {WILL:g} on.",
+        columns=("true cause", *(() if fitted else ("fitted cause",)), "standard errors", "probability"), rows=rows,
+        caption=f"Error of the refitted model{fitted} in this run, in standard errors of one frequency bin of the worst channel, "
+        f"and the probability that this distinguishes the two: 0 up to {CANNOT:g}, 1 from {WILL:g} on.",
     )  # fmt: skip
 
 
@@ -92,10 +98,10 @@ def prediction_chart(shown: Picture, name: str) -> Chart:
     t = (shown.first + np.arange(len(truth))) / shown.sample_rate
     return Chart(
         name=name, x_label="time, s", x_log=False,
-        caption=f"Signal of the {shown.channel} for {shown.truth}, and prediction by {shown.rival} after a refit to all runs; "
-        f"below, their difference compared with the allowed error (noise and accuracy of the simulation): {shown.distance:.2g} "
-        "standard errors over the whole run.",
-        panels=[Panel(label=f"{shown.channel}, {shown.unit}"), Panel(label=f"difference, {shown.unit}", height=0.6)],
+        caption=f"Signal of {with_article(shown.channel)} for {shown.truth}, and prediction by {shown.rival} after a "
+        f"refit to all runs; below, their difference compared with the allowed error (noise and accuracy of the simulation): "
+        f"{shown.distance:.2g} standard errors over the whole run.",
+        panels=[Panel(label=f"{shown.channel}, {unit(shown.unit)}"), Panel(label=f"difference, {unit(shown.unit)}", height=0.6)],
         traces=[
             ChartTrace(name=shown.truth, x=t, y=truth, role="first"),
             ChartTrace(name=f"{shown.rival}, refitted", x=t, y=rival, role="second", style="dash"),
@@ -109,19 +115,19 @@ def _limits(proposal: Proposal, now: Situation) -> Section:
     limits, model = now.limits, now.rivals.explains.variant().model
     records = {drive.channel: drive.quantity for drive in model.drives} | {s.channel: s.quantity for s in model.sensors}
     rows = [
-        (f"stroke of the {name}", sized(value, unit_of(f"links.{name}.laws.0.stroke", model)))
+        (f"stroke of {with_article(name)}", sized(value, unit_of(f"links.{name}.laws.0.stroke", model)))
         for name, value in limits.stroke.items()
     ]
     rows += [(f"record of {name}", sized(value, SI_UNIT[records[name]])) for name, value in limits.channels.items()]
     units = {"drive": SI_UNIT[model.drive.quantity], "force": "N m" if model.drive.quantity == "torque" else "N"}
-    for key, unit in {**units, "seconds": "s", "lock_price": "s"}.items():
+    for key, of in {**units, "seconds": "s", "lock_price": "s"}.items():
         value = getattr(limits, key)
         if value is not None:
-            rows.append((key.replace("_", " "), sized(value, unit, digits=4)))
-    for key, unit in (("gains", ""), ("band", " Hz")):
+            rows.append((key.replace("_", " "), sized(value, of, digits=4)))
+    for key, of in (("gains", ""), ("band", " Hz")):
         pair = getattr(limits, key)
         if pair is not None:
-            rows.append((key, f"{pair[0]:.4g} to {pair[1]:.4g}{unit}"))
+            rows.append((key, f"{pair[0]:.4g} to {pair[1]:.4g}{of}"))
     refused = [] if proposal.chosen is None else [(now.described(run), why) for run, why in proposal.chosen.refused.items()]
     tables = [Table(columns=("limit", "value"), rows=rows)]
     if refused:

@@ -14,10 +14,10 @@ from isorig.analysis.proposals.policy import CANNOT, HIGHER, RESOLVES, WILL
 from isorig.analysis.proposals.prediction import Variant
 from isorig.analysis.proposals.remedies import SECOND, Remedy
 from isorig.analysis.simulate.gauges import DEFLECTION
-from isorig.analysis.wording import capitalized, first_of
+from isorig.analysis.wording import capitalized, first_of, with_article
 from isorig.rig.next.proposal import Proposal, Proposed, Situation
 from isorig.rig.next.runs import described
-from isorig.rig.report.sections import with_article, words
+from isorig.rig.report.sections import words
 
 #: Number of causes listed by name in a sentence.
 LISTED = 4

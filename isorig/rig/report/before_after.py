@@ -12,9 +12,9 @@ from typing import Literal
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.wording import sized_unit
+from isorig.analysis.wording import sized_unit, with_article
 from isorig.rig.report.charts import Chart, ChartTrace, Panel, Role, Style
-from isorig.rig.report.sections import unit, with_article, words
+from isorig.rig.report.sections import unit, words
 
 #: Names and roles of the curves.
 BASELINE: tuple[str, Role] = ("baseline", "simulated")

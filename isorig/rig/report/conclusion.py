@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 from isorig.analysis.diagnose.causes import CATALOGUE
 from isorig.analysis.diagnose.causes.base import Kind
-from isorig.analysis.wording import MULTIPLE, first_of, sized
+from isorig.analysis.wording import MULTIPLE, first_of, sized, with_article
 from isorig.rig.files.findings import Findings, HeldOut, NamedCause, TriedCause, Value
-from isorig.rig.report.sections import with_article, words
+from isorig.rig.report.sections import words
 
 #: What a cause is, by its name in the findings: {place}, and its parameters by name, as value with uncertainty.
 PHRASES: Mapping[str, str] = {cause.name: cause.phrase for cause in CATALOGUE}

@@ -11,7 +11,7 @@ from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose.diagnosis import Diagnosis
 from isorig.analysis.diagnose.step import Curve, Step
 from isorig.analysis.fitting.score import Score
-from isorig.analysis.wording import state
+from isorig.analysis.wording import state, with_article
 from isorig.rig.files.findings import Findings, HeldValue
 from isorig.rig.report.before_after import BASELINE, EXTENDED, bars_chart, force_chart, residual_chart, second_chart
 from isorig.rig.report.charts import Chart, ChartTrace, Panel, Role
@@ -20,7 +20,7 @@ from isorig.rig.report.frequency import frequency_sections
 from isorig.rig.report.misfit import Simulated, misfit_charts, scores_chart, simulated, time_charts
 from isorig.rig.report.page import First, Report, Section, Table, build_report
 from isorig.rig.report.place import OVER, held_out_records, joint_of, marks, place_force, residuals
-from isorig.rig.report.sections import number, parameters_table, provenance_section, runs_section, unbroken, with_article, words
+from isorig.rig.report.sections import number, parameters_table, provenance_section, runs_section, unbroken, words
 from isorig.rig.report.sketch import sketch
 from isorig.rig.report.surface import surface_charts
 
@@ -55,7 +55,7 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, findings: Findings)
         frf,
         Section(
             title="Parameters of the baseline",
-            tables=[parameters_table(findings.baseline.parameters, "Fitted to all runs at once; std: standard uncertainty.")],
+            tables=[parameters_table(findings.baseline.parameters, "Fitted to all runs at once, with standard uncertainties.")],
         ),
         Section(title="Simulation compared with measurement", charts=time_charts(diagnosis.trials, models)),
         *isolation,

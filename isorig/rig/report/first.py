@@ -8,7 +8,7 @@ from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose.misfit import Discrepancy
 from isorig.analysis.isolation.ratio import Isolated
 from isorig.analysis.parameters.joint_fit import Characterization
-from isorig.analysis.wording import of_signal, state
+from isorig.analysis.wording import of_signal, state, with_article
 from isorig.rig.report.advice import NOTHING
 from isorig.rig.report.before_after import second_chart
 from isorig.rig.report.charts import Role
@@ -16,7 +16,7 @@ from isorig.rig.report.frequency import isolation_chart
 from isorig.rig.report.misfit import Simulated
 from isorig.rig.report.page import AnsweredQuestion, First, Section
 from isorig.rig.report.place import held_out_records
-from isorig.rig.report.sections import channels_table, with_article
+from isorig.rig.report.sections import channels_table
 from isorig.rig.report.sketch import sketch
 from isorig.rig.wire_bonder.design_study import BOND
 from isorig.rig.wire_bonder.isolation import Compared

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import re
 import sys
 from collections.abc import Mapping
@@ -11,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from isorig.analysis.campaign import Campaign, Channel, Run
-from isorig.analysis.wording import state
+from isorig.analysis.wording import sized, state
 from isorig.rig.report.page import Section, Table
 from isorig.rig.wire_bonder.description import SUMMARY
 
@@ -29,11 +30,6 @@ LIBRARIES = ("isorig", "numpy", "scipy", "numba", "h5py")
 def words(name: str) -> str:
     """A name for display: underscores become spaces."""
     return name.replace("_", " ")
-
-
-def with_article(name: str) -> str:
-    """The name of a place in a sentence; with a number, as l2, it needs no article."""
-    return words(name) if any(letter.isdigit() for letter in name) else f"the {words(name)}"
 
 
 def unbroken(text: str) -> str:
@@ -113,17 +109,20 @@ def _run_row(run: Run, alone: bool) -> tuple[str, ...]:
 
 def parameters_table(parameters: Mapping[str, Value], caption: str) -> Table:
     """Fitted values by path, as in findings.json."""
-    rows = [(name, number(row.value, 6), number(row.std, 2), row.unit) for name, row in parameters.items()]
-    return Table(columns=("parameter", "value", "std", "unit"), rows=rows, caption=caption)
+    rows = [(name, _sized(row.value, row.unit, row.std)) for name, row in parameters.items()]
+    return Table(columns=("parameter", "value"), rows=rows, caption=caption)
 
 
 def entries_table(entries: Mapping[str, Entry]) -> Table:
     """The parameters of a joint fit by name."""
     rows = [
-        (name, number(e.value, 6), number(e.std, 2) if not e.fixed else "–", unit(e.unit), e.method, e.note)
-        for name, e in entries.items()
-    ]
-    return Table(columns=("parameter", "value", "std", "unit", "method", "note"), rows=rows)
+        (name, _sized(e.value, e.unit, None if e.fixed else e.std), e.method, e.note) for name, e in entries.items()
+    ]  # fmt: skip
+    return Table(columns=("parameter", "value", "method", "note"), rows=rows)
+
+
+def _sized(value: float | None, unit: str, std: float | None) -> str:
+    return "–" if value is None or not math.isfinite(value) else sized(value, unit, std, digits=4)
 
 
 def _sha256(path: Path) -> str:

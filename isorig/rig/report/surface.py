@@ -6,8 +6,8 @@ from isorig.analysis.campaign import FloatArray
 from isorig.analysis.diagnose.estimate_pairs import Doubles
 from isorig.analysis.diagnose.evidence import surfaces
 from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.wording import with_article
 from isorig.rig.report.charts import Chart, ChartTrace, Panel
-from isorig.rig.report.sections import with_article
 
 
 def surface_charts(model: RigModel, compared: Doubles) -> list[Chart]:

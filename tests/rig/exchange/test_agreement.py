@@ -136,12 +136,12 @@ def drafted(folder: Path, name: str) -> str:
 def test_names_of_the_file(tmp_path: Path) -> None:
     """ID lines of universal files, names in MATLAB structures, groups of untitled TDMS channels."""
     uff = pyuff.UFF(str(tmp_path / "a.uff"))
-    for node, name in ((1, "Shaker force"), (12, "Top plate")):
+    for node, name in ((1, "Shaker force"), (12, "Top plate"), (3, "Gyro A [deg/s]")):
         part = {
             "type": 58, "binary": 0, "func_type": 1, "rsp_node": node, "rsp_dir": 3, "ref_node": 0, "ref_dir": 0, "data": X,
             "x": np.arange(N) / RATE, "id1": name, "id2": "NONE", "id3": "NONE", "id4": "NONE", "id5": "NONE",
             "abscissa_spacing": 1, "abscissa_inc": 1.0 / RATE, "abscissa_spec_data_type": 17, "num_pts": N, "abscissa_min": 0.0,
-            "ordinate_spec_data_type": 13 if node == 1 else 12, "orddenom_spec_data_type": 0, "ord_data_type": 4, "ver_num": 0,
+            "ordinate_spec_data_type": {1: 13, 12: 12, 3: 0}[node], "orddenom_spec_data_type": 0, "ord_data_type": 4, "ver_num": 0,
             "load_case_id": 0, "rsp_ent_name": "NONE", "ref_ent_name": "NONE",
         }  # fmt: skip
         uff.write_sets(part, "add")
@@ -151,7 +151,9 @@ def test_names_of_the_file(tmp_path: Path) -> None:
         for group in ("Force", "Top"):
             writer.write_segment([ChannelObject(group, "Untitled", X, {"wf_increment": 1.0 / RATE})])
     assert "[channels.shaker_force]" in drafted(tmp_path, "a.uff")
-    assert "[channels.top_plate]" in (tmp_path / "a.uff.toml").read_text()
+    text = (tmp_path / "a.uff.toml").read_text()
+    assert "[channels.top_plate]" in text
+    assert text.split("[channels.gyro_a]")[1].split("\n")[2].startswith('unit = "deg/s"')
     assert {"[channels.force]", "[channels.top]"} <= {line.split("   ")[0] for line in drafted(tmp_path, "b.mat").splitlines()}
     text = drafted(tmp_path, "c.tdms")
     assert "[channels.force]" in text

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from headless_page import CHROMIUM, EXTENT, told_by
 from open_questions import end_stop, hardening, rivals, two_springs, written
 
 from isorig.analysis.proposals.limits import simulated_peaks
@@ -58,6 +59,10 @@ def test_a_plan_that_distinguishes_two_springs(tmp_path: Path, capsys: pytest.Ca
     page = (tmp_path / "next.html").read_text()
     assert "standard errors" in page
     assert "after a refit" in page
+    for width in (1280, 420) if CHROMIUM is not None else ():
+        told = told_by(page, EXTENT, width, tmp_path)
+        assert all(told["drawn"])
+        assert told["wide"] <= told["inner"] == width
 
     # rig acquire takes it as it is.
     assert main(["acquire", str(plan), "--port", "virtual", "--yes", "-o", str(tmp_path / "next.h5")]) == 0
