@@ -141,8 +141,8 @@ def test_names_of_the_file(tmp_path: Path) -> None:
             "type": 58, "binary": 0, "func_type": 1, "rsp_node": node, "rsp_dir": 3, "ref_node": 0, "ref_dir": 0, "data": X,
             "x": np.arange(N) / RATE, "id1": name, "id2": "NONE", "id3": "NONE", "id4": "NONE", "id5": "NONE",
             "abscissa_spacing": 1, "abscissa_inc": 1.0 / RATE, "abscissa_spec_data_type": 17, "num_pts": N, "abscissa_min": 0.0,
-            "ordinate_spec_data_type": {1: 13, 12: 12, 3: 0}[node], "orddenom_spec_data_type": 0, "ord_data_type": 4, "ver_num": 0,
-            "load_case_id": 0, "rsp_ent_name": "NONE", "ref_ent_name": "NONE",
+            "ordinate_spec_data_type": {1: 13, 12: 12, 3: 0}[node], "orddenom_spec_data_type": 0, "ord_data_type": 4,
+            "ver_num": 0, "load_case_id": 0, "rsp_ent_name": "NONE", "ref_ent_name": "NONE",
         }  # fmt: skip
         uff.write_sets(part, "add")
     struct = np.array([{"name": n, "values": X, "unit": u, "fs": RATE} for n, u in (("force", "N"), ("top", "g"))], dtype=object)
