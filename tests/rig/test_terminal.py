@@ -21,6 +21,7 @@ from test_sessions_attacked import killed, session, wait_for
 
 from isorig.rig.cli import TERMINAL_GONE
 from isorig.rig.files.recording import read, write
+from isorig.rig.process.terminal import show_table
 
 RIG = (sys.executable, "-P", "-m", "isorig")
 
@@ -88,3 +89,14 @@ def test_an_interrupt_during_imports_is_one_line(tmp_path: Path, module: str) ->
         said = [line for line in process.stderr if not line.startswith("import time:")]
     assert said == ["rig: stopped by the operator\n"]
     assert process.returncode == 130
+
+
+def test_tables_break_neither_words_nor_numbers(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """Seven columns with units are wider than 80 characters."""
+    monkeypatch.setenv("COLUMNS", "80")
+    values = [f"{k}.32 m/s²" for k in range(7)]
+    show_table(
+        "rms", ("run", "set-up", *(f"sensor{k}" for k in range(7)), "clip"), [["shot_001", "random noise", *values, "unknown"]]
+    )
+    said = capsys.readouterr().out
+    assert all(value in said for value in (*values, "random", "unknown", "shot_001"))

@@ -102,6 +102,8 @@ def _gain(run: Run) -> str:
 def _rms_and_clipped(channel: Channel) -> tuple[str, int]:
     import numpy as np
 
+    from isorig.analysis.wording import sized
+
     power, clipped, block = 0.0, 0, 1 << 20
     limit = np.inf if channel.full_scale is None else channel.full_scale * (1.0 - 1e-6)
     for start in range(0, len(channel), block):
@@ -109,5 +111,4 @@ def _rms_and_clipped(channel: Channel) -> tuple[str, int]:
         power += float(values @ values)
         if max(values.max(), -values.min()) >= limit:
             clipped += int((np.abs(values) >= limit).sum())
-    unit = "" if channel.unit == "m/s^2" else f" {channel.unit}"
-    return f"{np.sqrt(power / len(channel)):.3g}{unit}", clipped
+    return sized(float(np.sqrt(power / len(channel))), channel.unit), clipped

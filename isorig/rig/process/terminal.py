@@ -94,7 +94,7 @@ def never_wait_for_terminal() -> None:
 def show_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Print a table; numeric columns are right-aligned.
 
-    Numbers and the first column (names) are never truncated: if necessary, lines are longer than the terminal.
+    Numbers, the first column (names) and words are never broken: if necessary, lines are longer than the terminal.
     """
     from rich import box
     from rich.console import Console
@@ -106,7 +106,12 @@ def show_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]
     table = Table(title=displayable(title), title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     for place, head in enumerate(columns):
         plain = all(_is_number(row[place]) for row in rows)
-        table.add_column(displayable(head), justify="right" if plain else "left", no_wrap=plain or place == 0, overflow="fold")
+        whole = plain or place == 0
+        # The library measures the longest word even of cells that it may not break.
+        least = max(len(displayable(text)) for text in (head, *(row[place] for row in rows))) if whole else None
+        table.add_column(
+            displayable(head), justify="right" if plain else "left", no_wrap=whole, overflow="fold", min_width=least
+        )  # fmt: skip
     for row in rows:
         table.add_row(*map(displayable, row))
     console = Console()

@@ -186,10 +186,10 @@
   }
 
   function bandedChart(box, height, plot, title, { log, range, splits, legend }, data) {
-    const series = [{ label: "Hz", value: (u, v) => (v === null ? "" : figure(v)) }], bands = [];
+    const none = (v) => v === null || v === undefined, series = [{ label: "at the cursor, Hz", value: (u, v) => (none(v) ? "–" : figure(v)) }], bands = [];
     plot.names.forEach((name, k) => {
       const edge = { class: "edge", stroke: "transparent", width: 0, points: { show: false } };
-      series.push({ label: name, stroke: strokeOf(name, k), width: 1.5, points: { show: false }, value: (u, v) => (v === null || v === undefined ? "" : figure(v)) }, { ...edge, label: `${name} high` }, { ...edge, label: `${name} low` });
+      series.push({ label: name, stroke: strokeOf(name, k), width: 1.5, points: { show: false }, value: (u, v) => (none(v) ? "–" : figure(v)) }, { ...edge, label: `${name} high` }, { ...edge, label: `${name} low` });
       bands.push({ series: [3 * k + 2, 3 * k + 3], fill: strokeOf(name, k) + "38" });
     });
     return chartIn(box, height, {
@@ -206,6 +206,14 @@
     return data;
   }
 
+  function units(chosen) { return [...new Set(state.channels.filter(({ name }) => chosen(name)).map(({ unit }) => unit.replace("^2", "²")))].join(" or "); }
+
+  // What the magnitude is: the unit of the responses per that of the drive, which is the channel that is no response.
+  function magnitude(names) {
+    const over = units((name) => names.includes(name)), by = units((name) => !names.includes(name));
+    return !over || !by || by.includes(" or ") || over === by ? "magnitude relative to the drive" : `magnitude, ${over} per ${by}`;
+  }
+
   const wanted = new Map();  // the names that a chart was made for: other names need another chart
   function frf(plot) {
     const sets = [banded(plot, 5, 0, true), banded(plot, 5, 2, false), plain(plot)];
@@ -214,7 +222,7 @@
     if (charts.has("frf")) { charts.get("frf").forEach(({ chart }, k) => chart.setData(sets[k])); return; }
     const series = [{ label: "Hz" }, ...plot.names.map((name, k) => ({ label: name, stroke: strokeOf(name, k), width: 1.5, points: { show: false } }))];
     charts.set("frf", [
-      bandedChart(at("magnitude"), 240, plot, "magnitude relative to the drive, with one standard deviation", { log: true, legend: true }, sets[0]),
+      bandedChart(at("magnitude"), 240, plot, `${magnitude(plot.names)}, with one standard deviation`, { log: true, legend: true }, sets[0]),
       bandedChart(at("phases"), 140, plot, "phase, degrees", { range: [-190, 190], splits: () => [-180, -90, 0, 90, 180] }, sets[1]),
       chartIn(at("coherence"), 150, {
         title: "coherence", series, legend: { show: false }, cursor: { sync: { key: linked.key }, y: false, drag: { x: false, y: false } },
