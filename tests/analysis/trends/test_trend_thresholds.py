@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from isorig.analysis.errors import DataError
+from isorig.analysis.fitting.solve import Free
 from isorig.analysis.trends.change import bent, dated, described, stepped
 from isorig.analysis.trends.cusum import alarms, thresholds
-from isorig.analysis.trends.difference import CauseOfChange, _judged
+from isorig.analysis.trends.difference import CauseOfChange, _deviation, _judged
 from isorig.analysis.trends.follow import follow
 from isorig.analysis.trends.scatter import scatter_of
 from isorig.analysis.trends.series import Series
@@ -95,3 +96,13 @@ def test_causes_are_alike_up_to_twenty_to_one_or_a_tenth_of_the_misfit(
     """A misfit above the number of residuals is not only noise, and raises what counts."""
     found = _judged([cause("one", best), cause("two", best + share * apart)], 1e5, size, ())
     assert [each.alike for each in found] == [True, share < 1.0]
+
+
+def test_a_parameter_with_unknown_scatter_may_differ_by_three_tenths() -> None:
+    """Any other one by a hundred finite differences, and none by less than a thousandth of one."""
+    mass = Free(path="bodies.m.mass", low=0.1, high=10.0)
+    place = Free(path="bodies.m.place", low=-1.0, high=1.0, log=False)
+    assert _deviation(mass, {}) == 0.3
+    assert _deviation(place, {}) == 100.0 * place.step
+    assert _deviation(mass, {mass.path: 0.02}) == 0.02
+    assert _deviation(mass, {mass.path: 0.0}) == 1e-3 * mass.step
