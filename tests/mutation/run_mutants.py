@@ -71,9 +71,6 @@ MODULES: dict[str, Covered] = {
     ),
     "isorig/analysis/trends/cusum.py": Covered(TRENDS, 40),
     "isorig/analysis/trends/policy.py": Covered(TRENDS),
-    "isorig/rig/fleet/policy.py": Covered(
-        ("tests/rig/fleet/test_fleet_thresholds.py", "tests/rig/fleet/test_followed.py")
-    ),
     **{
         f"isorig/analysis/proposals/{name}.py": Covered(PROPOSALS, 10)
         for name in ("choice", "hypotheses", "limits", "menu", "policy", "precision", "prediction", "remedies")

@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_up import drawn_fleet
 
 from isorig.analysis.trends.change import DatedChange
 from isorig.analysis.trends.follow import Followed
 from isorig.analysis.trends.series import Series
-from isorig.rig.fleet.history import DiagnosedCampaign, Incident, NewCause, Track, TrackedRig, _incident, _named
+from isorig.rig.fleet.history import DiagnosedCampaign, Incident, NewCause, Track, TrackedRig, _incident, _named, followed
 from isorig.rig.fleet.sentences import _pause, change_words, is_confirmed
 
 STOP = "end_stop at isolation"
@@ -73,3 +74,8 @@ def test_a_pause_of_three_usual_intervals_is_reported(share: float) -> None:
     )  # fmt: skip
     here = Incident(rig="rig", changes=(), named=(), last_before=2, first_after=3, first=3, alarm=4)
     assert bool(_pause(rig, here)) is (share > 1.0)
+
+
+@pytest.mark.parametrize(("rigs", "allowed"), [(50, 1.0), (3, 3.0 / 48.0)])
+def test_false_alarms_a_month_are_one_of_the_fleet_or_one_of_each_rig_in_four_years(rigs: int, allowed: float) -> None:
+    assert followed(drawn_fleet(1, rigs=rigs, campaigns=4), "coulomb").false_per_month == allowed
