@@ -1,6 +1,6 @@
 """From a stranger's file to the answer: rigs that scipy simulated, one hidden cause each, described up to a fifth off.
 
-Two rigs are diagnosed by default, all of them in the study (`pytest -m "study or not study" tests/rig/test_strangers.py`).
+Three rigs are diagnosed by default, all of them in the study (`pytest -m "study or not study" tests/rig/test_strangers.py`).
 """
 
 from __future__ import annotations
@@ -54,6 +54,8 @@ class Stranger:
     gains: Mapping[str, float] = field(default_factory=dict)
     late: Mapping[str, int] = field(default_factory=dict)
     given: Mapping[str, float] = field(default_factory=dict)
+    #: Seconds before the record: it begins in motion.
+    before: float = 0.0
 
 
 def one(law: Mapping[int, Law] | None = None, quantity: str = "displacement") -> StrangeRig:
@@ -152,9 +154,15 @@ STRANGERS: Mapping[str, Stranger] = {
     "wrong mass in a chain": Stranger(
         rig=two(), cause="wrong_mass", place="m1", parameter="mass", value=3.0, given={"bodies.m1.mass": 1.15}
     ),
+    "dry friction, cut out of a motion": Stranger(
+        rig=one({0: dry(2.0, 1e-4)}), cause="coulomb_friction", place="l0", parameter="friction_force", value=2.0, before=4.0
+    ),
+    "play in a coupling, cut out of a motion": Stranger(
+        rig=two({1: play(9e3, 4e-4)}), cause="backlash", place="l1", parameter="clearance", value=4e-4, before=4.0
+    ),
 }  # fmt: skip
 #: Diagnosed by default.
-QUICK = ("gain in a chain", "late angle")
+QUICK = ("gain in a chain", "late angle", "dry friction, cut out of a motion")
 
 
 def recorded(stranger: Stranger, seed: int) -> Campaign:
@@ -162,11 +170,12 @@ def recorded(stranger: Stranger, seed: int) -> Campaign:
     draw = np.random.default_rng(seed)
     runs = []
     for k, level in enumerate(stranger.levels):
-        fine = stranger.rig.recorded(noise(SECONDS, FINE, level, stranger.band, 100 * seed + k), FINE)
+        fine = stranger.rig.recorded(noise(stranger.before + SECONDS, FINE, level, stranger.band, 100 * seed + k), FINE)
         channels = {}
         for name, quantity in stranger.rig.quantities().items():
             values: FloatArray = np.roll(fine[name], stranger.late.get(name, 0)) * stranger.gains.get(name, 1.0)
             values = fftconvolve(values, FILTER, mode="same")[:: round(FINE / RATE)]
+            values = values[round(stranger.before * RATE) :]
             values = values + draw.normal(0.0, NOISE * values.std(), len(values))
             channels[name] = Channel(name=name, samples=values, quantity=quantity, unit=SI_UNIT[quantity])
         runs.append(Run(id=f"r{k}", configuration="unlocked", sample_rate=RATE, gain=level, channels=channels,

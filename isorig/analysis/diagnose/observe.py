@@ -123,7 +123,7 @@ def _simulated_swings(model: RigModel, trial: Trial) -> dict[str, tuple[float, f
     )
     seen = simulate(
         msgspec.structs.replace(model, sensors=(*model.sensors, *gauges)), trial.excitation,
-        configuration=trial.run.configuration, start_time=trial.start_time,
+        configuration=trial.run.configuration, start_time=trial.start_time, start=trial.start_of(model),
     ).channels  # fmt: skip
     most = {gauge.channel: float(np.abs(seen[gauge.channel]).max()) for gauge in gauges}
     return {link.name: (most[f"velocity {link.name}"], most[f"displacement {link.name}"]) for link in free}

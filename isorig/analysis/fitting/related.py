@@ -58,8 +58,9 @@ def related(model: RigModel, trials: Sequence[Trial]) -> bool:
         try:
             left = trial.measured - expected(model, trial)
             motion = simulate(
-                watched, trial.excitation, configuration=trial.run.configuration, start_time=trial.start_time
-            ).channels
+                watched, trial.excitation, configuration=trial.run.configuration, start_time=trial.start_time,
+                start=trial.start_of(model),
+            ).channels  # fmt: skip
         except (SimulationError, ModelError):
             return [(0.0, True)]
         drive = trial.excitation.recorded

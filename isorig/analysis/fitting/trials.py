@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from threading import Lock
@@ -13,12 +13,13 @@ import numpy as np
 
 from isorig.analysis.campaign import MOTION, Campaign, FloatArray, Run
 from isorig.analysis.errors import DataError
+from isorig.analysis.fitting.initial_state import MovingStart, PreparedRun, State, begins_in_motion, moving_start
 from isorig.analysis.model.linear import floats
 from isorig.analysis.model.rig_model import GROUND, RigModel
 from isorig.analysis.simulate import Excitation, record, simulate
-from isorig.analysis.simulate.free_run import excitation_of, true_drives
+from isorig.analysis.simulate.free_run import NOWHERE, excitation_of, true_drives
 from isorig.analysis.simulate.inverse import DECIMATION, Motion, decimated, motion_from, required_drive
-from isorig.analysis.simulate.sampling import FLAT, within
+from isorig.analysis.simulate.sampling import FLAT, TAPS, within
 from isorig.analysis.spectra.hum import hum
 from isorig.analysis.spectra.noise import noise_levels, rests
 
@@ -71,6 +72,8 @@ class Trial:
         decimated, and `shaken` the same motion with additional sensor noise.
     usable
         Highest frequency in Hz at which errors count.
+    moving
+        The start of a run that begins in motion; None of a run that begins at rest, or in a described state.
     """
 
     run: Run
@@ -85,6 +88,7 @@ class Trial:
     motion: Motion | None = None
     shaken: Motion | None = None
     usable: float = np.inf
+    moving: MovingStart | None = None
 
     @property
     def sample_rate(self) -> float:
@@ -103,7 +107,7 @@ class Trial:
 
     @cached_property
     def _cache(self) -> _Cache:
-        return _Cache({}, {}, Lock())
+        return _Cache({}, {}, {}, Lock())
 
     def on_grid(self, oversample: int) -> Trial:
         """The trial with that many simulation steps per sample; prepared once."""
@@ -125,13 +129,15 @@ class Trial:
         The last `CACHED` motions are kept; models that differ in their sensors' faults only share one.
         """
         sound, cache = model.without_faults, self._cache
-        key = (sound.moving_in(self.run.configuration), samples)
+        # The state at the start follows from the records, and so from their faults.
+        key = (sound.moving_in(self.run.configuration) if self.moving is None else self.seen_of(model), samples)
         with cache.lock:
             motion = cache.motions.get(key)
         if motion is None:
             response = simulate(
-                sound, self.excitation, configuration=self.run.configuration, start_time=self.start_time, samples=samples
-            )
+                sound, self.excitation, configuration=self.run.configuration, start_time=self.start_time, samples=samples,
+                start=self.start_of(model),
+            )  # fmt: skip
             drives = {name: values[:samples] for name, values in true_drives(sound, self.excitation).items()}
             motion = {**drives, **response.channels}
             with cache.lock:
@@ -140,11 +146,27 @@ class Trial:
                 cache.motions[key] = motion
         return motion
 
+    def start_of(self, model: RigModel) -> State:
+        """The state at the first sample of a run that begins in motion, with this model; empty of any other run."""
+        if self.moving is None:
+            return NOWHERE
+        key, cache = self.seen_of(model), self._cache
+        with cache.lock:
+            start = cache.starts.get(key)
+        if start is None:
+            start = self.moving.state(model, self.excitation)
+            with cache.lock:
+                while len(cache.starts) >= CACHED:
+                    del cache.starts[next(iter(cache.starts))]
+                cache.starts[key] = start
+        return start
+
 
 class _Cache(NamedTuple):
-    # What a trial has computed: its simulated motions by model and number of samples, the oldest first, and itself on other
-    # grids. Several threads may simulate one trial.
+    # What a trial has computed: its simulated motions by model and number of samples and its states at the start by model, the
+    # oldest first, and itself on other grids. Several threads may simulate one trial.
     motions: dict[tuple[bytes, int], dict[str, FloatArray]]
+    starts: dict[bytes, State]
     grids: dict[int, Trial]
     lock: Lock
 
@@ -152,8 +174,9 @@ class _Cache(NamedTuple):
 def expected(model: RigModel, trial: Trial, motion: Mapping[str, FloatArray] | None = None) -> FloatArray:
     """Predicted records of a rig's sensors in a trial, in a free run from its first sample, shape (channels, n).
 
-    Above the usable frequency a prediction has the record's own content: there the record depends on the converter's filter,
-    which is not known. The difference of both has passed one low-pass.
+    The first records of a run that begins in motion depend on the motion before, and those above the usable frequency on the
+    converter's filter, which is not known: there a prediction has the record's own content. The difference of both has passed
+    one low-pass.
 
     Parameters
     ----------
@@ -172,6 +195,8 @@ def expected(model: RigModel, trial: Trial, motion: Mapping[str, FloatArray] | N
     if trial.motion is not None:
         return required_drive(model, trial.motion)[None, : trial.samples if motion is None else trial.fitted]
     predicted = simulated(model, trial, true_motion(model, trial, trial.samples) if motion is None else motion)
+    if trial.moving is not None:
+        predicted[:, :TAPS] = trial.measured[:, :TAPS]
     if trial.usable >= trial.sample_rate / 2.0:
         return predicted
     measured = trial.measured[:, : predicted.shape[1]]
@@ -269,7 +294,23 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
         )
     if not trials:
         raise DataError(f"{campaign.source or 'the campaign'} has no run that a fit can use; measure at least one")
-    return tuple(trials)
+    return _with_starts(trials, model)
+
+
+def _with_starts(trials: Sequence[Trial], model: RigModel) -> tuple[Trial, ...]:
+    # Runs of one campaign are cut alike: if one begins in motion, so do all whose initial state is not described.
+    runs = {}
+    for index, trial in enumerate(trials):
+        setup = model.configurations[trial.run.configuration]
+        if trial.motion is None and not (setup.initial_position or setup.initial_velocity):
+            runs[index] = PreparedRun(
+                configuration=trial.run.configuration, start_time=trial.start_time, excitation=trial.excitation,
+                measured=trial.measured, noise=trial.noise,
+            )  # fmt: skip
+    if not any(begins_in_motion(model, run) for run in runs.values()):
+        return tuple(trials)
+    starts = {index: moving_start(model, run, SIGNAL_SHARE) for index, run in runs.items()}
+    return tuple(replace(trial, moving=starts.get(index)) for index, trial in enumerate(trials))
 
 
 def fit_samples(measured: FloatArray) -> int:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate.compiled import compile_rig
-from isorig.analysis.simulate.free_run import Response, imposed_start, response_of, run_rig, sense_of, true_fine
+from isorig.analysis.simulate.free_run import NOWHERE, Response, imposed_start, response_of, run_rig, sense_of, true_fine
 from isorig.analysis.simulate.sampling import TAPS, Excitation
 from isorig.analysis.simulate.trace import with_forces
 
@@ -19,8 +21,9 @@ def simulate(
     start_time: float = 0.0,
     as_recorded: bool = False,
     samples: int | None = None,
+    start: Mapping[str, tuple[float, float]] = NOWHERE,
 ) -> Response:
-    """Simulate the rig from rest, or from the initial state of the configuration.
+    """Simulate the rig from rest, or from an initial state.
 
     Parameters
     ----------
@@ -36,6 +39,8 @@ def simulate(
         Whether the faults of the sensors' chains are included.
     samples
         Number of samples; all if None.
+    start
+        Initial position (m) and velocity (m/s) of bodies, instead of the initial state of the configuration.
 
     Raises
     ------
@@ -59,9 +64,10 @@ def simulate(
     sense = sense_of(model, compile_rig(model, configuration, h))
     if any(sensor.force_in is not None for sensor in model.sensors):
         return with_forces(
-            model, excitation, configuration=configuration, start_time=start_time, as_recorded=as_recorded, samples=n, steps=total
+            model, excitation, configuration=configuration, start_time=start_time, as_recorded=as_recorded, samples=n,
+            steps=total, start=start,
         )  # fmt: skip
     motion = np.empty((len(model.sensors), total))
-    fine, begun = true_fine(model, excitation)[:, :total], imposed_start(model, excitation)
+    fine, begun = true_fine(model, excitation)[:, :total], {**start, **imposed_start(model, excitation)}
     run_rig(model, configuration, fine, h, start_time, sense, motion, begun=begun)
     return response_of(model, excitation, motion, n, as_recorded=as_recorded)

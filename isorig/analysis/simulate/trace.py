@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,7 @@ from isorig.analysis.laws.base import NO_LINK
 from isorig.analysis.model.linear import imposed_coordinates, linear_part
 from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel, direction
 from isorig.analysis.simulate.compiled import Compiled, compile_rig
-from isorig.analysis.simulate.free_run import Response, imposed_start, response_of, run_rig, sense_of, true_fine
+from isorig.analysis.simulate.free_run import NOWHERE, Response, imposed_start, response_of, run_rig, sense_of, true_fine
 from isorig.analysis.simulate.sampling import Excitation, sampled
 
 #: Memory added for changes of state whenever the log is full.
@@ -130,7 +131,14 @@ class _Inside:
     step: float
 
 
-def _run(model: RigModel, excitation: Excitation, configuration: str, start_time: float, total: int) -> _Inside:
+def _run(
+    model: RigModel,
+    excitation: Excitation,
+    configuration: str,
+    start_time: float,
+    total: int,
+    start: Mapping[str, tuple[float, float]] = NOWHERE,
+) -> _Inside:
     h = 1.0 / (excitation.sample_rate * excitation.oversample)
     compiled = compile_rig(model, configuration, h)
     order, curves = compiled.basis.shape[1], len(compiled.rig.codes)
@@ -139,10 +147,10 @@ def _run(model: RigModel, excitation: Excitation, configuration: str, start_time
     states, curved = np.zeros((2 * order, steps)), np.zeros((curves, steps))
     modes = np.zeros(steps, dtype=np.int64)
     log = np.zeros((0, 3))
+    begun = {**start, **imposed_start(model, excitation)}
     while True:
         changes, compiled = run_rig(
-            model, configuration, u, h, start_time, np.eye(2 * order), states, begun=imposed_start(model, excitation),
-            curved=curved, modes=modes, log=log,
+            model, configuration, u, h, start_time, np.eye(2 * order), states, begun=begun, curved=curved, modes=modes, log=log,
         )  # fmt: skip
         if changes <= len(log):
             break
@@ -256,9 +264,10 @@ def with_forces(
     as_recorded: bool,
     samples: int,
     steps: int,
+    start: Mapping[str, tuple[float, float]] = NOWHERE,
 ) -> Response:
     """Simulate a rig in which some sensors record forces, see `isorig.analysis.simulate.simulation.simulate`."""
-    inside = _run(model, excitation, configuration, start_time, steps)
+    inside = _run(model, excitation, configuration, start_time, steps, start)
     return _response(model, excitation, inside, configuration, samples, as_recorded=as_recorded)
 
 

@@ -1,0 +1,259 @@
+"""The state of a rig at the start of a run that begins in motion, from the run's first records and the model.
+
+A shaker that runs on while records are cut out of its motion leaves a free vibration in each record that the recorded drive does
+not explain. A simulation from rest errs by it until it has decayed: for many periods, and for good where impacts make two motions
+differ. So positions and velocities at the first sample are determined anew for every model by least squares from the records of
+the first period, and a weak prior: they are like those of the run. An offset of each sensor, up to the mean of its record, is
+determined with them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import msgspec
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.errors import ModelError, SimulationError
+from isorig.analysis.model.linear import imposed_coordinates, linear_part
+from isorig.analysis.model.rig_model import GROUND, RigModel, Sensor
+from isorig.analysis.simulate import Excitation, record, simulate
+from isorig.analysis.simulate.free_run import true_drives
+from isorig.analysis.simulate.natural import natural_modes
+from isorig.analysis.simulate.sampling import TAPS
+
+#: Position (m, rad) and velocity (m/s, rad/s) of each body.
+State = Mapping[str, tuple[float, float]]
+
+#: A run begins in motion if a simulation from rest errs in its first moments by more than this share of a channel's rms, and by
+#: more than this multiple of its noise. Chosen: the free vibration of a smaller one is small.
+MOVING, ABOVE_NOISE = 0.3, 6.0
+#: How many times the first records may exceed a simulation from rest. Chosen: gains and masses of a description err by less.
+SCALE = 3.0
+#: These moments, in periods of the highest mode, and their least number of samples: the springs have not acted much yet.
+MOMENTS, FEWEST = 0.1, 4
+#: Records that determine the state, in periods of the lowest mode, and their least number of samples for each unknown value.
+PERIODS, SAMPLES = 1.0, 4
+#: Least squares end where a step reduces the squared error by less than this share, and after this number of steps.
+ENDS, EVALUATIONS = 1e-4, 12
+#: Shares of these records that determine it one after the other: a nonlinear rig soon leaves the motion of its linear part.
+GROWING = (0.25, 0.5, 1.0)
+#: Finite differences as a share of the motion.
+DIFFERENCE = 0.01
+#: Motion (m, m/s) of a simulated rig below which friction holds it.
+HELD = 1e-9
+#: Standard deviation of the prior as a multiple of the rms of the motion: so weak that it only holds what no record shows.
+PRIOR = 10.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class PreparedRun:
+    """What decides whether a run begins in motion.
+
+    Parameters
+    ----------
+    configuration, start_time
+        Of the run; seconds since the start of the campaign.
+    excitation
+        The recorded drive.
+    measured
+        The responses, shape (channels, n).
+    noise
+        Standard deviation of each channel's sensor noise, shape (channels,).
+    """
+
+    configuration: str
+    start_time: float
+    excitation: Excitation
+    measured: FloatArray
+    noise: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class MovingStart:
+    """The start of a run that begins in motion.
+
+    Parameters
+    ----------
+    configuration, start_time
+        Of the run; seconds since the start of the campaign.
+    measured
+        The first records, shape (channels, n); the first `TAPS` of them are not compared: they depend on the motion before.
+    sigma, offset
+        Allowed error of each channel and magnitude of its mean over the run, shape (channels,).
+    sizes
+        Rms of position and velocity of each body in this run.
+    near
+        The state with the linear part of the rig as described.
+    """
+
+    configuration: str
+    start_time: float
+    measured: FloatArray
+    sigma: FloatArray
+    offset: FloatArray
+    sizes: State
+    near: State = field(default_factory=dict)
+
+    def state(self, model: RigModel, excitation: Excitation) -> State:
+        """The state at the first sample with this model.
+
+        Parameters
+        ----------
+        model
+            The rig with the faults of its measurement chain.
+        excitation
+            The recorded drive.
+
+        Raises
+        ------
+        SimulationError
+            If the motion grows without bound.
+        """
+        from scipy.optimize import least_squares
+
+        names, basis = _free_basis(model, self.configuration)
+        width, (count, whole) = basis.shape[1], self.measured.shape
+        most = np.maximum(np.max([list(size) for size in self.sizes.values()], axis=0), HELD)
+        sizes = np.maximum(np.array([self.sizes.get(name, tuple(most)) for name in names]).T, 1e-3 * most[:, None])
+        prior = np.vstack([np.kron(np.eye(2)[k], basis / (PRIOR * sizes[k][:, None])) for k in range(2)])
+        weak = np.diag(1.0 / np.maximum(self.offset, self.sigma))
+        scale = np.repeat(sizes.max(axis=1), width)
+
+        def fitted(first: FloatArray, n: int) -> FloatArray:
+            begin, measured = excitation.beginning(n), self.measured[:, TAPS:n]
+            # The offsets are linear: their columns below those of the state.
+            constant = np.kron(np.diag(1.0 / self.sigma), np.ones((n - TAPS, 1)))
+            offsets = np.vstack([constant, np.zeros((len(prior), count)), weak])
+
+            def left(values: FloatArray) -> FloatArray:
+                start = _state_of(names, basis, values[: 2 * width])
+                predicted = _records(model, begin, self.configuration, self.start_time, n, start)[:, TAPS:]
+                errors = ((predicted - measured) / self.sigma[:, None]).ravel()
+                rows = np.concatenate([errors, prior @ values[: 2 * width], np.zeros(count)])
+                return np.asarray(rows + offsets @ values[2 * width :])
+
+            def slopes(values: FloatArray) -> FloatArray:
+                middle = left(values)
+                moved = np.pad(np.diag(DIFFERENCE * scale), ((0, 0), (0, count)))
+                return np.column_stack([*((left(values + row) - middle) / row.sum() for row in moved), offsets])
+
+            found = least_squares(
+                left, first, jac=slopes, x_scale=np.concatenate([scale, self.sigma]), ftol=ENDS, max_nfev=EVALUATIONS
+            )
+            return np.asarray(found.x)
+
+        near = np.array([self.near.get(name, (0.0, 0.0)) for name in names])
+        values = np.concatenate([np.linalg.lstsq(basis, near, rcond=None)[0].T.ravel(), np.zeros(count)])
+        for part in GROWING:
+            n = TAPS + round(part * (whole - TAPS))
+            if n - TAPS >= SAMPLES * 2 * width:
+                values = fitted(values, n)
+        return _state_of(names, basis, values[: 2 * width])
+
+
+def moving_start(model: RigModel, run: PreparedRun, allowed: float) -> MovingStart | None:
+    """The start of a run, or None where too little is known of it: an overdamped rig, a motion that grows without bound.
+
+    Parameters
+    ----------
+    model
+        The rig as described.
+    run
+        The run.
+    allowed
+        Error that is allowed beside the noise, as a share of a channel's rms.
+    """
+    modes = natural_modes(model, run.configuration)
+    if not modes:
+        return None
+    width = _free_basis(model, run.configuration)[1].shape[1]
+    period = run.excitation.sample_rate / modes[0].frequency
+    n = TAPS + int(max(PERIODS * period, SAMPLES * 2 * width))
+    if n > run.measured.shape[1] // 2:
+        return None
+    linear = msgspec.structs.replace(
+        model, contacts=(), links=tuple(msgspec.structs.replace(link, laws=()) for link in model.links), free=()
+    )
+    rms, offset = run.measured.std(axis=1), np.abs(run.measured.mean(axis=1))
+    try:
+        begun = MovingStart(
+            configuration=run.configuration, start_time=run.start_time, measured=run.measured[:, :n], offset=offset,
+            sigma=np.maximum(np.hypot(run.noise, allowed * rms), 1e-300), sizes=_sizes(linear, run),
+        )  # fmt: skip
+        return replace(begun, near=begun.state(linear, run.excitation))
+    except (SimulationError, ModelError):
+        return None
+
+
+def begins_in_motion(model: RigModel, run: PreparedRun) -> bool:
+    """Whether a run begins in motion: its first records do not follow from the drive since its first sample.
+
+    From rest, the first records of each sensor are between those of the described rig and those of the same without friction: a
+    sum of both simulations with factors from zero to `SCALE`.
+    """
+    modes = natural_modes(model, run.configuration)
+    if not modes:
+        return False
+    n = max(round(MOMENTS * run.excitation.sample_rate / modes[-1].frequency), FEWEST)
+    rigs = (model, msgspec.structs.replace(model, contacts=(), free=())) if model.contacts else (model,)
+    begin = run.excitation.beginning(n)
+    try:
+        rest = [_records(rig, begin, run.configuration, run.start_time, n, {}) for rig in rigs]
+    except (SimulationError, ModelError):
+        return False
+    return any(
+        # A sensor with an offset shows no motion: about its mean it is at rest, too.
+        min(_beyond(row[:n] - offset, *each) for offset in (0.0, row.mean())) > max(MOVING * row.std(), ABOVE_NOISE * noise)
+        for row, noise, *each in zip(run.measured, run.noise, *rest, strict=True)
+    )
+
+
+def _beyond(signal: FloatArray, *rest: FloatArray) -> float:
+    # Largest difference of a record from simulations from rest, each with a factor from zero to `SCALE`.
+    from scipy.optimize import lsq_linear
+
+    inputs = np.stack(rest, axis=1)
+    size = max(float(np.abs(inputs).max()), 1e-300)
+    factors = lsq_linear(inputs / size, signal / size, bounds=(0.0, SCALE)).x
+    return float(np.abs(signal - inputs @ factors).max())
+
+
+def _free_basis(model: RigModel, configuration: str) -> tuple[list[str], FloatArray]:
+    # Names of all bodies, and the matrix from the coordinates that are neither locked nor imposed to their positions.
+    basis = linear_part(model, configuration)[0]
+    loose = np.setdiff1d(np.arange(basis.shape[1]), list(imposed_coordinates(model, basis).values()))
+    return [body.name for body in model.bodies], basis[:, loose]
+
+
+def _state_of(names: list[str], basis: FloatArray, values: FloatArray) -> State:
+    position, velocity = (basis @ half for half in np.split(values, 2))
+    return {name: (float(x), float(v)) for name, x, v in zip(names, position, velocity, strict=True)}
+
+
+def _records(model: RigModel, excitation: Excitation, configuration: str, start_time: float, n: int, start: State) -> FloatArray:
+    motion = simulate(model, excitation, configuration=configuration, start_time=start_time, samples=n, start=start).channels
+    drives = {name: values[:n] for name, values in true_drives(model, excitation).items()}
+    recorded = record(model, {**drives, **motion}, excitation.sample_rate)
+    return np.stack([recorded[sensor.channel] for sensor in model.sensors])
+
+
+def _sizes(model: RigModel, run: PreparedRun) -> State:
+    # Rms of each body's position and velocity in a simulation from rest, relative to an imposed motion: that may drift.
+    ground = next(iter(model.imposed), GROUND)
+    gauges = [
+        Sensor(channel=f"{quantity} {body.name}", body=body.name, relative_to=ground, quantity=quantity)
+        for body in model.bodies
+        if body.name != ground
+        for quantity in ("displacement", "velocity")
+    ]
+    watched = msgspec.structs.replace(model, sensors=tuple(gauges))
+    seen = simulate(watched, run.excitation, configuration=run.configuration, start_time=run.start_time).channels
+    rms = {name: float(np.sqrt(np.mean(values**2))) for name, values in seen.items()}
+    return {
+        body.name: (rms[f"displacement {body.name}"], rms[f"velocity {body.name}"])
+        for body in model.bodies
+        if body.name != ground
+    }

@@ -1,0 +1,138 @@
+"""The state of a rig at the start of a run that begins in motion, beside scipy's integration of the same rig."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import msgspec
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
+from isorig.analysis.fitting import initial_state
+from isorig.analysis.fitting.initial_state import PreparedRun, begins_in_motion, moving_start
+from isorig.analysis.fitting.trials import expected, prepare
+from isorig.analysis.laws import Cubic
+from isorig.analysis.model.rig_model import Body, Configuration, Drive, Link, RigModel, Sensor
+from isorig.analysis.simulate import Excitation, simulate
+
+RATE, SECONDS, CUT = 256.0, 24.0, 8.0
+MASS, STIFFNESS, DAMPING, CUBIC = 4.0, 4e3, 4.0, 4e7
+#: Frequencies (Hz) and phases of the drive, 8 N each.
+TONES = np.random.default_rng(3).uniform(1.0, 12.0, 12), np.random.default_rng(4).uniform(0.0, 2.0 * np.pi, 12)
+RIG = RigModel(
+    name="a mass on a spring",
+    bodies=(Body(name="m", mass=MASS),),
+    links=(Link(name="l", a="m", stiffness=STIFFNESS, damping=DAMPING, laws=(Cubic(cubic_stiffness=CUBIC),)),),
+    configurations={"free": Configuration()},
+    drive=Drive(channel="force", pushes={"m": 1.0}),
+    sensors=(Sensor(channel="x", body="m", quantity="displacement"),),
+)
+LINEAR = msgspec.structs.replace(RIG, links=(msgspec.structs.replace(RIG.links[0], laws=()),))
+
+
+def force(t: FloatArray) -> FloatArray:
+    return np.asarray(8.0 * np.sin(2.0 * np.pi * np.multiply.outer(t, TONES[0]) + TONES[1]).sum(axis=-1))
+
+
+@lru_cache
+def motion() -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Force, position and velocity by scipy, from rest."""
+
+    def rates(t: float, state: FloatArray) -> list[float]:
+        x, v = state
+        return [v, float(force(np.asarray(t)) - STIFFNESS * x - DAMPING * v - CUBIC * x**3) / MASS]
+
+    t = np.arange(round(SECONDS * RATE)) / RATE
+    found = solve_ivp(rates, (0.0, SECONDS), (0.0, 0.0), t_eval=t, rtol=1e-10, atol=1e-13, method="DOP853")
+    return force(t), found.y[0], found.y[1]
+
+
+def campaign(first: int) -> Campaign:
+    drive, x, _ = motion()
+    noisy = x + np.random.default_rng(1).normal(0.0, 1e-3 * x.std(), len(x))
+    channels = {
+        "force": Channel(name="force", samples=drive[first:], quantity="force", unit="N"),
+        "x": Channel(name="x", samples=noisy[first:], quantity="displacement", unit="m"),
+    }
+    return Campaign(runs=(Run(id="r", configuration="free", sample_rate=RATE, gain=1.0, channels=channels),), source="scipy")
+
+
+def test_the_state_at_the_start_is_that_of_another_integrator() -> None:
+    first = round(CUT * RATE)
+    (trial,) = prepare(campaign(first), LINEAR)
+    _, x, v = motion()
+    position, velocity = trial.start_of(RIG)["m"]
+    assert abs(position - x[first]) < 0.01 * x.std()
+    assert abs(velocity - v[first]) < 0.01 * v.std()
+
+
+def test_a_prediction_of_a_run_that_begins_in_motion_is_right_from_its_start() -> None:
+    (trial,) = prepare(campaign(round(CUT * RATE)), LINEAR)
+    second = round(RATE)
+
+    def error(moving: bool) -> float:
+        left = expected(RIG, trial if moving else replace(trial, moving=None)) - trial.measured
+        return float(left[0, :second].std() / trial.measured.std())
+
+    assert error(moving=False) > 0.3
+    assert error(moving=True) < 0.01
+
+
+def test_a_run_from_rest_is_simulated_from_rest() -> None:
+    (trial,) = prepare(campaign(0), LINEAR)
+    assert trial.moving is None
+    assert trial.start_of(RIG) == {}
+
+
+def run_of(measured: FloatArray, noise: float = 1e-9) -> PreparedRun:
+    return PreparedRun(
+        configuration="free", start_time=0.0, excitation=Excitation.prepare(motion()[0], RATE), measured=measured[None],
+        noise=np.array([noise]),
+    )  # fmt: skip
+
+
+def from_rest() -> FloatArray:
+    return simulate(LINEAR, Excitation.prepare(motion()[0], RATE)).channels["x"]
+
+
+def jumped(height: float) -> FloatArray:
+    """A record without mean whose first value is that many of its rms away from rest, and the next ones on the other side."""
+    values = np.tile([height, -height], len(motion()[0]) // 2)
+    values[8:] = np.resize([1.0, -1.0], len(values) - 8)
+    return values / values.std()
+
+
+@pytest.mark.parametrize(("ratio", "moves"), [(0.97, False), (1.03, True)])
+def test_a_start_counts_from_three_tenths_of_the_motion(ratio: float, moves: bool) -> None:
+    assert begins_in_motion(LINEAR, run_of(jumped(ratio * initial_state.MOVING))) is moves
+    assert initial_state.MOVING == 0.3
+
+
+@pytest.mark.parametrize(("ratio", "moves"), [(0.97, False), (1.03, True)])
+def test_a_start_counts_above_six_standard_deviations_of_the_noise(ratio: float, moves: bool) -> None:
+    assert begins_in_motion(LINEAR, run_of(jumped(0.6), noise=0.6 / (ratio * 6.0))) is moves
+
+
+@pytest.mark.parametrize(("factor", "moves"), [(0.0, False), (2.9, False), (4.0, True)])
+def test_a_rig_that_moves_up_to_three_times_as_much_as_described_began_at_rest(factor: float, moves: bool) -> None:
+    # The first moments are lifted to the size of the whole motion, so that a factor shows.
+    rest = from_rest()
+    rest[:8] *= 0.5 * rest.std() / np.abs(rest[:5]).max()
+    lifted = msgspec.structs.replace(LINEAR, drive=Drive(channel="force", pushes={"m": float(rest[4] / from_rest()[4])}))
+    measured = rest.copy()
+    measured[:8] *= factor
+    assert begins_in_motion(lifted, run_of(measured)) is moves
+
+
+def test_an_offset_is_no_motion() -> None:
+    x = motion()[1]
+    assert not begins_in_motion(LINEAR, run_of(x + 5.0 * x.std()))
+
+
+def test_a_run_shorter_than_two_periods_is_simulated_from_rest() -> None:
+    run = run_of(motion()[1])
+    assert moving_start(LINEAR, run, 0.01) is not None
+    assert moving_start(LINEAR, replace(run, measured=run.measured[:, :120]), 0.01) is None
