@@ -15,10 +15,10 @@ from dataclasses import dataclass, field, replace
 import msgspec
 import numpy as np
 
-from isorig.analysis.campaign import FloatArray
+from isorig.analysis.campaign import MOTION, FloatArray
 from isorig.analysis.errors import ModelError, SimulationError
 from isorig.analysis.model.linear import imposed_coordinates, linear_part
-from isorig.analysis.model.rig_model import GROUND, RigModel, Sensor
+from isorig.analysis.model.rig_model import GROUND, RigModel, Sensor, direction
 from isorig.analysis.simulate import Excitation, record, simulate
 from isorig.analysis.simulate.free_run import true_drives
 from isorig.analysis.simulate.natural import natural_modes
@@ -121,9 +121,13 @@ class MovingStart:
         prior = np.vstack([np.kron(np.eye(2)[k], basis / (PRIOR * sizes[k][:, None])) for k in range(2)])
         weak = np.diag(1.0 / np.maximum(self.offset, self.sigma))
         scale = np.repeat(sizes.max(axis=1), width)
+        forces = any(sensor.force_in is not None for sensor in model.sensors)
+        nonlinear = forces or bool(model.contacts) or any(link.laws for link in model.links)
 
         def fitted(first: FloatArray, n: int) -> FloatArray:
             begin, measured = excitation.beginning(n), self.measured[:, TAPS:n]
+            decay = None if nonlinear else _free_decay(model, self.configuration, excitation.sample_rate, n)[:, TAPS:]
+            linear = None if decay is None else (decay / self.sigma[:, None, None]).reshape(-1, 2 * width)
             # The offsets are linear: their columns below those of the state.
             constant = np.kron(np.diag(1.0 / self.sigma), np.ones((n - TAPS, 1)))
             offsets = np.vstack([constant, np.zeros((len(prior), count)), weak])
@@ -136,6 +140,8 @@ class MovingStart:
                 return np.asarray(rows + offsets @ values[2 * width :])
 
             def slopes(values: FloatArray) -> FloatArray:
+                if linear is not None:
+                    return np.hstack([np.vstack([linear, prior, np.zeros((count, 2 * width))]), offsets])
                 middle = left(values)
                 moved = np.pad(np.diag(DIFFERENCE * scale), ((0, 0), (0, count)))
                 return np.column_stack([*((left(values + row) - middle) / row.sum() for row in moved), offsets])
@@ -147,7 +153,7 @@ class MovingStart:
 
         near = np.array([self.near.get(name, (0.0, 0.0)) for name in names])
         values = np.concatenate([np.linalg.lstsq(basis, near, rcond=None)[0].T.ravel(), np.zeros(count)])
-        for part in GROWING:
+        for part in GROWING if nonlinear else GROWING[-1:]:
             n = TAPS + round(part * (whole - TAPS))
             if n - TAPS >= SAMPLES * 2 * width:
                 values = fitted(values, n)
@@ -231,6 +237,34 @@ def _free_basis(model: RigModel, configuration: str) -> tuple[list[str], FloatAr
 def _state_of(names: list[str], basis: FloatArray, values: FloatArray) -> State:
     position, velocity = (basis @ half for half in np.split(values, 2))
     return {name: (float(x), float(v)) for name, x, v in zip(names, position, velocity, strict=True)}
+
+
+def _free_decay(model: RigModel, configuration: str, rate: float, n: int) -> FloatArray:
+    # Records of the linear rig's free vibration from each position and velocity of one, shape (channels, n, 2 coordinates).
+    from scipy.linalg import expm
+
+    basis, *matrices = linear_part(model, configuration)
+    loose = np.setdiff1d(np.arange(basis.shape[1]), list(imposed_coordinates(model, basis).values()))
+    basis = basis[:, loose]
+    mass, damping, stiffness = (basis.T @ matrix @ basis for matrix in matrices)
+    width = len(mass)
+    rates = np.block(
+        [
+            [np.zeros((width, width)), np.eye(width)],
+            [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)],
+        ]
+    )
+    step = expm(rates / rate)
+    states = [np.eye(2 * width)]
+    for _ in range(n - 1):
+        states.append(step @ states[-1])
+    rows = []
+    for sensor in model.sensors:
+        across = direction(model, sensor.body, sensor.relative_to, sensor.arms) @ basis
+        order = MOTION[sensor.quantity]
+        row = np.concatenate([across, np.zeros(width)])
+        rows.append(sensor.chain.gain * row @ np.linalg.matrix_power(rates, order))
+    return np.asarray(np.einsum("cs,nst->cnt", np.stack(rows), np.stack(states)))
 
 
 def _records(model: RigModel, excitation: Excitation, configuration: str, start_time: float, n: int, start: State) -> FloatArray:
