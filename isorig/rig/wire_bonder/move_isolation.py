@@ -130,7 +130,7 @@ def isolation_by_level(
     distance
         m.
     accelerations
-        Peaks of the head's acceleration, m/s^2.
+        Peaks of the head's acceleration, m/s^2, shape (levels,).
     tolerance
         Tolerance of the bond, m in either direction.
 
