@@ -131,6 +131,9 @@ def test_derivatives_hold_along_a_narrow_valley() -> None:
 @pytest.mark.filterwarnings("error")
 def test_a_simulation_that_diverges_by_a_step_has_no_slope() -> None:
     class Diverging:
+        def about(self, _: RigModel) -> object:
+            return self
+
         def residuals(self, models: list[RigModel]) -> FloatArray:
             return np.array([[1e200, np.inf, np.nan, 2e-5 * 1e99, 1e-5]] * len(models))
 

@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
 from isorig.analysis.fitting import initial_state
 from isorig.analysis.fitting.initial_state import PreparedRun, begins_in_motion, moving_start
+from isorig.analysis.fitting.solve import Free, Problem, jacobian_of
 from isorig.analysis.fitting.trials import expected, prepare
 from isorig.analysis.laws import Cubic
 from isorig.analysis.model.rig_model import Body, Configuration, Drive, Link, RigModel, Sensor
@@ -79,6 +80,22 @@ def test_a_prediction_of_a_run_that_begins_in_motion_is_right_from_its_start() -
 
     assert error(moving=False) > 0.3
     assert error(moving=True) < 0.01
+
+
+def test_derivatives_of_a_fit_follow_the_state_at_the_start() -> None:
+    """By one linear step for each parameter; anew for each they are the same and take ten times as long."""
+    (trial,) = prepare(campaign(round(CUT * RATE)), LINEAR)
+    problem, path = Problem([trial]), "links.l.stiffness"
+    free = Free(path=path)
+
+    def at(coordinates: FloatArray) -> RigModel:
+        return RIG.replace({path: free.decode(coordinates[0])})
+
+    here = np.array([free.encode(STIFFNESS)])
+    ahead, middle = problem.residuals([at(here + free.step), at(here)])
+    anew = (ahead - middle) / free.step
+    jacobian = jacobian_of(problem, at, here, [free], middle)[:, 0]
+    assert np.linalg.norm(jacobian - anew) < 0.05 * np.linalg.norm(anew)
 
 
 def test_a_run_from_rest_is_simulated_from_rest() -> None:

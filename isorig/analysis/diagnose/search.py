@@ -530,7 +530,8 @@ class Screened:
     @cached_property
     def _screen(self) -> Screen:
         problem = Problem(shortened(self.job.trials, self.job.seconds))
-        return Screen(fit(self.job.current.model, self.job.current.free, problem, iterations=3, tolerance=CLOSE), problem)
+        current = fit(self.job.current.model, self.job.current.free, problem, iterations=3, tolerance=CLOSE)
+        return Screen(current, problem.about(current.model))
 
     @cached_property
     def _screened(self) -> list[ScreenedCandidate]:

@@ -87,6 +87,9 @@ class MovingStart:
         Rms of position and velocity of each body in this run.
     near
         The state with the linear part of the rig as described.
+    values, inverse
+        Coordinates and speeds at the start and offsets of the sensors with one model, and the inverse of their derivatives, for
+        models close to it; empty otherwise.
     """
 
     configuration: str
@@ -96,6 +99,8 @@ class MovingStart:
     offset: FloatArray
     sizes: State
     near: State = field(default_factory=dict)
+    values: FloatArray = field(default_factory=lambda: np.zeros(0))
+    inverse: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def state(self, model: RigModel, excitation: Excitation) -> State:
         """The state at the first sample with this model.
@@ -112,52 +117,81 @@ class MovingStart:
         SimulationError
             If the motion grows without bound.
         """
+        return self._whole(model, excitation).state_of(self._values(model, excitation))
+
+    def about(self, model: RigModel, excitation: Excitation) -> MovingStart:
+        """The same start for models close to one: their states follow from its state by one linear step, with its derivatives."""
+        values = self._values(model, excitation)
+        slopes = self._whole(model, excitation).slopes(values)
+        return replace(self, values=values, inverse=np.asarray(np.linalg.pinv(slopes)))
+
+    def _whole(self, model: RigModel, excitation: Excitation) -> _Errors:
+        return _Errors(self, model, excitation, self.measured.shape[1])
+
+    def _values(self, model: RigModel, excitation: Excitation) -> FloatArray:
+        # Coordinates and speeds at the start, and offsets of the sensors.
         from scipy.optimize import least_squares
 
-        names, basis = _free_basis(model, self.configuration)
-        width, (count, whole) = basis.shape[1], self.measured.shape
-        most = np.maximum(np.max([list(size) for size in self.sizes.values()], axis=0), HELD)
-        sizes = np.maximum(np.array([self.sizes.get(name, tuple(most)) for name in names]).T, 1e-3 * most[:, None])
-        prior = np.vstack([np.kron(np.eye(2)[k], basis / (PRIOR * sizes[k][:, None])) for k in range(2)])
-        weak = np.diag(1.0 / np.maximum(self.offset, self.sigma))
-        scale = np.repeat(sizes.max(axis=1), width)
+        whole = self._whole(model, excitation)
+        if self.values.shape == (whole.unknowns,):
+            return np.asarray(self.values - self.inverse @ whole.left(self.values))
+        values = whole.values_of(self.near)
+        for part in GROWING if whole.nonlinear else GROWING[-1:]:
+            n = TAPS + round(part * (self.measured.shape[1] - TAPS))
+            if n - TAPS >= SAMPLES * whole.unknowns:
+                errors = _Errors(self, model, excitation, n)
+                scale = np.concatenate([errors.scale, self.sigma])
+                values = least_squares(errors.left, values, jac=errors.slopes, x_scale=scale, ftol=ENDS, max_nfev=EVALUATIONS).x
+        return np.asarray(values)
+
+
+class _Errors:
+    # Weighted errors of the first `n` records with a model, for coordinates and speeds at the start and offsets of the sensors,
+    # and below them the prior.
+
+    def __init__(self, start: MovingStart, model: RigModel, excitation: Excitation, n: int) -> None:
+        self._start, self._model, self._begin, self._n = start, model, excitation.beginning(n), n
+        self._names, self._basis = _free_basis(model, start.configuration)
+        self._width, self._count = self._basis.shape[1], len(start.measured)
+        most = np.maximum(np.max([list(size) for size in start.sizes.values()], axis=0), HELD)
+        sizes = np.maximum(np.array([start.sizes.get(name, tuple(most)) for name in self._names]).T, 1e-3 * most[:, None])
+        self._prior = np.vstack([np.kron(np.eye(2)[k], self._basis / (PRIOR * sizes[k][:, None])) for k in range(2)])
+        # The offsets are linear: their columns below those of the state.
+        constant = np.kron(np.diag(1.0 / start.sigma), np.ones((n - TAPS, 1)))
+        weak = np.diag(1.0 / np.maximum(start.offset, start.sigma))
+        self._offsets = np.vstack([constant, np.zeros((len(self._prior), self._count)), weak])
+        self.scale = np.repeat(sizes.max(axis=1), self._width)
         forces = any(sensor.force_in is not None for sensor in model.sensors)
-        nonlinear = forces or bool(model.contacts) or any(link.laws for link in model.links)
+        self.nonlinear = forces or bool(model.contacts) or any(link.laws for link in model.links)
 
-        def fitted(first: FloatArray, n: int) -> FloatArray:
-            begin, measured = excitation.beginning(n), self.measured[:, TAPS:n]
-            decay = None if nonlinear else _free_decay(model, self.configuration, excitation.sample_rate, n)[:, TAPS:]
-            linear = None if decay is None else (decay / self.sigma[:, None, None]).reshape(-1, 2 * width)
-            # The offsets are linear: their columns below those of the state.
-            constant = np.kron(np.diag(1.0 / self.sigma), np.ones((n - TAPS, 1)))
-            offsets = np.vstack([constant, np.zeros((len(prior), count)), weak])
+    @property
+    def unknowns(self) -> int:
+        return len(self.scale) + self._count
 
-            def left(values: FloatArray) -> FloatArray:
-                start = _state_of(names, basis, values[: 2 * width])
-                predicted = _records(model, begin, self.configuration, self.start_time, n, start)[:, TAPS:]
-                errors = ((predicted - measured) / self.sigma[:, None]).ravel()
-                rows = np.concatenate([errors, prior @ values[: 2 * width], np.zeros(count)])
-                return np.asarray(rows + offsets @ values[2 * width :])
+    def values_of(self, state: State) -> FloatArray:
+        rows = np.array([state.get(name, (0.0, 0.0)) for name in self._names])
+        return np.concatenate([np.linalg.lstsq(self._basis, rows, rcond=None)[0].T.ravel(), np.zeros(self._count)])
 
-            def slopes(values: FloatArray) -> FloatArray:
-                if linear is not None:
-                    return np.hstack([np.vstack([linear, prior, np.zeros((count, 2 * width))]), offsets])
-                middle = left(values)
-                moved = np.pad(np.diag(DIFFERENCE * scale), ((0, 0), (0, count)))
-                return np.column_stack([*((left(values + row) - middle) / row.sum() for row in moved), offsets])
+    def state_of(self, values: FloatArray) -> State:
+        position, velocity = (self._basis @ half for half in np.split(values[: 2 * self._width], 2))
+        return {name: (float(x), float(v)) for name, x, v in zip(self._names, position, velocity, strict=True)}
 
-            found = least_squares(
-                left, first, jac=slopes, x_scale=np.concatenate([scale, self.sigma]), ftol=ENDS, max_nfev=EVALUATIONS
-            )
-            return np.asarray(found.x)
+    def left(self, values: FloatArray) -> FloatArray:
+        start, state = self._start, values[: 2 * self._width]
+        predicted = _records(self._model, self._begin, start.configuration, start.start_time, self._n, self.state_of(values))
+        errors = ((predicted - start.measured[:, : self._n]) / start.sigma[:, None])[:, TAPS:].ravel()
+        rows = np.concatenate([errors, self._prior @ state, np.zeros(self._count)])
+        return np.asarray(rows + self._offsets @ values[2 * self._width :])
 
-        near = np.array([self.near.get(name, (0.0, 0.0)) for name in names])
-        values = np.concatenate([np.linalg.lstsq(basis, near, rcond=None)[0].T.ravel(), np.zeros(count)])
-        for part in GROWING if nonlinear else GROWING[-1:]:
-            n = TAPS + round(part * (whole - TAPS))
-            if n - TAPS >= SAMPLES * 2 * width:
-                values = fitted(values, n)
-        return _state_of(names, basis, values[: 2 * width])
+    def slopes(self, values: FloatArray) -> FloatArray:
+        start, width = self._start, self._width
+        if not self.nonlinear:
+            decay = _free_decay(self._model, start.configuration, self._begin.sample_rate, self._n)[:, TAPS:]
+            linear = (decay / start.sigma[:, None, None]).reshape(-1, 2 * width)
+            return np.hstack([np.vstack([linear, self._prior, np.zeros((self._count, 2 * width))]), self._offsets])
+        middle = self.left(values)
+        moved = np.pad(np.diag(DIFFERENCE * self.scale), ((0, 0), (0, self._count)))
+        return np.column_stack([*((self.left(values + row) - middle) / row.sum() for row in moved), self._offsets])
 
 
 def moving_start(model: RigModel, run: PreparedRun, allowed: float) -> MovingStart | None:
@@ -232,11 +266,6 @@ def _free_basis(model: RigModel, configuration: str) -> tuple[list[str], FloatAr
     basis = linear_part(model, configuration)[0]
     loose = np.setdiff1d(np.arange(basis.shape[1]), list(imposed_coordinates(model, basis).values()))
     return [body.name for body in model.bodies], basis[:, loose]
-
-
-def _state_of(names: list[str], basis: FloatArray, values: FloatArray) -> State:
-    position, velocity = (basis @ half for half in np.split(values, 2))
-    return {name: (float(x), float(v)) for name, x, v in zip(names, position, velocity, strict=True)}
 
 
 def _free_decay(model: RigModel, configuration: str, rate: float, n: int) -> FloatArray:

@@ -7,8 +7,9 @@ each run's ceiling frequency. Levenberg-Marquardt (Moré 1978) with finite diffe
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 
@@ -200,6 +201,14 @@ class Problem:
         # The last model that was simulated alone: a parameter without effect in a run leaves its residual there.
         self._last: dict[int, tuple[bytes, FloatArray]] = {}
 
+    def about(self, model: RigModel) -> Self:
+        """The same residuals for models close to one; see `Trial.about`."""
+        if all(trial.moving is None for trial in self.trials):
+            return self
+        near = copy(self)
+        near.trials, near._last = tuple(trial.about(model) for trial in self.trials), {}
+        return near
+
     def residuals(self, models: Sequence[RigModel]) -> FloatArray:
         """Weighted residuals of several models in parallel, shape (models, size); NaN if a model diverged.
 
@@ -390,6 +399,9 @@ def jacobian_of(
     residual: FloatArray,
 ) -> FloatArray:
     """One-sided differences of the residual, shape (size, parameters)."""
+    close = problem.about(build(theta))
+    if close is not problem:
+        residual = close.residuals([build(theta)])[0]
     shifted = []
     # At an upper bound the other side is inside.
     steps = np.array([-f.step if f.at_upper_bound(c) else f.step for f, c in zip(free, theta, strict=True)])
@@ -405,7 +417,7 @@ def jacobian_of(
                 shifted.append(build(moved))
             except ModelError:  # not allowed on both sides: unchanged
                 shifted.append(build(theta))
-    columns = problem.residuals(shifted)
+    columns = close.residuals(shifted)
     columns -= residual
     columns /= steps[:, None]
     # A simulation that diverges by the step has no slope.

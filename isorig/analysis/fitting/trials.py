@@ -161,6 +161,10 @@ class Trial:
                 cache.starts[key] = start
         return start
 
+    def about(self, model: RigModel) -> Trial:
+        """The trial for models close to one: a run that begins in motion follows its state at the start by one linear step."""
+        return self if self.moving is None else replace(self, moving=self.moving.about(model, self.excitation))
+
 
 class _Cache(NamedTuple):
     # What a trial has computed: its simulated motions by model and number of samples and its states at the start by model, the
