@@ -11,6 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
+from isorig.analysis.diagnose.evidence import record_signs
 from isorig.analysis.fitting import initial_state
 from isorig.analysis.fitting.initial_state import PreparedRun, begins_in_motion, moving_start
 from isorig.analysis.fitting.solve import Free, Problem, jacobian_of
@@ -147,6 +148,13 @@ def test_a_rig_that_moves_up_to_three_times_as_much_as_described_began_at_rest(f
 def test_an_offset_is_no_motion() -> None:
     x = motion()[1]
     assert not begins_in_motion(LINEAR, run_of(x + 5.0 * x.std()))
+
+
+@pytest.mark.parametrize("cut", [0.0, CUT])
+def test_the_evidence_says_that_runs_begin_in_motion(cut: float) -> None:
+    records = campaign(round(cut * RATE))
+    texts = " ".join(sign.text for sign in record_signs(records, LINEAR, prepare(records, LINEAR)))
+    assert ("1 of 1 runs begin in motion" in texts) is (cut > 0.0)
 
 
 def test_a_run_shorter_than_two_periods_is_simulated_from_rest() -> None:

@@ -98,7 +98,14 @@ def signs(campaign: Campaign, model: RigModel, trials: Sequence[Trial], compared
 
 
 def record_signs(campaign: Campaign, model: RigModel, trials: Sequence[Trial]) -> tuple[Sign, ...]:
-    """The signs of the records alone: bad data, flat tops, hum."""
+    """The signs of the records alone: bad data, starts in motion, flat tops, hum."""
+    moving = sum(trial.moving is not None for trial in trials)
+    starts = [
+        Sign(
+            text=f"Start: {moving} of {len(trials)} runs begin in motion (their first records do not follow from the drive), so "
+            "the simulation begins in the state that their first period shows."
+        )
+    ]
     flat = [
         Sign(
             text=f"Flat tops: {with_article(name)} is cut off at its largest magnitude, {limit:.4g}, like a clipped record.",
@@ -115,7 +122,7 @@ def record_signs(campaign: Campaign, model: RigModel, trials: Sequence[Trial]) -
         for name, frequency in mains(model, trials).items()
     ]
     bad = [Sign(text=fault.text) for fault in faults(campaign, reference=model.drive.channel) if fault.kind != "clipped"]
-    return (*bad, *flat, *hums)
+    return (*bad, *(starts if moving else ()), *flat, *hums)
 
 
 def _mean(values: FloatArray, std: FloatArray) -> tuple[float, float]:
