@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -12,6 +13,7 @@ from scipy.integrate import solve_ivp
 
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
 from isorig.analysis.diagnose.evidence import record_signs
+from isorig.analysis.errors import SimulationError
 from isorig.analysis.fitting import initial_state
 from isorig.analysis.fitting.initial_state import PreparedRun, begins_in_motion, moving_start
 from isorig.analysis.fitting.solve import Free, Problem, jacobian_of
@@ -161,3 +163,26 @@ def test_a_run_shorter_than_two_periods_is_simulated_from_rest() -> None:
     run = run_of(motion()[1])
     assert moving_start(LINEAR, run, 0.01) is not None
     assert moving_start(LINEAR, replace(run, measured=run.measured[:, :120]), 0.01) is None
+
+
+def test_a_start_from_which_the_rig_cannot_be_simulated_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    (trial,) = prepare(campaign(round(CUT * RATE)), LINEAR)
+    records, position = initial_state._records, trial.start_of(RIG)["m"][0]
+
+    def too_fast(*given: Any) -> FloatArray:
+        if abs(given[-1]["m"][1]) > 1.2 * motion()[2].std():
+            raise SimulationError("too fast")
+        return records(*given)
+
+    monkeypatch.setattr(initial_state, "_records", too_fast)
+    assert trial.moving is not None
+    assert trial.moving.state(RIG, trial.excitation)["m"][0] == pytest.approx(position, abs=0.02 * motion()[1].std())
+
+
+def test_a_sensor_that_shows_nothing_does_not_weigh() -> None:
+    two = msgspec.structs.replace(RIG, sensors=(*RIG.sensors, Sensor(channel="dead", body="m", quantity="acceleration")))
+    records = campaign(round(CUT * RATE))
+    run = records.runs[0]
+    dead = Channel(name="dead", samples=np.zeros(len(run)), quantity="acceleration", unit="m/s^2")
+    (trial,) = prepare(replace(records, runs=(replace(run, channels={**run.channels, "dead": dead}),)), two)
+    assert trial.start_of(two)["m"][0] == pytest.approx(motion()[1][round(CUT * RATE)], abs=0.05 * motion()[1].std())

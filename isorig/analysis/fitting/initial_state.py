@@ -42,6 +42,10 @@ ENDS, EVALUATIONS = 1e-4, 12
 GROWING = (0.25, 0.5, 1.0)
 #: Finite differences as a share of the motion.
 DIFFERENCE = 0.01
+#: Weighted error where a motion grows without bound or is too fast for any step.
+LOST = 1e6
+#: Allowed error of a sensor whose record is constant: it has no weight.
+DEAD = 1e12
 #: Motion (m, m/s) of a simulated rig below which friction holds it.
 HELD = 1e-9
 #: Standard deviation of the prior as a multiple of the rms of the motion: so weak that it only holds what no record shows.
@@ -178,7 +182,10 @@ class _Errors:
 
     def left(self, values: FloatArray) -> FloatArray:
         start, state = self._start, values[: 2 * self._width]
-        predicted = _records(self._model, self._begin, start.configuration, start.start_time, self._n, self.state_of(values))
+        try:
+            predicted = _records(self._model, self._begin, start.configuration, start.start_time, self._n, self.state_of(values))
+        except SimulationError:  # least squares take a shorter step
+            return np.full(len(self._offsets), LOST)
         errors = ((predicted - start.measured[:, : self._n]) / start.sigma[:, None])[:, TAPS:].ravel()
         rows = np.concatenate([errors, self._prior @ state, np.zeros(self._count)])
         return np.asarray(rows + self._offsets @ values[2 * self._width :])
@@ -218,10 +225,11 @@ def moving_start(model: RigModel, run: PreparedRun, allowed: float) -> MovingSta
         model, contacts=(), links=tuple(msgspec.structs.replace(link, laws=()) for link in model.links), free=()
     )
     rms, offset = run.measured.std(axis=1), np.abs(run.measured.mean(axis=1))
+    sigma = np.hypot(run.noise, allowed * rms)
     try:
         begun = MovingStart(
             configuration=run.configuration, start_time=run.start_time, measured=run.measured[:, :n], offset=offset,
-            sigma=np.maximum(np.hypot(run.noise, allowed * rms), 1e-300), sizes=_sizes(linear, run),
+            sigma=np.where(sigma > 0.0, sigma, DEAD), sizes=_sizes(linear, run),
         )  # fmt: skip
         return replace(begun, near=begun.state(linear, run.excitation))
     except (SimulationError, ModelError):
