@@ -264,7 +264,9 @@ def _beyond(signal: FloatArray, *rest: FloatArray) -> float:
     from scipy.optimize import lsq_linear
 
     inputs = np.stack(rest, axis=1)
-    size = max(float(np.abs(inputs).max()), 1e-300)
+    size = float(np.abs(signal).max())
+    if size == 0.0 or not inputs.any():  # at rest, or before the drive acts
+        return size
     factors = lsq_linear(inputs / size, signal / size, bounds=(0.0, SCALE)).x
     return float(np.abs(signal - inputs @ factors).max())
 
