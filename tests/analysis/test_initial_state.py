@@ -152,6 +152,14 @@ def test_an_offset_is_no_motion() -> None:
     assert not begins_in_motion(LINEAR, run_of(x + 5.0 * x.std()))
 
 
+@pytest.mark.parametrize(("moving", "runs", "counts"), [(1, 2, True), (1, 3, False), (2, 4, False), (3, 5, True), (2, 3, True)])
+def test_most_runs_of_a_campaign_must_begin_in_motion(moving: int, runs: int, counts: bool) -> None:
+    cut, rest = campaign(round(CUT * RATE)).runs[0], campaign(0).runs[0]
+    several = [replace(cut if k < moving else rest, id=f"r{k}") for k in range(runs)]
+    trials = prepare(Campaign(runs=tuple(several), source="scipy"), LINEAR)
+    assert all((trial.moving is not None) is counts for trial in trials)
+
+
 @pytest.mark.parametrize("cut", [0.0, CUT])
 def test_the_evidence_says_that_runs_begin_in_motion(cut: float) -> None:
     records = campaign(round(cut * RATE))
