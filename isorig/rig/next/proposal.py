@@ -238,7 +238,8 @@ def _complete(rivals: Rivals, model: RigModel, limits: Limits, taken: Sequence[P
 
 
 def propose(
-    now: Situation, *, budget: float = 60.0, work: float = WORK, tell: Callable[[str], None] = lambda text: None
+    now: Situation, *, budget: float = 60.0, work: float = WORK, most: int = MOST_RUNS,
+    tell: Callable[[str], None] = lambda text: None,
 ) -> Proposal:  # fmt: skip
     """The next runs, for the most pressing question that is open.
 
@@ -252,6 +253,8 @@ def propose(
         Seconds of measuring that the runs may take together.
     work
         Seconds of processor time that the comparison may take.
+    most
+        Maximum number of runs, in addition to one at rest.
     tell
         Called with a line per stage.
     """
@@ -266,7 +269,9 @@ def propose(
         if one.why == "undecided" and (again := _again(now, budget)) is not None:
             return Proposal(kind="reproducible", runs=(*lead, again), twins=twins, unfitted=unfitted)
         kind = "rivals" if one.why == "indistinguishable" else "undecided"
-        found, unreached, cures = _compared(now, Question(truths=variants, rivals=variants), now.menu(), budget, deadline, tell)
+        found, unreached, cures = _compared(
+            now, Question(truths=variants, rivals=variants), now.menu(), budget, most, deadline, tell
+        )
         runs = (*lead, *_proposed(found))
         return Proposal(
             kind=kind, runs=runs, chosen=found, twins=twins, unfitted=unfitted, unreached=unreached, remedies=cures
@@ -278,9 +283,9 @@ def propose(
     question = Question(truths=supposed, rivals=(now.explains,), supposed=True)
     # At a single frequency many causes change amplitude and phase alike: a sine shows that there is a cause, not which one.
     broad = tuple(run for run in now.menu() if run.excitation != "sine")
-    found, unreached, _ = _compared(now, question, broad, budget, deadline, tell)
+    found, unreached, _ = _compared(now, question, broad, budget, most, deadline, tell)
     if not found.choices:
-        found, unreached, _ = _compared(now, question, now.menu(), budget, deadline, tell)
+        found, unreached, _ = _compared(now, question, now.menu(), budget, most, deadline, tell)
     return Proposal(
         kind="untested", runs=(*lead, *_proposed(found)), chosen=found, twins=twins, unfitted=unfitted, unreached=unreached
     )
@@ -301,7 +306,7 @@ def _proposed(chosen: Chosen) -> tuple[Proposed, ...]:
 
 
 def _compared(
-    now: Situation, question: Question, runs: Sequence[CandidateRun], budget: float, deadline: Deadline,
+    now: Situation, question: Question, runs: Sequence[CandidateRun], budget: float, most: int, deadline: Deadline,
     tell: Callable[[str], None],
 ) -> tuple[Chosen, int, tuple[tuple[tuple[Key, Key], tuple[Remedy, ...]], ...]]:  # fmt: skip
     rate = now.rivals.sample_rate
@@ -317,7 +322,7 @@ def _compared(
     def kept(one: Prospect) -> LargestMotions:
         return simulated_peaks(models, one.excitation(whole=True), one.run.configuration, one.start_time)
 
-    found = choose(comparison, seen, now.limits, kept, configuration=now.configuration, budget=budget, most=MOST_RUNS)
+    found = choose(comparison, seen, now.limits, kept, configuration=now.configuration, budget=budget, most=most)
     unreached = len(prospects) - found.compared - len(seen.refused)
     if question.supposed:
         return found, unreached, ()
