@@ -17,7 +17,7 @@ import numpy as np
 
 from isorig.analysis.campaign import MOTION, FloatArray
 from isorig.analysis.errors import ModelError, SimulationError
-from isorig.analysis.model.linear import imposed_coordinates, linear_part
+from isorig.analysis.model.linear import free_part
 from isorig.analysis.model.rig_model import GROUND, RigModel, Sensor, direction
 from isorig.analysis.simulate import Excitation, record, simulate
 from isorig.analysis.simulate.free_run import true_drives
@@ -155,7 +155,7 @@ class _Errors:
 
     def __init__(self, start: MovingStart, model: RigModel, excitation: Excitation, n: int) -> None:
         self._start, self._model, self._begin, self._n = start, model, excitation.beginning(n), n
-        self._names, self._basis = _free_basis(model, start.configuration)
+        self._names, self._basis = [body.name for body in model.bodies], free_part(model, start.configuration)[0]
         self._width, self._count = self._basis.shape[1], len(start.measured)
         most = np.maximum(np.max([list(size) for size in start.sizes.values()], axis=0), HELD)
         sizes = np.maximum(np.array([start.sizes.get(name, tuple(most)) for name in self._names]).T, 1e-3 * most[:, None])
@@ -216,7 +216,7 @@ def moving_start(model: RigModel, run: PreparedRun, allowed: float) -> MovingSta
     modes = natural_modes(model, run.configuration)
     if not modes:
         return None
-    width = _free_basis(model, run.configuration)[1].shape[1]
+    width = free_part(model, run.configuration)[0].shape[1]
     period = run.excitation.sample_rate / modes[0].frequency
     n = TAPS + int(max(PERIODS * period, SAMPLES * 2 * width))
     if n > run.measured.shape[1] // 2:
@@ -271,28 +271,12 @@ def _beyond(signal: FloatArray, *rest: FloatArray) -> float:
     return float(np.abs(signal - inputs @ factors).max())
 
 
-def _free_basis(model: RigModel, configuration: str) -> tuple[list[str], FloatArray]:
-    # Names of all bodies, and the matrix from the coordinates that are neither locked nor imposed to their positions.
-    basis = linear_part(model, configuration)[0]
-    loose = np.setdiff1d(np.arange(basis.shape[1]), list(imposed_coordinates(model, basis).values()))
-    return [body.name for body in model.bodies], basis[:, loose]
-
-
 def _free_decay(model: RigModel, configuration: str, rate: float, n: int) -> FloatArray:
     # Records of the linear rig's free vibration from each position and velocity of one, shape (channels, n, 2 coordinates).
     from scipy.linalg import expm
 
-    basis, *matrices = linear_part(model, configuration)
-    loose = np.setdiff1d(np.arange(basis.shape[1]), list(imposed_coordinates(model, basis).values()))
-    basis = basis[:, loose]
-    mass, damping, stiffness = (basis.T @ matrix @ basis for matrix in matrices)
-    width = len(mass)
-    rates = np.block(
-        [
-            [np.zeros((width, width)), np.eye(width)],
-            [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)],
-        ]
-    )
+    basis, rates = free_part(model, configuration)
+    width = basis.shape[1]
     step = expm(rates / rate)
     states = [np.eye(2 * width)]
     for _ in range(n - 1):

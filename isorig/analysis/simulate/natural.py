@@ -8,7 +8,7 @@ from math import pi
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.model.linear import imposed_coordinates, linear_part
+from isorig.analysis.model.linear import free_part
 from isorig.analysis.model.rig_model import RigModel
 
 #: Ratio to the largest root below which a root counts as a motion that no spring holds.
@@ -39,14 +39,10 @@ def natural_modes(model: RigModel, configuration: str) -> tuple[NaturalMode, ...
 
     Motions that no spring holds and overdamped motions are not included; bodies whose motion is imposed are fixed.
     """
-    basis, mass, damping, stiffness = linear_part(model, configuration)
-    loose = np.setdiff1d(np.arange(basis.shape[1]), list(imposed_coordinates(model, basis).values()))
-    basis = basis[:, loose]
-    m, c, k = (basis.T @ matrix @ basis for matrix in (mass, damping, stiffness))
-    n = len(m)
+    basis, square = free_part(model, configuration)
+    n = basis.shape[1]
     if n == 0:
         return ()
-    square = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(m, k), -np.linalg.solve(m, c)]])
     roots, vectors = np.linalg.eig(square)
     least = HELD * float(np.abs(roots).max(initial=0.0))
     found = []
