@@ -46,6 +46,33 @@ def of_signal(share: float, digits: int = 2) -> str:
     return f"{float(f'{100.0 * share:.{digits}g}'):g} % of the signal"
 
 
+def in_per_cent(share: float) -> str:
+    """A share to two digits, in per cent; a multiple of the signal if it is larger.
+
+    Examples
+    --------
+    >>> in_per_cent(0.004), in_per_cent(0.349), in_per_cent(12.3)
+    ('0.40 %', '35 %', '12 times the signal')
+    """
+    if share >= MULTIPLE:
+        return f"{share:.2g} times the signal"
+    return f"{100.0 * share:.0f} %" if share >= 0.0995 else f"{100.0 * share:#.2g} %"
+
+
+def noise_alone(floor: float) -> str:
+    """A noise floor, a share of the signal, in the words of every command.
+
+    It is an estimate and no bound: a cause that the model lacks may amplify the drive's noise or damp it, and what is left of the
+    motion in the records from which the sensors' noise is estimated may raise it above the error of the model.
+
+    Examples
+    --------
+    >>> noise_alone(0.0042)
+    'about 0.42 %'
+    """
+    return f"about {in_per_cent(floor)}"
+
+
 def by_factor(log_ratio: float) -> str:
     """The difference of two positive values from the logarithm of their ratio, of either sign.
 

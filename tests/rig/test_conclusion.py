@@ -14,7 +14,7 @@ from some_findings import findings, named
 
 from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.simulate.natural import natural_modes
-from isorig.analysis.wording import SIZED, sized
+from isorig.analysis.wording import SIZED, in_per_cent, noise_alone, sized
 from isorig.rig.cli import main
 from isorig.rig.diagnose.coverage import PERIODS, missing
 from isorig.rig.files.findings import NamedCause, read_findings
@@ -23,7 +23,7 @@ from isorig.rig.files.recording import write
 from isorig.rig.files.rigfile import read_rig
 from isorig.rig.frf.transfer import transfer_functions
 from isorig.rig.model.prediction import predicted
-from isorig.rig.report.conclusion import cause_in_words, conclude, in_per_cent
+from isorig.rig.report.conclusion import cause_in_words, conclude
 from isorig.rig.report.sections import unbroken
 from isorig.rig.virtual.described import described_campaign
 from isorig.rig.wire_bonder.description import wire_bonder
@@ -40,7 +40,7 @@ def test_the_answer_names_the_cause_with_its_size_and_the_error() -> None:
     said = conclude(findings(), "out")
     assert said.answer == (
         "explained: play of 0.5000 ± 0.0003 mm in the coupling (0.25 mm either way); "
-        "the error on held-out data falls from 35 % to 1.3 %, noise alone is 1.2 %"
+        "the error on held-out data falls from 35 % to 1.3 %, noise alone is about 1.2 %"
     )
     assert said.ruled_out == (
         "Ruled out, with the error each leaves: hardening stiffness at the coupling (12 %), softening stiffness at the coupling "
@@ -66,11 +66,11 @@ def test_a_cause_to_which_the_equations_point_is_not_ruled_out() -> None:
     )
 
 
-def test_a_numbered_place_has_no_article_and_an_error_below_the_noise_limits_it() -> None:
+def test_a_numbered_place_has_no_article_and_an_error_below_the_noise_floor_is_stated() -> None:
     found = findings(steps=[named(location="l2")])
     found = msgspec.structs.replace(found, holdout=msgspec.structs.replace(found.holdout, extended=0.006))
     assert "mm in l2 (0.25 mm either way)" in conclude(found).answer
-    assert conclude(found).answer.endswith("falls from 35 % to 0.60 %, noise alone is 1.2 % at most")
+    assert conclude(found).answer.endswith("falls from 35 % to 0.60 %, noise alone is about 1.2 %")
 
 
 @pytest.mark.parametrize(
@@ -129,6 +129,7 @@ def test_a_size_in_a_unit_is_the_value(unit: str) -> None:
 def test_shares_have_two_digits() -> None:
     shares = (0.002, 0.0954, 0.0996, 0.35, 1.5, 23.0)
     assert [in_per_cent(share) for share in shares] == ["0.20 %", "9.5 %", "10 %", "35 %", "150 %", "23 times the signal"]
+    assert noise_alone(0.0042) == "about 0.42 %"
 
 
 def test_numbers_stay_with_their_units() -> None:

@@ -213,3 +213,33 @@ def test_the_reason_for_missing_limits_is_given(words: tuple[str, ...], reason: 
     content = answered(noise_run(tmp_path), "--reference", "force", *words)
     assert content["transfer_functions"][0]["peak"]["magnitude_limits"] is None
     assert any(reason in sentence for sentence in content["remarks"])
+
+
+def test_the_table_states_the_level_of_runs_of_one_gain_and_the_unit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    draw = np.random.default_rng(3)
+    forces = [level * draw.normal(0.0, 1.0, 20 * 1024) for level in (6.0, 20.0)]
+    runs = tuple(
+        Run(
+            id=f"r{k}", configuration="unlocked", sample_rate=RATE, gain=1.0, excitation="random",
+            channels={
+                "force": Channel(name="force", samples=force, quantity="force", unit="N"),
+                "block": Channel(name="block", samples=oscillator(force), quantity="acceleration", unit="m/s^2"),
+            },
+        )
+        for k, force in enumerate(forces)
+    )  # fmt: skip
+    path = tmp_path / "levels.h5"
+    write(path, Campaign(runs=runs))
+    rows = answered(path, "--reference", "force")["transfer_functions"]
+    said = capsys.readouterr().out
+    assert {row["level"] for row in rows} == {f"{np.sqrt(np.mean(force**2)):.3g} N" for force in forces}
+    assert "rms of drive" in said
+    for row in rows:
+        assert row["level"] in said
+    assert "m/s² per N" in said
+    # One level: no column for it.
+    write(path, Campaign(runs=runs[:1]))
+    (row,) = answered(path, "--reference", "force")["transfer_functions"]
+    said = capsys.readouterr().out
+    assert row["level"] == ""
+    assert "rms of drive" not in said

@@ -22,7 +22,7 @@ from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate.natural import natural_modes
 from isorig.analysis.spectra.quality import Fault, faults, without
 from isorig.analysis.views import Viewed
-from isorig.analysis.wording import of_signal
+from isorig.analysis.wording import noise_alone, of_signal
 
 BODIES = (("table", "table"), ("heatblock", "heatblock"), ("motor", "isolation"))
 #: Relative step of the derivatives of a mode's frequency and damping, and the relative change below which they are rounding.
@@ -48,6 +48,11 @@ class Entry:
     def fixed(self) -> bool:
         """Whether the value was given or held, and not fitted."""
         return self.method in FIXED
+
+    @property
+    def uncertainty(self) -> float | None:
+        """The standard uncertainty to be shown; None for a value that was given or held without one."""
+        return None if self.fixed and not self.std else self.std
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,8 +89,8 @@ class Characterization(Viewed):
 
     @property
     def noise_alone(self) -> str:
-        """The floor in per cent; a lower limit if the model misfits, for the missing cause may amplify noise."""
-        return f"{'' if self.adequate else 'at least '}{100 * self.floor:.2g} %"
+        """The floor in words."""
+        return noise_alone(self.floor)
 
 
 def characterize(

@@ -41,6 +41,7 @@ def characterize(
     from isorig.rig.files.rigfile import read_rig
     from isorig.rig.process.terminal import show_table
     from isorig.rig.report.fits import fits_page
+    from isorig.rig.report.sections import number
     from isorig.rig.wire_bonder.set_ups_page import about, write_set_ups
 
     measured = read(campaign)
@@ -60,7 +61,7 @@ def characterize(
     common = next((note for note, count in Counter(e.note for e in table.values() if e.note).most_common(1) if count > 1), "")
     rows = [
         (
-            name, "–" if e.value is None else f"{e.value:.6g}", "–" if e.std is None else f"{e.std:.2g}", e.unit, e.method,
+            name, number(e.value, 6), number(e.uncertainty, 2), e.unit, e.method,
             "*" if e.note and e.note == common else e.note,
         )
         for name, e in table.items()

@@ -216,34 +216,44 @@ def _write_tables(found: Sequence[Transfer], wrong: Sequence[str], remarks: Sequ
     content = {"format": "rig-frf", "format_version": 1, "transfer_functions": rows, "faults": [*wrong], "remarks": [*remarks]}
     write_json(output / "frf.json", content)
     several, set_up = len({item.frf.reference for item in found}) > 1, not all(item.alone for item in found)
+    levels = any(item.level for item in found)
     show_table(
         f"{name}: {found[0].frf.estimator} at {found[0].frf.resolution:g} Hz",
         (
             "response over reference" if several else "response",
             *(["set-up"] if set_up else []),
             "gain",
+            *(["rms of drive"] if levels else []),
             "avg",
             "band, Hz",
             "peak, Hz",
             "magnitude (95 %)",
             "coh.",
         ),
-        [_row(row, several, set_up) for row in rows],
+        [_row(row, several, set_up, levels) for row in rows],
     )
     hammers = dict.fromkeys(text for row in rows if "hammer" in row for text in row["hammer"]["text"])
     for sentence in [*wrong, *hammers, *(row["periods"]["text"] for row in rows if "periods" in row), *remarks]:
         print(sentence)
 
 
-def _row(result: dict[str, Any], several: bool, set_up: bool) -> list[str]:
+def _row(result: dict[str, Any], several: bool, set_up: bool, levels: bool) -> list[str]:
     band, peak = result["band_hz"], result["peak"]
     averages = "–" if result["averages"] is None else f"{result['averages']:.0f}"
     return [
         f"{result['response']} / {result['reference']}" if several else result["response"],
         *([result["configuration"]] if set_up else []),
-        f"{result['gain']:g}", averages, f"{band[0]:.3g}–{band[1]:.3g}", f"{peak['frequency_hz']:.2f}",
-        _magnitude(peak), f"{result['median_coherence']:.3f}",
+        f"{result['gain']:g}", *([result["level"] or "–"] if levels else []), averages, f"{band[0]:.3g}–{band[1]:.3g}",
+        f"{peak['frequency_hz']:.2f}", f"{_magnitude(peak)}{_per(result['units'])}", f"{result['median_coherence']:.3f}",
     ]  # fmt: skip
+
+
+def _per(units: Sequence[str]) -> str:
+    # The unit of a transfer function from those of its response and its reference; none if these are equal or unknown.
+    from isorig.rig.report.sections import per
+
+    over, by = units
+    return f" {per(over, by)}" if over and by and over != by else ""
 
 
 def _magnitude(peak: dict[str, Any]) -> str:

@@ -31,11 +31,11 @@ def predict(
         Include the faults of the measurement chain that the model contains.
     """
     from isorig.analysis.model.rig_model import Chain
+    from isorig.analysis.wording import in_per_cent
     from isorig.rig.files.models import read_model
     from isorig.rig.files.recording import read, write
     from isorig.rig.model.prediction import errors, predicted
     from isorig.rig.process.terminal import show_table
-    from isorig.rig.report.conclusion import in_per_cent
 
     rig, origin = read_model(model)
     measured = read(runs)

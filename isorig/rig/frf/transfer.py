@@ -361,7 +361,7 @@ def about(item: Transfer) -> dict[str, Any]:
         further["hammer"] = _about_hits(item.hammer)
     return {
         "name": item.name, "response": seen.response, "reference": seen.reference, "configuration": item.configuration,
-        "gain": item.gain, "runs": list(item.runs), "left_out": list(item.left_out),
+        "gain": item.gain, "level": item.level, "runs": list(item.runs), "left_out": list(item.left_out),
         "estimator": seen.estimator, "averages": None if item.imported else seen.averages,
         "resolution_hz": seen.resolution, "band_hz": list(item.band),
         "peak": {

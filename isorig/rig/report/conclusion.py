@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from isorig.analysis.diagnose.causes import CATALOGUE
 from isorig.analysis.diagnose.causes.base import Kind
-from isorig.analysis.wording import MULTIPLE, first_of, sized, with_article
+from isorig.analysis.wording import first_of, in_per_cent, noise_alone, sized, with_article
 from isorig.rig.files.findings import Findings, HeldOut, NamedCause, TriedCause, Value
 from isorig.rig.report.sections import words
 
@@ -88,7 +88,7 @@ def conclude(findings: Findings, folder: str | None = None) -> Conclusion:
         verdict=findings.verdict,
         check=f"Check units, channels and given values first: {doubts}" if doubts else "",
         found=_found(findings),
-        error=_error(findings.holdout, bool(findings.steps), findings.verdict in ("adequate", "explained")),
+        error=_error(findings.holdout, bool(findings.steps)),
         ruled_out=_ruled_out(findings),
         next=_next(findings, folder),
     )
@@ -156,19 +156,10 @@ def _nature(findings: Findings) -> str:
     return ""
 
 
-def _error(holdout: HeldOut, extended: bool, all_known: bool) -> str:
-    before, after, floor = (in_per_cent(error) for error in (holdout.baseline, holdout.extended, holdout.noise_floor))
+def _error(holdout: HeldOut, extended: bool) -> str:
+    before, after = in_per_cent(holdout.baseline), in_per_cent(holdout.extended)
     falls = f"falls from {before} to {after}" if extended else f"is {before}"
-    # A cause that the model lacks may amplify noise; an error below the estimated noise shows that the estimate is high.
-    least, most = "" if all_known else "at least ", " at most" if holdout.extended < holdout.noise_floor else ""
-    return f"the error on held-out data {falls}, noise alone is {least}{floor}{most}"
-
-
-def in_per_cent(share: float) -> str:
-    """A share to two digits, in per cent; a multiple of the signal if it is larger."""
-    if share >= MULTIPLE:
-        return f"{share:.2g} times the signal"
-    return f"{100.0 * share:.0f} %" if share >= 0.0995 else f"{100.0 * share:#.2g} %"
+    return f"the error on held-out data {falls}, noise alone is {noise_alone(holdout.noise_floor)}"
 
 
 def _ruled_out(findings: Findings) -> str:

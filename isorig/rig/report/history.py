@@ -31,7 +31,7 @@ def history_sections(found: Characterization, history: Sequence[ParameterFile]) 
         rows.append((words(name), entry.unit, *earlier, now, "–" if change is None else f"{change:+.1f}"))
     table = Table(
         columns=("parameter", "unit", *(_label(item) for item in past), "now", "change, deviations"), rows=rows,
-        caption="Value ± standard uncertainty; the change is since the latest earlier campaign.",
+        caption="Value ± standard uncertainty, none where a value was given; the change is since the latest earlier campaign.",
     )  # fmt: skip
     quiet = f"No parameter has changed by more than {CHANGED:g} standard deviations since {_label(last)}."
     return [Section(title="Parameters compared with earlier campaigns", text=sentences or [quiet], tables=[table])]
@@ -42,7 +42,9 @@ def _label(item: ParameterFile) -> str:
 
 
 def _shown(pair: tuple[float, float] | None) -> str:
-    return "–" if pair is None else f"{number(pair[0], 6)} ± {number(pair[1], 2)}"
+    if pair is None:
+        return "–"
+    return number(pair[0], 6) if pair[1] == 0.0 else f"{number(pair[0], 6)} ± {number(pair[1], 2)}"
 
 
 def _change(value: float | None, std: float | None, before: tuple[float, float] | None) -> float | None:

@@ -109,7 +109,7 @@ def parameter_table(campaign: Campaign, found: Characterization) -> Table:
     common = next((note for note, count in notes.most_common(1) if count > 1 and note != WEIGHED), "")
     rows = [
         (
-            words(name), number(e.value, _digits(e)), number(e.std, 2), e.unit, number(campaign.known.get(name), 4),
+            words(name), number(e.value, _digits(e)), number(e.uncertainty, 2), e.unit, number(campaign.known.get(name), 4),
             number(THESIS.get(name), 4), e.method,
             "*" if common and e.note == common else e.note,
         )

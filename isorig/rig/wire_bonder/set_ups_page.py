@@ -122,7 +122,7 @@ def _compared(found: Characterization, read: FourSetUps) -> Table:
         eq5 = {"table_mass": surface.best[0], "table_damping": surface.best[1]}.get(name) if surface is not None else None
         rows.append(
             (
-                words(name), entry.unit, number(entry.value), number(entry.std, 2),
+                words(name), entry.unit, number(entry.value), number(entry.uncertainty, 2),
                 number(getattr(mode, key) if mode and key else None), number(getattr(half, key) if half and key else None),
                 number(eq5, 4), entry.note,
             )
