@@ -1,8 +1,9 @@
 """Damping from a transfer function: bias and spread over repetitions, compared with pyEMA, a plain fit and half-power.
 
-Run `python bench/damping.py [--repeats REPEATS]`; the standard uncertainty of a spread is 7 % with 100 repeats and 3 % with
-500. pyEMA comes with the extra `bench`. The cases are a heatblock (164.5 Hz, 0.009) and a motor (5.06 Hz, 0.073) over 300 s of
-white drive with 2 % noise in the response, evaluated at several frequency resolutions.
+Run `python bench/damping.py [--repeats REPEATS]`. The standard uncertainty of a spread is 7 % with 100 repeats and 3 % with 500,
+so a row that is beyond its limits with the first 100 repeats is judged by 500. Every row has random seeds of its own. pyEMA comes
+with the extra `bench`. The cases are a heatblock (164.5 Hz, 0.009) and a motor (5.06 Hz, 0.073) over 300 s of white drive with
+2 % noise in the response, evaluated at several frequency resolutions.
 """
 
 from __future__ import annotations
@@ -10,11 +11,14 @@ from __future__ import annotations
 import contextlib
 import io
 import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from table import Row, keep, options
 
-from isorig.analysis.campaign import Channel, Run
+from isorig.analysis.campaign import Channel, FloatArray, Run
 from isorig.analysis.errors import AnalysisError
 from isorig.analysis.spectra.half_power import half_power
 from isorig.analysis.spectra.modes import Kind, fit_modes
@@ -24,9 +28,12 @@ SECONDS, NOISE = 300.0, 0.02
 CASES = ((164.5, 0.009, 1024.0), (5.06, 0.073, 64.0))
 LINES = (1.5, 4.7, 9.5, 20.0)
 LIMIT_BIAS, LIMIT_SPREAD = 0.01, (0.9, 1.1)
+#: How many times as many repeats judge a row that is beyond its limits with the first ones: the limits of the spread are then
+#: three of its standard uncertainties away from 1. Repeats whose estimates by other methods are averaged: enough for their bias.
+MORE, OTHERS = 5, 10
 
 
-def measured(frequency: float, damping: float, rate: float, kind: Kind, lines: float, seed: int) -> Frf:
+def measured(frequency: float, damping: float, rate: float, kind: Kind, lines: float, seed: tuple[int, int]) -> Frf:
     """The H1 estimate of one mode under white noise, with `lines` frequency bins per half-power bandwidth."""
     generator = np.random.default_rng(seed)
     n = round(SECONDS * rate)
@@ -69,48 +76,71 @@ def lscf(frf: Frf, frequency: float) -> float:
     return float(-pole.real / np.abs(pole))
 
 
+@dataclass(frozen=True, kw_only=True)
+class Judged:
+    """Bias of our fit, of the plain fit, of pyEMA and of half-power, as shares; and our scatter over the stated uncertainty."""
+
+    repeats: int
+    bias: float
+    others: FloatArray
+    spread: float
+
+    @property
+    def good(self) -> bool:
+        """Whether our bias and spread are within the limits."""
+        return abs(self.bias) <= LIMIT_BIAS and LIMIT_SPREAD[0] <= self.spread <= LIMIT_SPREAD[1]
+
+
+def judged(values: Sequence[Sequence[float]], damping: float) -> Judged:
+    """The figures of a row from the estimates of its repeats."""
+    table = np.array(values)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        others = np.nanmean(table[:, 2:], axis=0) / damping - 1.0
+    spread = table[:, 0].std(ddof=1) / np.sqrt((table[:, 1] ** 2).mean())
+    return Judged(repeats=len(table), bias=table[:, 0].mean() / damping - 1.0, others=others, spread=float(spread))
+
+
+def estimated(frequency: float, damping: float, rate: float, kind: Kind, lines: float, seed: tuple[int, int]) -> list[float]:
+    """Our damping ratio with its stated uncertainty, and in the first repeats that of the plain fit, pyEMA and half-power."""
+    frf = measured(frequency, damping, rate, kind, lines, seed)
+    plain = peer = half = float("nan")
+    if seed[1] < OTHERS:
+        plain = ours(frf, frequency, damping, kind, tapered=False)[0]
+        with contextlib.suppress(AnalysisError):
+            found = half_power(frf, (0.7 * frequency, 1.4 * frequency)).mode
+            half = found.damping if found else half
+        peer = lscf(frf, frequency)
+    return [*ours(frf, frequency, damping, kind), plain, peer, half]
+
+
 def main(repeats: int) -> list[Row]:
     """Print the table, and whether the limits are met."""
     kept: list[Row] = []
     print(f"{repeats} repeats of {SECONDS:g} s; bias in %; 'spread' is the scatter of our fit over its stated uncertainty")
-    print(f"{'case':28s} {'B/df':>5s} {'ours':>7s} {'spread':>7s} {'plain':>7s} {'pyEMA':>7s} {'half-power':>11s}")
+    print(
+        f"{'case':28s} {'B/df':>5s} {'repeats':>7s} {'ours':>7s} {'spread':>7s} {'plain':>7s} {'pyEMA':>7s} {'half-power':>11s}"
+    )
     held = True
-    for frequency, damping, rate in CASES:
-        kinds: tuple[Kind, ...] = ("accelerance", "transmissibility")
-        for kind in kinds:
-            for lines in LINES:
-                rows = []
-                for seed in range(repeats):
-                    frf = measured(frequency, damping, rate, kind, lines, seed)
-                    value, std = ours(frf, frequency, damping, kind)
-                    plain = peer = half = float("nan")
-                    if seed < 10:  # a few are enough for their bias
-                        plain = ours(frf, frequency, damping, kind, tapered=False)[0]
-                        with contextlib.suppress(AnalysisError):
-                            found = half_power(frf, (0.7 * frequency, 1.4 * frequency)).mode
-                            half = found.damping if found else half
-                        peer = lscf(frf, frequency)
-                    rows.append((value, std, plain, peer, half))
-                table = np.array(rows)
-                spread = table[:, 0].std(ddof=1) / np.sqrt((table[:, 1] ** 2).mean())
-                bias = table[:, 0].mean() / damping - 1.0
-                good = abs(bias) <= LIMIT_BIAS and LIMIT_SPREAD[0] <= spread <= LIMIT_SPREAD[1]
-                held &= good
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore")
-                    others = np.nanmean(table[:, 2:], axis=0) / damping - 1.0
-                shown = ["none" if np.isnan(value) else f"{100 * value:+.1f}" for value in others]
-                print(
-                    f"{frequency:6.2f} Hz {kind:18s} {lines:5.1f} {100 * bias:+7.2f} {spread:7.2f} "
-                    f"{shown[0]:>7s} {shown[1]:>7s} {shown[2]:>11s}",
-                    flush=True,
-                )
-                what = f"{frequency:g} Hz, {kind}, {lines:g} frequency bins in the bandwidth"
-                limit = f"bias, and spread {spread:.2f} of the stated: {'met' if good else 'not met'}"
-                for peer, other in zip(("plain fit", "pyEMA", "half-power"), others, strict=True):
-                    if not np.isnan(other):
-                        row = Row(what=what, unit="%", ours=100.0 * bias, peer=peer, theirs=100.0 * other, limit=limit)
-                        kept.append(row)
+    kinds: tuple[Kind, ...] = ("accelerance", "transmissibility")
+    for number, ((frequency, damping, rate), kind, lines) in enumerate(product(CASES, kinds, LINES)):
+        values = [estimated(frequency, damping, rate, kind, lines, (number, seed)) for seed in range(repeats)]
+        row = judged(values, damping)
+        if not row.good:
+            seeds = range(repeats, MORE * repeats)
+            row = judged(values + [estimated(frequency, damping, rate, kind, lines, (number, seed)) for seed in seeds], damping)
+        held &= row.good
+        shown = ["none" if np.isnan(value) else f"{100 * value:+.1f}" for value in row.others]
+        print(
+            f"{frequency:6.2f} Hz {kind:18s} {lines:5.1f} {row.repeats:7d} {100 * row.bias:+7.2f} {row.spread:7.2f} "
+            f"{shown[0]:>7s} {shown[1]:>7s} {shown[2]:>11s}",
+            flush=True,
+        )
+        what = f"{frequency:g} Hz, {kind}, {lines:g} frequency bins in the bandwidth"
+        limit = f"bias, and spread {row.spread:.2f} of the stated over {row.repeats} repeats: {'met' if row.good else 'not met'}"
+        for peer, other in zip(("plain fit", "pyEMA", "half-power"), row.others, strict=True):
+            if not np.isnan(other):
+                kept.append(Row(what=what, unit="%", ours=100.0 * row.bias, peer=peer, theirs=100.0 * other, limit=limit))
     print(
         f"limits (bias {100 * LIMIT_BIAS:g} %, spread {LIMIT_SPREAD[0]:g} to {LIMIT_SPREAD[1]:g}): {'met' if held else 'not met'}"
     )

@@ -11,9 +11,11 @@ import pytest
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
 from isorig.analysis.simulate import Excitation, simulate
 from isorig.analysis.simulate.excitation import multisine, random
+from isorig.analysis.spectra.welch import Frf
 from isorig.rig.cli import main
 from isorig.rig.files.recording import write
 from isorig.rig.files.rivals import _existing_run
+from isorig.rig.frf.figures import frf_figure, gridded
 from isorig.rig.frf.transfer import transfer_functions
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 
@@ -98,3 +100,25 @@ def test_without_a_stated_band_it_is_where_the_drive_has_power() -> None:
     rest = replace(run, channels={name: Channel(name=name, samples=np.zeros(20_000)) for name in "fx"})
     for other in (rest, replace(run, excitation="moves")):
         assert _existing_run(Campaign(runs=(other,), source="x"), other, "f").band is None
+
+
+@pytest.mark.parametrize(("decades", "labelled"), [(0.2, True), (3.9, True), (4.1, False)])
+def test_logarithmic_axes_have_plain_values(decades: float, labelled: bool) -> None:
+    """Values without powers of ten, and those of the minor ticks up to four decades."""
+    f = np.geomspace(2.0, 200.0, 100)
+    size = np.geomspace(1.0, 10.0**decades, 100) + 0j
+    ones = np.ones(100)
+    frf = Frf(
+        response="a", reference="b", frequency=f, value=size, coherence=ones, magnitude_std=1e-6 * ones, phase_std=1e-6 * ones,
+        averages=30.0, resolution=2.0, estimator="H1",
+    )  # fmt: skip
+    figure = frf_figure({"a": frf}, (2.0, 200.0))
+    magnitude = figure.axes[0]
+    magnitude.set_ylim(1.0, 10.0**decades)
+    gridded(figure)
+    minor = {text.get_text() for text in magnitude.yaxis.get_minorticklabels()}
+    every = minor | {text.get_text() for text in magnitude.yaxis.get_majorticklabels()}
+    assert "1" in every
+    assert not any("$" in text for text in every)
+    assert ("1.2" if decades < 1.0 else "20") in minor or not labelled
+    assert (minor == {""}) is not labelled

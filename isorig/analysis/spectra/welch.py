@@ -472,6 +472,10 @@ class _Blocks:
         kept = sums.length - sums.hop
         most = min(_at_once(sums.length), self._count)
         self._buffers = np.empty((len(self._channels) if ahead else 1, most * sums.hop + kept if most else 0))
+        #: The segments in each buffer: finding them takes longer than the mean of a block.
+        self._segments = [
+            np.lib.stride_tricks.sliding_window_view(each, sums.length)[:: sums.hop] for each in self._buffers if most
+        ]
         #: What the last segment of a block shares with the first one of the next block.
         self._kept = np.empty((len(self._channels), kept))
         self._first, self._given, self._many = 0, 0, 0
@@ -494,18 +498,17 @@ class _Blocks:
     def rows(self) -> Iterator[FloatArray]:
         """The segments of each channel, shape (segments, length), overwritten by those of the next one."""
         for row in range(len(self._channels)):
-            values = self._buffers[row] if self._ahead else self._read(row, self._many)
-            segments = np.lib.stride_tricks.sliding_window_view(values, self._sums.length)[:: self._sums.hop]
-            yield segments[self._given : self._given + self._many]
+            if not self._ahead:
+                self._read(row, self._many)
+            yield self._segments[row if self._ahead else 0][self._given : self._given + self._many]
 
-    def _read(self, row: int, many: int) -> FloatArray:
+    def _read(self, row: int, many: int) -> None:
         values: FloatArray = self._buffers[row if self._ahead else 0]
         kept, hop = self._kept[row], self._sums.hop
         begin, size, held = self._start + self._first * hop, many * hop + len(kept), len(kept) if self._first else 0
         values[:held] = kept[:held]
         values[held:size] = self._channels[row].read(begin + held, begin + size)
         kept[:] = values[many * hop : size]
-        return values
 
 
 def _at_once(length: int) -> int:
@@ -549,7 +552,9 @@ class _Sums:
         squares, power = self.squares, self.power
         # References come first, so that a channel meets all of them when it is processed.
         for row, (name, segments) in enumerate(zip(self.names, blocks.rows(), strict=True)):
-            np.subtract(segments, segments.mean(axis=1, keepdims=True), out=part)
+            mean = np.add.reduce(segments, axis=1, keepdims=True)
+            mean /= self.length
+            np.subtract(segments, mean, out=part)
             part *= self.window
             lines = np.fft.rfft(part, axis=1, out=self.transformed[:many])[:, : self.lines]
             if name in cross:

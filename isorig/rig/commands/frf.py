@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from importlib import import_module
 from math import log10
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
@@ -130,6 +132,8 @@ def frf(
         raise DataError("--follow reads one recording that is being written; give one")
     if len({path.stem for path in paths}) < len(paths):
         raise DataError("two recordings have the same name; rename one, because the curves and folders are named after them")
+    # The library of the figures takes longest to import: meanwhile another process checks the recording.
+    Thread(target=import_module, args=("isorig.rig.frf.figures",)).start()
     if not follow or foreign(campaign):
         write({path.stem: found_of(path) for path in paths}, " and ".join(path.name for path in paths))
         print(output)
