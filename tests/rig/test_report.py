@@ -12,11 +12,13 @@ import pytest
 from headless_page import CHROMIUM, told_by
 
 from isorig.analysis.model.rig_model import Configuration
+from isorig.analysis.spectra.quality import Fault
 from isorig.rig.files.parameter_table import ParameterFile, characterize_campaign
 from isorig.rig.report.charts import MOST_POINTS, SERIES, Chart, ChartTrace, Panel, spread_over
 from isorig.rig.report.frequency import frequency_sections
 from isorig.rig.report.measurement import measurement_page
-from isorig.rig.report.page import Report, Section, Table, build_report
+from isorig.rig.report.page import Report, Section, Table, build_report, wrapping
+from isorig.rig.report.sections import fault_sentences
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 from isorig.rig.wire_bonder.session import SESSION, virtual_campaign
 
@@ -206,3 +208,29 @@ def test_spread_over_keeps_ends_and_order() -> None:
     assert kept[0] == f[0]
     assert kept[-1] == f[-1]
     assert np.all(np.diff(kept) > 0)
+
+
+def test_a_fault_of_several_runs_is_stated_once() -> None:
+    def fault(run: str, name: str) -> Fault:
+        return Fault(run=run, channel=name, kind="dead", text=f"run {run!r}: {name} is dead; check it.")
+
+    assert fault_sentences([fault("a", "x"), fault("b", "x"), fault("a", "y"), fault("c", "x")]) == [
+        "Run 'a': x is dead; check it. The same applies to runs 'b' and 'c'.",
+        "Run 'a': y is dead; check it.",
+    ]
+    assert fault_sentences([fault("a", "x"), fault("b", "x")]) == ["Run 'a': x is dead; check it. The same applies to run 'b'."]
+
+
+@pytest.mark.parametrize(
+    ("text", "html"),
+    [
+        ("links.flexure.laws.0.stroke", "links.<wbr>flexure.<wbr>laws.<wbr>0.<wbr>stroke"),
+        ("2.99994 ± 0.00017 kN/m", '<span class="whole">2.99994 ± 0.00017</span> kN/m'),
+        ("2026-06-15 to 2026-06-22", '<span class="whole">2026-06-15</span> to <span class="whole">2026-06-22</span>'),
+        ("isolation -16 ± 1 %, <b>", 'isolation <span class="whole">-16 ± 1 %</span>, &lt;b&gt;'),
+        ("0.5", "0.5"),
+        ("a.<b>", "a.&lt;b&gt;"),
+    ],
+)
+def test_cells_wrap_within_paths_but_not_within_values(text: str, html: str) -> None:
+    assert wrapping(text) == html

@@ -32,6 +32,8 @@ TURN = 1.2
 STEEP_TURN = 0.1
 #: Maximum number of parts into which a step is divided for that.
 CUTS = 4096
+#: Number of values in a line of the processor's cache, 64 bytes.
+CACHE_LINE = 8
 #: Role of an element when contacts change state at one instant: none; dry friction, which sticks at zero speed; Karnopp's law,
 #: which sticks at any speed within its band.
 ALONE, SETTLING, BANDED = 0, 1, 2
@@ -406,9 +408,15 @@ class _Systems:
 
 
 def _columns(rows: FloatArray) -> FloatArray:
-    """Rows (modes, ..., rows, M) in groups of eight by columns, (modes, ... * groups, M, 8)."""
+    """Rows (modes, ..., rows, M) in groups of eight by columns, (modes, ... * groups, M, 8), each column in one cache line."""
     *outer, count, size = rows.shape
     groups = -(-count // 8)
     padded = np.zeros((*outer, groups * 8, size))
     padded[..., :count, :] = rows
-    return np.ascontiguousarray(padded.reshape(outer[0], -1, 8, size).swapaxes(2, 3))
+    columns = padded.reshape(outer[0], -1, 8, size).swapaxes(2, 3)
+    # NumPy aligns to 16 bytes only: with columns in two lines each, a simulation takes up to 6 % longer.
+    memory = np.empty(columns.size + CACHE_LINE)
+    first = -(memory.ctypes.data // memory.itemsize) % CACHE_LINE
+    aligned = memory[first : first + columns.size].reshape(columns.shape)
+    aligned[:] = columns
+    return aligned

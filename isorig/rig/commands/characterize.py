@@ -41,7 +41,7 @@ def characterize(
     from isorig.rig.files.rigfile import read_rig
     from isorig.rig.process.terminal import show_table
     from isorig.rig.report.fits import fits_page
-    from isorig.rig.report.sections import number
+    from isorig.rig.report.sections import fault_sentences, number
     from isorig.rig.wire_bonder.set_ups_page import about, write_set_ups
 
     measured = read(campaign)
@@ -79,6 +79,6 @@ def characterize(
         print("The recording has no calibration_std, so the uncertainties do not include the calibration of the sensors.")
     if found.noise:
         print(found.noise)
-    for fault in found.faults:
-        print(fault.text)
+    for sentence in fault_sentences(found.faults):
+        print(sentence)
     print(path)

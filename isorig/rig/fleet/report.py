@@ -27,6 +27,7 @@ from isorig.rig.fleet.sentences import (
     period,
     rigs_in_order,
     state_of,
+    with_unit,
 )
 from isorig.rig.report.charts import Chart, ChartTrace, Mark, Panel
 from isorig.rig.report.page import Cell, Page, PageLink, Report, Section, Table, build_report
@@ -152,7 +153,7 @@ def _glance(fleet: Fleet, rigs: Sequence[TrackedRig], anchors: Mapping[str, str]
 
 def _spark(track: Track) -> Cell:
     values = np.exp(track.series.value) if track.log else track.series.value
-    text = f"{parameter_words(track.name)}: now {track.plain(track.followed.level):.4g} {track.unit}"
+    text = f"{parameter_words(track.name)}: now {with_unit(track.plain(track.followed.level), track.unit)}"
     return sparkline(values, text, [change.first for change in track.followed.changes])
 
 
@@ -164,7 +165,7 @@ def _odd(fleet: Fleet, anchors: Mapping[str, str]) -> Section:
             rows.append(
                 (
                     PageLink(text=rigs[k], page=anchors[rigs[k]]), parameter_words(name),
-                    f"{track.plain(track.followed.level):.4g} {track.unit}", f"{track.plain(found.middle):.4g} {track.unit}",
+                    with_unit(track.plain(track.followed.level), track.unit), with_unit(track.plain(found.middle), track.unit),
                     difference_words(found.away[k]),
                 )
             )  # fmt: skip
@@ -172,7 +173,7 @@ def _odd(fleet: Fleet, anchors: Mapping[str, str]) -> Section:
         return Section(title="Outlying rigs", text=["No rig differs from the others by more than their spread."])
     columns = ("rig", "parameter", "its level", "the others' mean", "difference, standard deviations of the others")
     return Section(
-        title="Odd rigs",
+        title="Outlying rigs",
         text=["These rigs differ from the others by more than their spread, even if they have not changed."],
         tables=[Table(columns=columns, rows=rows)],
     )
@@ -182,9 +183,9 @@ def _scatter(fleet: Fleet) -> Section:
     rows = []
     for name, found in fleet.scatter.items():
         track = next(rig.tracks[name] for rig in fleet.rigs.values() if name in rig.tracks)
-        size = _percent(found.variance**0.5) if track.log else f"{found.variance**0.5:.2g} {track.unit}"
+        size = _percent(found.variance**0.5) if track.log else with_unit(found.variance**0.5, track.unit, 2)
         fitted = float(np.median(np.concatenate([r.tracks[name].series.std for r in fleet.rigs.values() if name in r.tracks])))
-        own = _percent(fitted) if track.log else f"{fitted:.2g} {track.unit}"
+        own = _percent(fitted) if track.log else with_unit(fitted, track.unit, 2)
         limits = fleet.limits.get(name)
         shown = "too few campaigns" if limits is None else ", ".join(f"{limit:.2g}" for limit in limits)
         rows.append((parameter_words(name), size, own, f"{found.freedom:.0f}", shown))

@@ -46,11 +46,15 @@ def period(fleet: Fleet, incident: Incident) -> str:
     return f"{day(before.date)} to {day(after.date)}"
 
 
+def with_unit(value: float, unit: str, digits: int = 4) -> str:
+    """A value to significant digits with its unit; a ratio has none."""
+    return f"{value:.{digits}g}" + (f" {unit}" if unit not in ("", "1") else "")
+
+
 def change_words(track: Track, change: DatedChange) -> str:
     """A change of a parameter in words."""
-    unit = f" {track.unit}" if track.unit not in ("", "1") else ""
     text = f"{parameter_words(track.name)} {track.moved(change)} (from {track.plain(change.before):.4g} to "
-    text += f"{track.plain(change.after):.4g}{unit}; {change.kind})"
+    text += f"{with_unit(track.plain(change.after), track.unit)}; {change.kind})"
     return text if abs(change.size) >= POLICY.confirmed_change else f"{text}, not confirmed by the campaigns since"
 
 
@@ -64,8 +68,7 @@ def explained(rows: Sequence[Mapping[str, object]]) -> str:
 
 def cause_words(row: Mapping[str, object]) -> str:
     """An explanation in a clause."""
-    old, new, unit = float(str(row["old"])), float(str(row["new"])), str(row["unit"])
-    after = f"{new:.4g}" + (f" {unit}" if unit not in ("", "1") else "")
+    old, after = float(str(row["old"])), with_unit(float(str(row["new"])), str(row["unit"]))
     cause, place = _plain(str(row["cause"])), _plain(str(row["location"]))
     if math.isfinite(old):
         return f"{cause} of {place} from {old:.4g} to {after}"

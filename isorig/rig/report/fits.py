@@ -10,7 +10,7 @@ from isorig.analysis.wording import of_signal
 from isorig.rig.report.charts import Role
 from isorig.rig.report.misfit import misfit_charts, simulated, time_charts
 from isorig.rig.report.page import Report, Section, build_report
-from isorig.rig.report.sections import entries_table, provenance_section
+from isorig.rig.report.sections import entries_table, fault_sentences, provenance_section
 
 JOINT: tuple[str, Role] = ("joint fit", "simulated")
 
@@ -22,7 +22,7 @@ def fits_page(campaign: Campaign, found: Characterization) -> str:
     report = Report(
         title=f"Parameters of {Path(campaign.source).name}",
         verdict=f"The held-out error of the joint fit is {of_signal(found.error)}, that of noise alone {found.noise_alone}.",
-        summary=[fault.text for fault in found.faults],
+        summary=fault_sentences(found.faults),
         sections=[
             Section(title="Parameters", tables=[entries_table(found.table)]),
             Section(title="Joint fit over the runs", charts=charts),

@@ -21,7 +21,7 @@ from isorig.rig.report.frequency import isolation_of, transfer_section
 from isorig.rig.report.history import history_sections
 from isorig.rig.report.misfit import misfit_charts, scores_chart, simulated, time_charts
 from isorig.rig.report.page import Report, Section, Table, build_report
-from isorig.rig.report.sections import entries_table, number, provenance_section, runs_section, words
+from isorig.rig.report.sections import entries_table, fault_sentences, number, provenance_section, runs_section, words
 from isorig.rig.wire_bonder.description import THESIS
 from isorig.rig.wire_bonder.isolation import isolation_sentences
 
@@ -57,7 +57,7 @@ def measurement_page(campaign: Campaign, found: Characterization, history: Seque
     ]  # fmt: skip
     report = Report(
         title=f"Measurement {Path(campaign.source).name}", verdict=_verdict(found),
-        summary=[*(doubt.text for doubt in found.doubts), *(fault.text for fault in found.faults)], sections=sections,
+        summary=[*(doubt.text for doubt in found.doubts), *fault_sentences(found.faults)], sections=sections,
         first=first_screen(campaign, found, compared, wrong, asked, models),
     )  # fmt: skip
     return build_report(report)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,10 +10,14 @@ from typing import Any
 
 import jinja2
 import msgspec
+from markupsafe import Markup, escape
 
 from isorig.rig.report.charts import Chart
 
 HERE = Path(__file__).parent
+#: Paths of parameters; dates, and values with their uncertainty.
+_PATH = re.compile(r"[A-Za-z]\w*(?:\.\w+)+")
+_WHOLE = re.compile(r"\d{4}-\d{2}-\d{2}|[-+]?\d[\w.+-]* ± \d[\w.+-]*(?: %)?")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,6 +127,13 @@ class Report:
     pages: Sequence[Page] = ()
 
 
+def wrapping(text: str) -> Markup:
+    """A cell's text as HTML that wraps in narrow columns: within paths, but not within dates or values with their uncertainty."""
+    if _PATH.fullmatch(text):
+        return Markup(".<wbr>").join(text.split("."))
+    return Markup(_WHOLE.sub(r'<span class="whole">\g<0></span>', str(escape(text))))
+
+
 def build_report(report: Report) -> str:
     """The page as HTML. Text from files is escaped; nothing is loaded when it is opened."""
     first = [] if report.first is None else [*report.first.pictures]
@@ -130,6 +142,7 @@ def build_report(report: Report) -> str:
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(HERE), autoescape=True, trim_blocks=True, undefined=jinja2.StrictUndefined
     )
+    environment.filters["wrapping"] = wrapping
     environment.tests["link"] = lambda cell: isinstance(cell, PageLink)
     environment.tests["sparkline"] = lambda cell: isinstance(cell, Sparkline)
     return environment.get_template("page.html").render(

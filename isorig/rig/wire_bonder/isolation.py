@@ -31,6 +31,7 @@ from isorig.rig.errors import PlanError, RecordingError
 from isorig.rig.files.models import read_model
 from isorig.rig.model.baseline import baseline_model
 from isorig.rig.model.prediction import predicted
+from isorig.rig.report.sections import fault_sentences
 from isorig.rig.wire_bonder.four_set_ups import classic, rig_of_set_ups
 from isorig.rig.wire_bonder.parameters import CALLED, Method, read_rig_values
 from isorig.rig.wire_bonder.peak_offset import PeakOffset, peak_offset
@@ -149,7 +150,7 @@ def _isolated(ratios: Mapping[str, IsolationRatio], rig: RigModel) -> dict[str, 
 def isolation_sentences(compared: Compared) -> list[str]:
     """Sentences about the ratio."""
     ratio = compared.measured
-    sentences = [fault.text for fault in compared.faults]
+    sentences = fault_sentences(compared.faults)
     if compared.swept:
         sentences.append(
             f"The gain changed within {', '.join(compared.swept)}: each of these runs is split by its streamed gain."

@@ -19,7 +19,7 @@ from isorig.rig.model.baseline import baseline_model
 from isorig.rig.report.charts import Chart, ChartTrace, Panel, Role
 from isorig.rig.report.misfit import misfit_charts, simulated, time_charts
 from isorig.rig.report.page import Report, Section, Table, build_report
-from isorig.rig.report.sections import number, provenance_section, words
+from isorig.rig.report.sections import fault_sentences, number, provenance_section, words
 from isorig.rig.wire_bonder.figures import set_ups_figure, surface_figure
 from isorig.rig.wire_bonder.four_set_ups import ErrorSurface, FourSetUps, SetUp, classic
 
@@ -91,7 +91,7 @@ def _page(campaign: Campaign, found: Characterization, read: FourSetUps) -> str:
         title=f"Parameters of {Path(campaign.source).name}",
         verdict=f"The error of the joint fit is {of_signal(found.error)} on held-out data, that of noise alone "
         f"{found.noise_alone}.",
-        summary=[fault.text for fault in found.faults]
+        summary=fault_sentences(found.faults)
         + [f"{words(name).capitalize()}: not available, because {reason}." for name, reason in read.refused.items()],
         sections=[
             Section(
