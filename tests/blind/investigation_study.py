@@ -33,7 +33,7 @@ from study_table import Job, append, done
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.proposals.limits import simulated_peaks
 from isorig.analysis.proposals.menu import CandidateRun
-from isorig.analysis.proposals.policy import KEPT
+from isorig.analysis.proposals.policy import POLICY
 from isorig.analysis.proposals.prediction import drawn_models
 from isorig.rig.diagnose.many import diagnose_file
 from isorig.rig.errors import REFUSALS
@@ -94,7 +94,7 @@ def repeated(now: Situation, **_: object) -> Proposal:
 
 def allowed(now: Situation, runs: Iterable[CandidateRun]) -> Iterator[CandidateRun]:
     """Those of some runs in which the models that explain the runs so far keep the limits."""
-    models = drawn_models(now.explains, KEPT, 5)
+    models = drawn_models(now.explains, POLICY.simulated_draws, 5)
     for run in runs:
         one = prospect(run, now.rivals.sample_rate, now.start_time, now.scale)
         if not simulated_peaks(models, one.excitation(whole=True), run.configuration, one.start_time).beyond(now.limits):

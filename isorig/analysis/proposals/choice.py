@@ -17,13 +17,14 @@ from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.proposals.limits import LargestMotions, simulated_peaks
 from isorig.analysis.proposals.menu import CandidateRun, cost
-from isorig.analysis.proposals.policy import CANNOT, COMPARED, MOST_RUNS, SHOWN, WILL, WORTH
+from isorig.analysis.proposals.policy import POLICY
 from isorig.analysis.proposals.prediction import Moments, Predicted, Prospect, Variant, distance, drawn_models, left, refit
 
 
 def distinguishing_probability(distances: float | FloatArray) -> FloatArray:
-    """Probability that a run distinguishes two causes at this distance: 0 up to `CANNOT`, 1 from `WILL` on, logarithmic."""
-    between = np.log(np.maximum(distances, 1e-12) / CANNOT) / np.log(WILL / CANNOT)
+    """Probability that a run distinguishes two causes at this distance: 0 and 1 at the policy's limits, logarithmic between."""
+    low, high = POLICY.indistinguishable, POLICY.distinguishable
+    between = np.log(np.maximum(distances, 1e-12) / low) / np.log(high / low)
     return np.asarray(np.clip(between, 0.0, 1.0))
 
 
@@ -166,7 +167,7 @@ class Comparison:
     def __init__(self, question: Question, noise: Mapping[str, float], in_hand: Sequence[Prospect]) -> None:
         self._question, self._noise = question, noise
         self._reference = question.rivals[0].model
-        count = 1 if question.supposed else COMPARED
+        count = 1 if question.supposed else POLICY.compared_draws
         self._drawn = [
             [truth, *(Variant(cause=truth.cause, location=truth.location, model=m) for m in drawn_models(truth, count, 3)[1:])]
             for truth in question.truths
@@ -241,7 +242,7 @@ class Comparison:
                     found.append((prospect, self._moments(prospect)))
         return ComparedRuns(pairs=found, refused=refused)
 
-    def predicted_pairs(self, prospect: Prospect, pairs: Pairs, most: int = SHOWN) -> tuple[PredictedPair, ...]:
+    def predicted_pairs(self, prospect: Prospect, pairs: Pairs, most: int = POLICY.shown_pairs) -> tuple[PredictedPair, ...]:
         """Predictions of causes that a run distinguishes, the closest pairs first."""
         seen = Predicted(prospect, self._noise, self._reference)
         found = []
@@ -253,7 +254,7 @@ class Comparison:
                 step = refit(rival.free, [run[i, k] for run in (*self._hand, pairs)])
                 apart = left(pairs[i, k], step)
                 row = int(np.argmax(apart))
-                if not CANNOT < apart[row] < np.inf:
+                if not POLICY.indistinguishable < apart[row] < np.inf:
                     continue
                 channel, lines = seen.channels[row], own[row] + slopes.rows[row] @ step
                 found.append(
@@ -335,7 +336,7 @@ def choose(
     *,
     configuration: str,
     budget: float,
-    most: int = MOST_RUNS,
+    most: int = POLICY.most_runs,
 ) -> Chosen:
     """The runs to measure, in order: the largest increase in probability per cost, each in addition to those before it.
 
@@ -367,7 +368,7 @@ def choose(
         best = int(np.argmax(gains))
         prospect, pairs = affordable[best]
         then = comparison.probability([*taken, pairs])
-        if then - now < WORTH:
+        if then - now < POLICY.worthwhile_gain:
             break
         left = [item for item in left if item[0] is not prospect]
         peaks = kept(prospect)

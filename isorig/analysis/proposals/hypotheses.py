@@ -11,7 +11,7 @@ from isorig.analysis.diagnose.kinds import kind_of
 from isorig.analysis.errors import ModelError
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.proposals.limits import LargestMotions
-from isorig.analysis.proposals.policy import SESSION, TINY
+from isorig.analysis.proposals.policy import POLICY
 from isorig.analysis.proposals.prediction import Variant
 
 
@@ -30,10 +30,10 @@ def hypotheses(model: RigModel, peaks: LargestMotions, speed: Mapping[str, float
     links = [link.name for link in model.links]
     channels = (model.drive.channel, *(sensor.channel for sensor in model.sensors))
     amplitudes = Amplitudes(
-        deflection={link: max(peaks.stroke.get(link, 0.0), TINY) for link in links},
-        speed={link: max(speed.get(link, 0.0), TINY) for link in links},
-        peak={channel: max(peaks.channels.get(channel, 0.0), TINY) for channel in channels},
-        sample_rate=sample_rate, end_time=SESSION,
+        deflection={link: max(peaks.stroke.get(link, 0.0), POLICY.no_motion) for link in links},
+        speed={link: max(speed.get(link, 0.0), POLICY.no_motion) for link in links},
+        peak={channel: max(peaks.channels.get(channel, 0.0), POLICY.no_motion) for channel in channels},
+        sample_rate=sample_rate, end_time=POLICY.session,
     )  # fmt: skip
     found = []
     for cause in CATALOGUE:

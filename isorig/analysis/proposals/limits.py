@@ -14,7 +14,7 @@ from isorig.analysis.errors import ModelError, SimulationError
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.parallel import side_by_side
-from isorig.analysis.proposals.policy import USABLE
+from isorig.analysis.proposals.policy import POLICY
 from isorig.analysis.simulate import Excitation, record, simulate, true_drive
 from isorig.analysis.simulate.gauges import DEFLECTION, gauged
 
@@ -39,7 +39,7 @@ class LargestMotions:
     force: float
     channels: Mapping[str, float]
 
-    def beyond(self, limits: Limits, usable: float = USABLE) -> str:
+    def beyond(self, limits: Limits, usable: float = POLICY.usable_share) -> str:
         """What exceeds the usable share of its limit, in words; empty if nothing does."""
         pairs = [
             (f"the deflection of the {name}", self.stroke.get(name, 0.0), most, " m") for name, most in limits.stroke.items()
@@ -111,7 +111,7 @@ def reached_so_far(limits: Limits, model: RigModel, peaks: LargestMotions) -> Li
     """
     blocked = {name for setup in model.configurations.values() for name in setup.rigid}
     moving = [link.name for link in model.links if link.name in blocked or not blocked]
-    reached = {name: peaks.stroke[name] / USABLE for name in moving if 0.0 < peaks.stroke.get(name, 0.0) < inf}
+    reached = {name: peaks.stroke[name] / POLICY.usable_share for name in moving if 0.0 < peaks.stroke.get(name, 0.0) < inf}
     free = limits.drive is None and limits.gains is None and peaks.drive > 0.0
-    drive = peaks.drive / USABLE if free else limits.drive
+    drive = peaks.drive / POLICY.usable_share if free else limits.drive
     return msgspec.structs.replace(limits, stroke={**reached, **limits.stroke}, drive=drive)

@@ -9,7 +9,7 @@ from typing import Literal
 
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel
-from isorig.analysis.proposals import policy
+from isorig.analysis.proposals.policy import POLICY
 from isorig.analysis.simulate.natural import natural_modes
 
 Excited = Literal["random", "multisine", "sine", "sweep", "moves", "steps", "free", "other"]
@@ -45,7 +45,7 @@ class CandidateRun:
     seconds: float
     band: tuple[float, float] | None = None
     frequency: float | None = None
-    period: float = policy.PERIOD
+    period: float = POLICY.multisine_period
     seed: int = 0
     repeat_of: str | None = None
 
@@ -67,7 +67,7 @@ def menu(
     limits
         Gains and band must be given.
     sample_rate
-        Hz; no drive exceeds `policy.HIGHEST` of it.
+        Hz; no drive exceeds `POLICY.highest_frequency` of it.
     seed
         Random seed of the drives; each candidate has another realization.
     repeatable
@@ -76,31 +76,37 @@ def menu(
     assert limits.gains is not None
     assert limits.band is not None
     lowest, highest = limits.gains
-    low, high = max(limits.band[0], policy.LOWEST), min(limits.band[1], policy.HIGHEST * sample_rate)
+    low, high = max(limits.band[0], POLICY.lowest_frequency), min(limits.band[1], POLICY.highest_frequency * sample_rate)
     if not low < high:
         return ()
-    gains = [share * highest for share in policy.LEVELS if share * highest >= lowest]
+    gains = [share * highest for share in POLICY.levels if share * highest >= lowest]
     found: list[CandidateRun] = []
     for name in model.configurations:
         modes = [mode.frequency for mode in natural_modes(model, name) if low < mode.frequency < high]
         for k, band in enumerate(_bands(modes, low, high)):
             for gain in gains if k < 2 else gains[:1]:
-                found.append(CandidateRun(configuration=name, excitation="random", gain=gain, seconds=policy.BROAD, band=band))
+                found.append(
+                    CandidateRun(configuration=name, excitation="random", gain=gain, seconds=POLICY.broad_run, band=band)
+                )
         for band in _bands(modes, low, high)[:2]:
-            multisine = CandidateRun(configuration=name, excitation="multisine", gain=highest, seconds=policy.BROAD, band=band)
+            multisine = CandidateRun(
+                configuration=name, excitation="multisine", gain=highest, seconds=POLICY.broad_run, band=band
+            )
             found += [multisine, replace(multisine, excitation="sweep")]
-        for f, share in product(modes, policy.DWELLS):
+        for f, share in product(modes, POLICY.dwells):
             if low <= share * f <= high:
                 found.append(
                     CandidateRun(
-                        configuration=name, excitation="sine", gain=highest, seconds=policy.SHORT, frequency=_three(share * f)
+                        configuration=name, excitation="sine", gain=highest, seconds=POLICY.short_run, frequency=_three(share * f)
                     )
                 )
         moved: tuple[Excited, ...] = ("moves", "steps")
         for kind, gain in product(moved, gains[:2]):
-            found.append(CandidateRun(configuration=name, excitation=kind, gain=gain, seconds=policy.SHORT))
+            found.append(CandidateRun(configuration=name, excitation=kind, gain=gain, seconds=POLICY.short_run))
     longest = [
-        replace(run, seconds=policy.LONGER * policy.BROAD) for run in found if run.excitation == "random" and run.gain == highest
+        replace(run, seconds=POLICY.longer * POLICY.broad_run)
+        for run in found
+        if run.excitation == "random" and run.gain == highest
     ]
     allowed = (
         replace(run, gain=min(_three(run.gain), highest), seconds=min(run.seconds, limits.seconds or run.seconds))
@@ -125,24 +131,24 @@ def covers(model: RigModel, run: CandidateRun) -> bool:
 
 def cost(run: CandidateRun, configuration: str, limits: Limits) -> float:
     """Cost of a run in the present configuration of the rig, in seconds of measuring."""
-    price = policy.LOCK_PRICE if limits.lock_price is None else limits.lock_price
-    return run.seconds + policy.OVERHEAD + (price if run.configuration != configuration else 0.0)
+    price = POLICY.lock_price if limits.lock_price is None else limits.lock_price
+    return run.seconds + POLICY.overhead + (price if run.configuration != configuration else 0.0)
 
 
 def rest(model: RigModel, limits: Limits) -> CandidateRun:
     """A run at rest, in the rig's first configuration: it shows only the sensors' noise and hum."""
     gain = 1.0 if limits.gains is None else limits.gains[1]
-    return CandidateRun(configuration=next(iter(model.configurations)), excitation="free", gain=gain, seconds=policy.REST)
+    return CandidateRun(configuration=next(iter(model.configurations)), excitation="free", gain=gain, seconds=POLICY.rest_run)
 
 
 def _bands(modes: Sequence[float], low: float, high: float) -> list[tuple[float, float]]:
     # The whole allowed band, the low band, the band below the lowest mode, and the neighbourhood of each mode.
     found = [(low, high)]
     if modes:
-        found += [(low, policy.LOW * modes[0]), (low, policy.BELOW * modes[0])]
-        found += [(policy.ABOUT[0] * f, policy.ABOUT[1] * f) for f in modes]
+        found += [(low, POLICY.low_band * modes[0]), (low, POLICY.band_below_modes * modes[0])]
+        found += [(POLICY.band_around_mode[0] * f, POLICY.band_around_mode[1] * f) for f in modes]
     clipped = [(max(_three(a), low), min(_three(b), high)) for a, b in found]
-    return list(dict.fromkeys((a, b) for a, b in clipped if b > policy.WIDE * a))
+    return list(dict.fromkeys((a, b) for a, b in clipped if b > POLICY.narrowest_band * a))
 
 
 def _three(value: float) -> float:

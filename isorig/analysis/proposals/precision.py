@@ -24,7 +24,7 @@ from isorig.analysis.model.linear import linear_part
 from isorig.analysis.model.rig_model import GROUND, RigModel, direction, single_drive
 from isorig.analysis.proposals.limits import LargestMotions, simulated_peaks
 from isorig.analysis.proposals.menu import cost
-from isorig.analysis.proposals.policy import ALIKE, COHERENT, NO_BETTER, RESOLUTION, SHORTEST
+from isorig.analysis.proposals.policy import POLICY
 from isorig.analysis.proposals.prediction import Predicted, Prospect, Variant, beforehand
 from isorig.analysis.simulate import simulate
 from isorig.analysis.spectra.welch import estimate
@@ -171,7 +171,7 @@ class KnownPrecision:
             id="prospect", configuration=configuration, sample_rate=rate, gain=prospect.run.gain,
             channels={name: Channel(name=name, samples=values) for name, values in noisy.items()},
         )  # fmt: skip
-        spectra = estimate(Campaign(runs=(run,)).runs, references=[model.drive.channel], resolution=RESOLUTION)
+        spectra = estimate(Campaign(runs=(run,)).runs, references=[model.drive.channel], resolution=POLICY.resolution)
         theta = np.array([f.encode(model.get(f.path)) for f in self._variant.free])
         here = transfer(model, configuration, spectra.frequency[1:])
         columns = []
@@ -185,10 +185,10 @@ class KnownPrecision:
         whole = np.zeros((len(theta),) * 2)
         for k, sensor in enumerate(model.sensors):
             frf = spectra.frf(sensor.channel, model.drive.channel)
-            good = inside & (frf.coherence[1:] > COHERENT) & (frf.magnitude_std[1:] > 0.0)
+            good = inside & (frf.coherence[1:] > POLICY.least_coherence) & (frf.magnitude_std[1:] > 0.0)
             own = rows[k][good] / frf.magnitude_std[1:][good, None]
             whole += np.real(own.conj().T @ own)
-        return np.asarray(whole * prospect.run.seconds * rate / len(excitation.recorded) / ALIKE)
+        return np.asarray(whole * prospect.run.seconds * rate / len(excitation.recorded) / POLICY.correlated_bins)
 
 
 def transfer(model: RigModel, configuration: str, frequency: FloatArray) -> ComplexArray:
@@ -246,7 +246,7 @@ def design(
     now = known.now
     runs: list[PreciseRun] = []
     left = list(candidates)
-    while known.std(now) > wish and len(runs) < most and budget >= SHORTEST and left:
+    while known.std(now) > wish and len(runs) < most and budget >= POLICY.shortest_run and left:
         ranked = [_ranked(known, now, prospect, own, wish, configuration, limits, budget) for prospect, own in left]
         _, prospect, own = min(ranked, key=lambda item: item[0])
         peaks = kept(prospect)
@@ -255,7 +255,7 @@ def design(
             continue
         before = known.std(now)
         now = now + own
-        if known.std(now) > NO_BETTER * before:
+        if known.std(now) > POLICY.remaining_uncertainty * before:
             break
         runs.append(PreciseRun(prospect=prospect, std=known.std(now), peaks=peaks))
         configuration, budget = prospect.run.configuration, budget - prospect.run.seconds
@@ -273,12 +273,12 @@ def _ranked(
     reached = known.std(now + own * longest / whole) <= wish
     if reached and prospect.run.excitation != "sweep":
         # The smallest number of whole seconds that reaches it.
-        short, high = int(np.ceil(min(SHORTEST, longest))), int(np.ceil(longest))
+        short, high = int(np.ceil(min(POLICY.shortest_run, longest))), int(np.ceil(longest))
         while short < high:
             middle = (short + high) // 2
             short, high = (short, middle) if known.std(now + own * middle / whole) <= wish else (middle + 1, high)
         seconds = float(high)
-    seconds = min(max(seconds, SHORTEST), longest)
+    seconds = min(max(seconds, POLICY.shortest_run), longest)
     own = own * seconds / whole
     cut = prospect.shortened(seconds)
     return (not reached, cost(cut.run, configuration, limits) if reached else known.std(now + own)), cut, own

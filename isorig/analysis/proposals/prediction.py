@@ -20,7 +20,7 @@ from isorig.analysis.fitting.solve import Free, Problem, jacobian_of
 from isorig.analysis.fitting.trials import FIT_SHARE, Trial
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.proposals.menu import CandidateRun
-from isorig.analysis.proposals.policy import GRID, HORIZON, TRUSTED
+from isorig.analysis.proposals.policy import POLICY
 from isorig.analysis.simulate import Excitation
 
 #: A cause and its place.
@@ -83,9 +83,9 @@ class Prospect:
             return self
         return replace(self, run=replace(self.run, seconds=seconds), drive=self.drive[: round(seconds * self.sample_rate)])
 
-    def excitation(self, *, whole: bool = False, grid: int = GRID) -> Excitation:
+    def excitation(self, *, whole: bool = False, grid: int = POLICY.steps_per_sample) -> Excitation:
         """The prepared drive: the part needed for comparisons, or the whole."""
-        n = len(self.drive) if whole or self.run.excitation == "sweep" else round(HORIZON * self.sample_rate)
+        n = len(self.drive) if whole or self.run.excitation == "sweep" else round(POLICY.simulated_seconds * self.sample_rate)
         return Excitation.prepare(self.drive[:n], self.sample_rate, oversample=grid)
 
 
@@ -142,7 +142,7 @@ class Predicted:
         self._n = len(excitation.recorded)
         shaken = np.random.default_rng(7).normal(0.0, noise.get(reference.drive.channel, 0.0), self._n)
         clean, other = (
-            self._records(self._problem(Excitation.prepare(drive, rate, oversample=GRID)), [reference])[0]
+            self._records(self._problem(Excitation.prepare(drive, rate, oversample=POLICY.steps_per_sample)), [reference])[0]
             for drive in (excitation.recorded, excitation.recorded + shaken)
         )
         own = np.array([noise.get(name, 0.0) for name in self.channels])
@@ -274,11 +274,11 @@ def distance(free: Sequence[Free], moments: Sequence[Moments], counted: Sequence
 
 def beforehand(free: Sequence[Free]) -> FloatArray:
     """Prior knowledge of a model's search coordinates: the inverse of their variances, shape (k,)."""
-    return np.array([(1.0 if f.log else 100.0 * f.step) * TRUSTED for f in free], dtype=np.float64) ** -2
+    return np.array([(1.0 if f.log else 100.0 * f.step) * POLICY.trusted_deviation for f in free], dtype=np.float64) ** -2
 
 
 def drawn_models(variant: Variant, count: int, seed: int) -> tuple[RigModel, ...]:
-    """The model and others drawn from its covariance, `count` in all; the standard deviation of a value is at most `TRUSTED`."""
+    """The model and others drawn from its covariance, `count` in all; the standard deviation of a value is limited."""
     generator = np.random.default_rng(seed)
     slope = np.array([variant.model.get(f.path) if f.log else 1.0 for f in variant.free])
     covariance = variant.covariance / np.outer(slope, slope)

@@ -15,7 +15,7 @@ from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel, Sensor
 from isorig.analysis.proposals.choice import ComparedRuns, Comparison, PairDistance
 from isorig.analysis.proposals.limits import LargestMotions
-from isorig.analysis.proposals.policy import HIGHER, RAISED, RESOLVES, TRIED, WILL
+from isorig.analysis.proposals.policy import POLICY
 from isorig.analysis.proposals.prediction import Key, Prospect
 from isorig.analysis.simulate.gauges import gauged
 
@@ -49,7 +49,7 @@ def further(
     comparison: Comparison, pair: tuple[Key, Key], beyond: Callable[[float], Sequence[Prospect]],
     peaks: Callable[[Prospect], LargestMotions], progress: Progress,
 ) -> Remedy | None:  # fmt: skip
-    """The run with the smallest stroke beyond the limits that would distinguish a pair of causes; None if no `RAISED` gain does.
+    """The run with the smallest stroke beyond the limits that would distinguish a pair of causes; None if no raised gain does.
 
     Parameters
     ----------
@@ -65,10 +65,10 @@ def further(
         Called before every candidate; when the deadline in force is over there is no answer.
     """
     with suppress(OutOfTimeError):
-        for factor in RAISED:
+        for factor in POLICY.raised_gains:
             seen = comparison.seen(beyond(factor), Limits(), progress)
             found = [(farther(comparison.distances([pairs]), pair), prospect) for prospect, pairs in seen.pairs]
-            enough = [Remedy(prospect=one, distance=size, peaks=peaks(one)) for size, one in found if size >= WILL]
+            enough = [Remedy(prospect=p, distance=size, peaks=peaks(p)) for size, p in found if size >= POLICY.distinguishable]
             if enough:
                 return min(enough, key=_stroke)
             ask_time()
@@ -81,11 +81,12 @@ def another_sensor(comparison: Comparison, seen: ComparedRuns, pair: tuple[Key, 
     ranked = sorted(seen.pairs, key=lambda item: -farther(comparison.distances([item[1]]), pair))
     found: list[Remedy] = []
     with suppress(OutOfTimeError):
-        for prospect, _ in ranked[:TRIED]:
+        for prospect, _ in ranked[: POLICY.tried_with_sensor]:
             ask_time()
             progress("searching for another sensor")
-            for channel, apart in comparison.with_sensors(prospect, watched(prospect.run.configuration), RESOLVES).items():
-                if (size := farther(apart, pair)) >= WILL:
+            sensors = watched(prospect.run.configuration)
+            for channel, apart in comparison.with_sensors(prospect, sensors, POLICY.sensor_resolution).items():
+                if (size := farther(apart, pair)) >= POLICY.distinguishable:
                     found.append(Remedy(prospect=prospect, distance=size, channel=channel))
     return max(found, key=lambda remedy: remedy.distance, default=None)
 
@@ -111,7 +112,7 @@ def watched(configuration: str) -> Callable[[RigModel], RigModel]:
         above = tuple(
             Sensor(
                 channel=f"{SECOND}{s.channel}", body=s.body, relative_to=s.relative_to,
-                arms={name: s.arms.get(name, 0.0) + HIGHER * (name in s.arms) for name in rotating},
+                arms={name: s.arms.get(name, 0.0) + POLICY.second_sensor_height * (name in s.arms) for name in rotating},
             )
             for s in model.sensors
             if s.quantity == "acceleration"

@@ -12,7 +12,7 @@ import numpy as np
 from isorig.analysis.fitting.solve import base_parameters
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel
-from isorig.analysis.proposals.policy import SHORTEST
+from isorig.analysis.proposals.policy import POLICY as PROPOSALS
 from isorig.analysis.proposals.precision import named_figures, std_of
 from isorig.analysis.wording import capitalized
 from isorig.rig.acquire.plan import Plan, RunPlan
@@ -25,6 +25,7 @@ from isorig.rig.model.baseline import Baseline
 from isorig.rig.next.investigation_page import investigation_page
 from isorig.rig.next.page import picture_of
 from isorig.rig.next.plan_file import run_names, with_runs, write_plan
+from isorig.rig.next.policy import POLICY
 from isorig.rig.next.proposal import UNNAMED, Proposal, propose, single_driven, situation, twins_of, unfitted_of
 from isorig.rig.next.runs import candidate, described, planned
 from isorig.rig.next.sentences import inseparable, listed, reasons, summary, twins, unfitted
@@ -33,12 +34,6 @@ from isorig.rig.report.sections import CUT_SHORT, words
 from isorig.rig.virtual.levels import HEAD_PER_GAIN
 
 STATE, RECORDING, SESSION, PAGE = "investigation.json", "recording.h5", "session.toml", "report.html"
-#: Noise of a sensor before it is measured, as a share of its signal with the strongest allowed drive.
-NOISE_GUESS = 3e-4
-#: Relative uncertainty of a parameter known only as a starting value in the description.
-FIRST_GUESS = 0.3
-#: Consecutive stages without a change of verdict and causes after which an unexplained remainder is left as it is.
-WITHOUT_NEWS = 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -254,8 +249,8 @@ def nothing_known(plan: Plan, limits: Limits, baseline: Baseline) -> Rivals:
         raise PlanError("a plan without runs needs limits.gains and limits.band; give the allowed gains and the allowed band")
     model = described_rig(plan, baseline)
     free = base_parameters(model)
-    spread = np.array([FIRST_GUESS * model.get(f.path) if f.log else 100.0 * f.step for f in free])
-    quiet = NOISE_GUESS * HEAD_PER_GAIN * limits.gains[1]
+    spread = np.array([POLICY.first_guess * model.get(f.path) if f.log else 100.0 * f.step for f in free])
+    quiet = POLICY.noise_guess * HEAD_PER_GAIN * limits.gains[1]
     channels = {model.drive.channel: model.drive.quantity, **{s.channel: s.quantity for s in model.sensors}}
     return Rivals(
         campaign="the first run", verdict="", baseline=baseline, sample_rate=plan.instrument.sample_rate,
@@ -275,11 +270,12 @@ def _over(investigation: Investigation, terms: Terms) -> str:
     if known and known[-1].named and not known[-1].open and known[-1].verdict in ("explained", "partly explained"):
         return f"{'Identified cause' if len(known[-1].named) == 1 else 'Identified causes'}: {_names(known[-1].named)}."
     undecided = [stage for stage in known if stage.kind in ("undecided", "reproducible")]
-    if len(undecided) >= WITHOUT_NEWS and len({(s.verdict, tuple(s.named)) for s in known[-WITHOUT_NEWS - 1 :]}) == 1:
+    last = {(s.verdict, tuple(s.named)) for s in known[-POLICY.unchanged - 1 :]}
+    if len(undecided) >= POLICY.unchanged and len(last) == 1:
         return "The remaining error has no cause in the catalogue: further runs brought nothing new."
     if len(investigation.runs) >= terms.most_runs:
         return f"The limit of {terms.most_runs} runs is reached."
-    if investigation.seconds + SHORTEST > terms.seconds:
+    if investigation.seconds + PROPOSALS.shortest_run > terms.seconds:
         return f"The limit of {terms.seconds:g} s of measuring is reached."
     return ""
 

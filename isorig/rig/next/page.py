@@ -10,16 +10,14 @@ import numpy as np
 from isorig.analysis.campaign import SI_UNIT
 from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.proposals.choice import Choice, PredictedPair
-from isorig.analysis.proposals.policy import CANNOT, WILL
+from isorig.analysis.proposals.policy import POLICY as PROPOSALS
 from isorig.analysis.wording import capitalized, sized, with_article
+from isorig.rig.next.policy import POLICY
 from isorig.rig.next.proposal import Proposal, Situation
 from isorig.rig.next.sentences import cause, reasons, summary
 from isorig.rig.report.charts import Chart, ChartTrace, Panel
 from isorig.rig.report.page import Report, Section, Table, build_report
 from isorig.rig.report.sections import number, unit
-
-#: Seconds of a prediction shown around the largest difference.
-SHOWN = 1.0
 
 
 def proposal_page(proposal: Proposal, now: Situation, names: Sequence[str]) -> str:
@@ -59,7 +57,8 @@ def _distances(choice: Choice) -> Table:
     return Table(
         columns=("true cause", *(() if fitted else ("fitted cause",)), "standard errors", "probability"), rows=rows,
         caption=f"Error of the refitted model{fitted} in this run, in standard errors of one frequency bin of the worst channel, "
-        f"and the probability that this distinguishes the two: 0 up to {CANNOT:g}, 1 from {WILL:g} on.",
+        "and the probability that this distinguishes the two: 0 up to "
+        f"{PROPOSALS.indistinguishable:g}, 1 from {PROPOSALS.distinguishable:g} on.",
     )  # fmt: skip
 
 
@@ -81,7 +80,7 @@ class Picture(msgspec.Struct, frozen=True, kw_only=True):
 def picture_of(pair: PredictedPair) -> Picture:
     """The displayed part of a prediction."""
     apart = np.abs(pair.of_truth - pair.of_rival)
-    width = min(round(SHOWN * pair.sample_rate), len(apart))
+    width = min(round(POLICY.shown_seconds * pair.sample_rate), len(apart))
     middle = int(np.argmax(np.convolve(apart**2, np.ones(max(width // 4, 1)), mode="same")))
     first = max(min(middle - width // 2, len(apart) - width), 0)
     part = slice(first, first + width)

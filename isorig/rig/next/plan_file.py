@@ -14,9 +14,7 @@ from isorig.rig.acquire.plan_check import check_plan
 from isorig.rig.files.output import write_text
 from isorig.rig.files.rivals import Rivals
 from isorig.rig.files.tomlfile import comments, plain, table_text
-
-#: Sensitivity of a channel of the virtual rig, V per SI unit, for a plan without its own instrument.
-SENSITIVITY = 0.2
+from isorig.rig.next.policy import POLICY
 
 
 def virtual_instrument_of(rivals: Rivals) -> Plan:
@@ -27,7 +25,7 @@ def virtual_instrument_of(rivals: Rivals) -> Plan:
     channels = {
         name: ChannelPlan(
             input=k,
-            sensitivity=SENSITIVITY,
+            sensitivity=POLICY.sensitivity,
             place=name,
             quantity=quantity,
             unit=SI_UNIT[quantity],

@@ -18,7 +18,7 @@ from isorig.analysis.proposals.choice import Choice, Chosen, Comparison, Questio
 from isorig.analysis.proposals.hypotheses import hypotheses
 from isorig.analysis.proposals.limits import LargestMotions, largest, reached_so_far, simulated_peaks
 from isorig.analysis.proposals.menu import CandidateRun, covers, menu, rest
-from isorig.analysis.proposals.policy import BROAD, CANNOT, KEPT, MOST_RUNS
+from isorig.analysis.proposals.policy import POLICY as PROPOSALS
 from isorig.analysis.proposals.prediction import Key, Prospect, Variant, drawn_models
 from isorig.analysis.proposals.remedies import Remedy, another_sensor, further
 from isorig.analysis.simulate import simulate
@@ -26,17 +26,12 @@ from isorig.analysis.spectra.noise import noise_levels
 from isorig.rig.acquire.plan import RunPlan
 from isorig.rig.errors import PlanError
 from isorig.rig.files.rivals import Rivals
-from isorig.rig.next.runs import PAUSE, candidate, described, drive_scale, in_hand, prospect
+from isorig.rig.next.policy import POLICY
+from isorig.rig.next.runs import candidate, described, drive_scale, in_hand, prospect
 
-#: Seconds that a proposal may take to compare candidates; those that were not reached by then are left out, and this is said.
-WORK = 20.0
-#: Longest run where no limit is stated, s.
-LONGEST = 60.0
 #: Verdicts with an error that no named cause explains, and the question where no candidate cause came near.
 UNNAMED = ("unexplained", "partly explained")
 NO_CAUSE = "No candidate cause explains the error. Does another excitation reveal its cause?"
-#: Share of a channel's noise level that the rig's own motion may make up before the level is no longer taken as noise.
-OWN_MOTION = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +70,7 @@ class Situation:
     def start_time(self) -> float:
         """Seconds from the campaign's first sample to the next run's."""
         ends = [run.start_time + run.seconds for run in self.rivals.runs]
-        return max(ends, default=-PAUSE) + PAUSE
+        return max(ends, default=-POLICY.pause) + POLICY.pause
 
     @property
     def configuration(self) -> str:
@@ -106,7 +101,7 @@ class Situation:
         highest = factor * self.limits.gains[1]
         limits = msgspec.structs.replace(self.limits, gains=(0.0, highest))
         runs = menu(self.explains.model, limits, self.rivals.sample_rate)
-        strongest = (run for run in runs if run.gain == highest and run.seconds <= BROAD)
+        strongest = (run for run in runs if run.gain == highest and run.seconds <= PROPOSALS.broad_run)
         return tuple(run for run in strongest if run.excitation in ("random", "moves"))
 
 
@@ -234,11 +229,11 @@ def _complete(rivals: Rivals, model: RigModel, limits: Limits, taken: Sequence[P
         )
     peaks = [simulated_peaks([model], p.excitation(), p.run.configuration, p.start_time) for p in taken]
     stated = reached_so_far(limits, model, largest(peaks)) if peaks else limits
-    return msgspec.structs.replace(stated, gains=gains, band=band, seconds=limits.seconds or LONGEST)
+    return msgspec.structs.replace(stated, gains=gains, band=band, seconds=limits.seconds or POLICY.longest_run)
 
 
 def propose(
-    now: Situation, *, budget: float = 60.0, work: float = WORK, most: int = MOST_RUNS,
+    now: Situation, *, budget: float = 60.0, work: float = POLICY.comparison_seconds, most: int = PROPOSALS.most_runs,
     tell: Callable[[str], None] = lambda text: None,
 ) -> Proposal:  # fmt: skip
     """The next runs, for the most pressing question that is open.
@@ -317,7 +312,11 @@ def _compared(
     with deadline:
         seen = comparison.seen(prospects, now.limits, tell)
     surviving = (*question.rivals, *(question.truths if question.supposed else (now.explains,)))
-    models = [model for variant in surviving for model in (drawn_models(variant, KEPT, 5) if variant.free else (variant.model,))]
+    models = [
+        model
+        for variant in surviving
+        for model in (drawn_models(variant, PROPOSALS.simulated_draws, 5) if variant.free else (variant.model,))
+    ]
 
     def kept(one: Prospect) -> LargestMotions:
         return simulated_peaks(models, one.excitation(whole=True), one.run.configuration, one.start_time)
@@ -344,7 +343,7 @@ def inseparable_pairs(chosen: Chosen) -> list[tuple[Key, Key]]:
     for apart in chosen.best:
         key = frozenset((apart.truth.key, apart.rival.key))
         best[key] = max(best.get(key, 0.0), apart.distance)
-    return [tuple(sorted(key)) for key, size in best.items() if size < CANNOT]  # type: ignore[misc]
+    return [tuple(sorted(key)) for key, size in best.items() if size < PROPOSALS.indistinguishable]  # type: ignore[misc]
 
 
 def _supposed(now: Situation) -> tuple[Variant, ...]:
@@ -376,7 +375,11 @@ def _stronger(now: Situation, budget: float) -> Proposed | None:
     model, rate = now.explains.model, now.rivals.sample_rate
     where = {run.configuration for run in now.rivals.runs if run.id == now.rivals.worst} or set(model.configurations)
     known = {(run.configuration, run.excitation, run.gain, run.band) for run in now.rivals.runs}
-    runs = [r for r in now.menu() if r.excitation == "random" and r.repeat_of is None and r.seconds <= min(BROAD, budget)]
+    runs = [
+        r
+        for r in now.menu()
+        if r.excitation == "random" and r.repeat_of is None and r.seconds <= min(PROPOSALS.broad_run, budget)
+    ]
     runs = [r for r in runs if r.configuration in where and (r.configuration, r.excitation, r.gain, r.band) not in known]
     reached = largest([simulated_peaks([model], p.excitation(), p.run.configuration, p.start_time) for p in now.taken]).stroke
     ranked = []
@@ -386,7 +389,7 @@ def _stronger(now: Situation, budget: float) -> Proposed | None:
         if not peaks.beyond(now.limits):
             ratios = [size / reached[name] for name, size in peaks.stroke.items() if reached.get(name, 0.0) > 0.0]
             ranked.append((max(ratios, default=0.0), one))
-    models = drawn_models(now.explains, KEPT, 5)
+    models = drawn_models(now.explains, PROPOSALS.simulated_draws, 5)
     for ratio, one in sorted(ranked, key=lambda item: -item[0]):
         peaks = simulated_peaks(models, one.excitation(whole=True), one.run.configuration, one.start_time)
         if ratio > 1.0 and not peaks.beyond(now.limits):
@@ -401,7 +404,7 @@ def _noise_first(now: Situation) -> tuple[Proposed, ...]:
     model = now.explains.model
     shown = [_noiseless(model, taken) for taken in now.taken]
     own = noise_levels(Campaign(runs=tuple(shown)), tuple(drive.channel for drive in model.drives)) if shown else {}
-    hidden = [name for name, level in now.rivals.noise.items() if own.get(name, np.inf) > OWN_MOTION * level]
+    hidden = [name for name, level in now.rivals.noise.items() if own.get(name, np.inf) > POLICY.own_motion * level]
     return (Proposed(run=rest(model, now.limits)),) if hidden else ()
 
 

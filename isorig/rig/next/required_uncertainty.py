@@ -8,11 +8,12 @@ from math import isfinite
 
 from isorig.analysis.deadline import Deadline
 from isorig.analysis.errors import AnalysisError
-from isorig.analysis.proposals.policy import KEPT, MOST_RUNS
+from isorig.analysis.proposals.policy import POLICY as PROPOSALS
 from isorig.analysis.proposals.precision import KnownPrecision, PreciseRun, candidate_peaks, design, figure_of
 from isorig.analysis.proposals.prediction import drawn_models
 from isorig.rig.errors import PlanError
-from isorig.rig.next.proposal import WORK, Proposal, Proposed, Situation
+from isorig.rig.next.policy import POLICY
+from isorig.rig.next.proposal import Proposal, Proposed, Situation
 from isorig.rig.next.runs import prospect
 
 EXAMPLE = "give a parameter and a relative uncertainty, e.g. links.spring.damping=2%"
@@ -61,10 +62,10 @@ def propose_for(
         raise PlanError(f"--for {wanted.name}: {error}") from None
     runs = [replace(run, seconds=min(2.0 * run.seconds, now.limits.seconds or run.seconds)) for run in now.menu()]
     prospects = [prospect(run, rate, now.start_time, now.scale) for run in runs if run.repeat_of is None]
-    models = drawn_models(variant, KEPT, 5)
+    models = drawn_models(variant, PROPOSALS.simulated_draws, 5)
     found = design(
         known, prospects, now.limits, lambda one: candidate_peaks(models, one), wish=wanted.std, configuration=now.configuration,
-        budget=budget, most=MOST_RUNS, deadline=Deadline(WORK), progress=tell,
+        budget=budget, most=PROPOSALS.most_runs, deadline=Deadline(POLICY.comparison_seconds), progress=tell,
     )  # fmt: skip
     how = "the error bars of the transfer functions" if found.linear else "the waveforms"
     sentences = [

@@ -14,8 +14,6 @@ from isorig.rig.acquire.plan import RunPlan
 from isorig.rig.files.rivals import ExistingRun
 from isorig.rig.virtual.levels import HEAD_PER_GAIN, MOVE_PER_GAIN
 
-#: Seconds between two runs.
-PAUSE = 30.0
 #: Excitations with different realizations.
 AGAIN = ("random", "multisine", "sweep", "moves")
 EXCITED = {

@@ -10,19 +10,16 @@ from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.proposals.choice import Choice, PairDistance
 from isorig.analysis.proposals.limits import LargestMotions
-from isorig.analysis.proposals.policy import CANNOT, HIGHER, RESOLVES, WILL
+from isorig.analysis.proposals.policy import POLICY as PROPOSALS
 from isorig.analysis.proposals.prediction import Variant
 from isorig.analysis.proposals.remedies import SECOND, Remedy
 from isorig.analysis.simulate.gauges import DEFLECTION
 from isorig.analysis.wording import capitalized, first_of, with_article
+from isorig.rig.next.policy import POLICY
 from isorig.rig.next.proposal import Proposal, Proposed, Situation
 from isorig.rig.next.runs import described
 from isorig.rig.report.sections import words
 
-#: Number of causes listed by name in a sentence.
-LISTED = 4
-#: Standard errors above which a distance is no longer stated.
-COUNTED = 100.0
 ASKED = {
     "rivals": "Which of the indistinguishable causes is the true one?",
     "undecided": "Which of the causes that explain part of the error, but are not certain, is the true one?",
@@ -56,7 +53,7 @@ def reasons(item: Proposed, proposal: Proposal, now: Situation) -> list[str]:
 
 def _parts(choice: Choice) -> list[str]:
     sentences = []
-    for apart in sorted(choice.apart, key=lambda apart: -apart.distance)[:LISTED]:
+    for apart in sorted(choice.apart, key=lambda apart: -apart.distance)[: POLICY.listed]:
         sentences.append(
             f"If {cause(apart.truth)} is true, the error of {cause(apart.rival)}, refitted to all runs, is "
             f"{_errors(apart.distance)} in this run: {_chance(apart)}."
@@ -65,18 +62,20 @@ def _parts(choice: Choice) -> list[str]:
 
 
 def _chance(apart: PairDistance) -> str:
-    if apart.distance >= WILL:
+    if apart.distance >= PROPOSALS.distinguishable:
         return "this distinguishes them"
-    return "this may distinguish them" if apart.distance > CANNOT else "this does not distinguish them"
+    return "this may distinguish them" if apart.distance > PROPOSALS.indistinguishable else "this does not distinguish them"
 
 
 def _shows(choice: Choice) -> list[str]:
-    shown = sorted((apart for apart in choice.apart if apart.distance >= WILL), key=lambda apart: -apart.distance)
+    shown = sorted(
+        (apart for apart in choice.apart if apart.distance >= PROPOSALS.distinguishable), key=lambda apart: -apart.distance
+    )
     if not shown:
         return []
     first, *others = dict.fromkeys(cause(apart.truth) for apart in shown)
     names = [f"{first} (by {_errors(shown[0].distance)})", *others]
-    return [f"Together with the runs so far it would reveal, at the smallest relevant size, {first_of(names, LISTED)}."]
+    return [f"Together with the runs so far it would reveal, at the smallest relevant size, {first_of(names, POLICY.listed)}."]
 
 
 def _after(choice: Choice, supposed: bool) -> str:
@@ -106,7 +105,11 @@ def _uses(peaks: LargestMotions, limits: Limits, model: RigModel) -> list[str]:
 
 
 def _errors(distance: float) -> str:
-    return f"{distance:.2g} standard errors" if distance < COUNTED else f"more than {COUNTED:g} standard errors"
+    return (
+        f"{distance:.2g} standard errors"
+        if distance < POLICY.stated_distance
+        else f"more than {POLICY.stated_distance:g} standard errors"
+    )
 
 
 def inseparable(proposal: Proposal) -> list[str]:
@@ -131,9 +134,9 @@ def _cure(cure: Remedy) -> str:
     apart = f"their distance would be {_errors(cure.distance)}"
     if cure.channel:
         place = cure.channel.removeprefix(SECOND).removeprefix(DEFLECTION)
-        sensor = f"a displacement sensor across the {place} with a resolution of {1e6 * RESOLVES:g} µm"
+        sensor = f"a displacement sensor across the {place} with a resolution of {1e6 * PROPOSALS.sensor_resolution:g} µm"
         if cure.channel.startswith(SECOND):
-            sensor = f"a second accelerometer on the {place}, {1e3 * HIGHER:g} mm above the first"
+            sensor = f"a second accelerometer on the {place}, {1e3 * PROPOSALS.second_sensor_height:g} mm above the first"
         return f"With {sensor}, {apart} in an allowed run: {described(cure.prospect.run)}."
     stroke = max(cure.peaks.stroke.items(), key=lambda item: item[1]) if cure.peaks is not None and cure.peaks.stroke else None
     needs = "" if stroke is None else f", which deflects the {stroke[0]} by up to {1e3 * stroke[1]:.3g} mm"
@@ -155,7 +158,7 @@ def unfitted(proposal: Proposal) -> list[str]:
         return []
     names = [f"{words(cause)} at {place}" for cause, place in proposal.unfitted]
     return [
-        f"The diagnosis does not exclude {first_of(names, LISTED)}, but did not fit it in full: diagnose again with more "
+        f"The diagnosis does not exclude {first_of(names, POLICY.listed)}, but did not fit it in full: diagnose again with more "
         "--seconds."
     ]
 
@@ -164,10 +167,12 @@ def untested(proposal: Proposal) -> list[str]:
     """Causes that none of the compared runs would reveal."""
     if proposal.chosen is None or proposal.kind != "untested":
         return []
-    names = list(dict.fromkeys(cause(apart.truth) for apart in proposal.chosen.best if apart.distance < CANNOT))
+    names = list(
+        dict.fromkeys(cause(apart.truth) for apart in proposal.chosen.best if apart.distance < PROPOSALS.indistinguishable)
+    )
     if not names:
         return []
-    return [f"None of the compared runs alone would reveal, at the smallest relevant size: {first_of(names, 2 * LISTED)}."]
+    return [f"None of the compared runs alone would reveal, at the smallest relevant size: {first_of(names, 2 * POLICY.listed)}."]
 
 
 def summary(proposal: Proposal) -> list[str]:

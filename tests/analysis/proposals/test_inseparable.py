@@ -13,7 +13,7 @@ from isorig.analysis import laws
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.proposals.choice import Comparison, Question
-from isorig.analysis.proposals.policy import CANNOT, WILL
+from isorig.analysis.proposals.policy import POLICY
 from isorig.analysis.proposals.prediction import Predicted, Prospect, Variant
 from isorig.analysis.simulate import simulate
 
@@ -62,9 +62,9 @@ def test_an_inseparable_pair_is_inseparable_by_brute_force(stroke: float, apart:
     said = max(pair.distance for _, pairs in seen.pairs for pair in comparison.distances([pairs]))
     found = max(refitted(*pair, in_hand, one) for one in allowed for pair in ((STOP, CUBIC), (CUBIC, STOP)))
     if apart:
-        assert said >= WILL
-        assert found >= WILL
+        assert said >= POLICY.distinguishable
+        assert found >= POLICY.distinguishable
     else:
         assert len(allowed) < len(runs)
-        assert said < CANNOT
-        assert found < CANNOT
+        assert said < POLICY.indistinguishable
+        assert found < POLICY.indistinguishable

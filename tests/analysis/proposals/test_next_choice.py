@@ -18,7 +18,7 @@ from isorig.analysis.proposals.choice import Comparison, Question, choose, disti
 from isorig.analysis.proposals.hypotheses import hypotheses
 from isorig.analysis.proposals.limits import LargestMotions, largest, peaks_of, reached_so_far, simulated_peaks
 from isorig.analysis.proposals.menu import CandidateRun, covers, menu, rest
-from isorig.analysis.proposals.policy import USABLE
+from isorig.analysis.proposals.policy import POLICY
 from isorig.analysis.proposals.precision import KnownPrecision, design, figure_of, std_of, transfer
 from isorig.analysis.proposals.prediction import Predicted, Prospect, distance, drawn_models, left, refit
 from isorig.analysis.simulate import Excitation, simulate
@@ -139,11 +139,11 @@ def test_limits_at_their_boundary() -> None:
     force = sine(samples=512, sample_rate=RATE, peak=2.0, frequency=FREQUENCY)
     peaks = simulated_peaks([one_mass()], Excitation.prepare(force, RATE, oversample=2), "unlocked", 0.0)
     reached = peaks.stroke["spring"]
-    assert not peaks.beyond(Limits(stroke={"spring": 1.0001 * reached / USABLE}))
-    assert "deflection of the spring" in peaks.beyond(Limits(stroke={"spring": 0.9999 * reached / USABLE}))
+    assert not peaks.beyond(Limits(stroke={"spring": 1.0001 * reached / POLICY.usable_share}))
+    assert "deflection of the spring" in peaks.beyond(Limits(stroke={"spring": 0.9999 * reached / POLICY.usable_share}))
     for limits in (Limits(drive=2.0), Limits(force=2.0), Limits(channels={"body": 0.5 * peaks.channels["body"]})):
         assert peaks.beyond(limits)
-    assert reached_so_far(Limits(), one_mass(), peaks).stroke["spring"] == pytest.approx(reached / USABLE)
+    assert reached_so_far(Limits(), one_mass(), peaks).stroke["spring"] == pytest.approx(reached / POLICY.usable_share)
     assert reached_so_far(Limits(stroke={"spring": 1.0}), one_mass(), peaks).stroke == {"spring": 1.0}
 
 

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -19,11 +17,12 @@ from isorig.analysis.deadline import Deadline
 from isorig.analysis.diagnose.kinds import kind_of
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import Body, Link, RigModel
-from isorig.analysis.proposals import policy
+from isorig.analysis.proposals import precision
 from isorig.analysis.proposals.choice import Chosen, ComparedRuns, Comparison, PairDistance, Question, choose
 from isorig.analysis.proposals.hypotheses import hypotheses
 from isorig.analysis.proposals.limits import LargestMotions, simulated_peaks
 from isorig.analysis.proposals.menu import CandidateRun, menu, rest
+from isorig.analysis.proposals.policy import POLICY
 from isorig.analysis.proposals.precision import KnownPrecision, design, figure_of
 from isorig.analysis.proposals.prediction import Prospect, Variant
 from isorig.analysis.proposals.remedies import another_sensor, farther, further, watched
@@ -38,14 +37,6 @@ NOISE = {"body": 1e-3, "force": 1e-3}
 
 def quiet(text: str) -> None:
     """Nobody watches."""
-
-
-def test_every_threshold_says_what_it_means() -> None:
-    """A number of policy.py has a comment above it."""
-    lines = Path(policy.__file__).read_text(encoding="utf-8").splitlines()
-    for node in ast.parse("\n".join(lines)).body:
-        if isinstance(node, ast.Assign) and not isinstance(node.value, ast.Call):
-            assert lines[node.lineno - 2].startswith("#: "), lines[node.lineno - 1]
 
 
 class Made(Comparison):
@@ -283,7 +274,7 @@ def two_springs() -> tuple[Comparison, tuple[tuple[str, str], tuple[str, str]], 
 
 
 def test_gains_are_raised_step_by_step() -> None:
-    """Nothing parts the pair until the gain is raised as far as `WILL` asks; an end of the time is no answer."""
+    """Nothing parts the pair until the gain is raised until they are distinguishable; an end of the time is no answer."""
     comparison, pair, models = two_springs()
     asked: list[float] = []
 
@@ -431,7 +422,7 @@ def test_a_displacement_sensor_resolves_so_much() -> None:
 
 
 def test_resolution_of_transfer_functions() -> None:
-    """Lines lie `RESOLUTION` apart; a band of no line tells nothing."""
+    """Lines lie 0.5 Hz apart; a band of no line tells nothing."""
     fitted = variant(one_mass(), std=0.02)
     one = KnownPrecision(fitted, figure_of(fitted.model, "body_damping"), NOISE, [])
     between = prospect(1.0, band=(10 * 0.5 + 0.1, 11 * 0.5 - 0.1))
@@ -444,7 +435,7 @@ def test_neighbouring_lines_count_once(monkeypatch: pytest.MonkeyPatch) -> None:
     fitted = variant(one_mass(), std=0.02)
     one = KnownPrecision(fitted, figure_of(fitted.model, "body_damping"), NOISE, [])
     told = one.information(prospect(1.0))
-    monkeypatch.setattr("isorig.analysis.proposals.precision.ALIKE", 2.0 * 1.5)
+    monkeypatch.setattr(precision, "POLICY", replace(POLICY, correlated_bins=2.0 * 1.5))
     assert one.information(prospect(1.0)) == pytest.approx(0.5 * told)
 
 

@@ -8,7 +8,7 @@ from headless_page import CHROMIUM, EXTENT, told_by
 from open_questions import end_stop, hardening, rivals, two_springs, written
 
 from isorig.analysis.proposals.limits import simulated_peaks
-from isorig.analysis.proposals.policy import USABLE
+from isorig.analysis.proposals.policy import POLICY
 from isorig.analysis.simulate import Excitation
 from isorig.rig.acquire.drive import drive_of
 from isorig.rig.acquire.plan_check import read_plan
@@ -55,7 +55,7 @@ def test_a_plan_that_distinguishes_two_springs(tmp_path: Path, capsys: pytest.Ca
     assert 1 <= len(runs) <= 3
     assert sum(run.seconds for run in runs) <= 60.0
     assert all(run.gain <= 70.0 and run.seconds <= 20.0 for run in runs)
-    assert reached(plan) <= USABLE * 0.008
+    assert reached(plan) <= POLICY.usable_share * 0.008
     page = (tmp_path / "next.html").read_text()
     assert "standard errors" in page
     assert "after a refit" in page
@@ -77,7 +77,7 @@ def test_no_allowed_run_distinguishes_them(tmp_path: Path, capsys: pytest.Captur
     assert "No allowed run distinguishes end stop at isolation from hardening stiffness at isolation" in said
     assert "Beyond the limits, their distance would be" in said
     assert "deflects the isolation by up to" in said
-    assert not plan.exists() or reached(plan) <= USABLE * 0.001
+    assert not plan.exists() or reached(plan) <= POLICY.usable_share * 0.001
 
 
 def test_same_equations_are_said_to_be_inseparable(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
