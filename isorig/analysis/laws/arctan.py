@@ -8,7 +8,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.jit import kernel
-from isorig.analysis.laws.base import ContactLaw, LinkConstants, Parameter, breakaway
+from isorig.analysis.laws.base import ContactLaw, LinkConstants, Parameter
 from isorig.analysis.laws.elements import Element, Formula, State
 from isorig.analysis.laws.shapes import falling
 
@@ -27,22 +27,13 @@ class Arctan(ContactLaw, frozen=True, kw_only=True, tag="arctan"):
     exponent: float = 1.0
     viscous_coefficient: float = 0.0
     parameters: ClassVar[dict[str, Parameter]] = {
-        "friction_force": Parameter("N", 1.0, 12.0),
-        "smoothing_velocity": Parameter("m/s", 5e-3, 0.1),
+        "friction_force": Parameter("N", 1.0, 12.0, least=0.0),
+        "smoothing_velocity": Parameter("m/s", 5e-3, 0.1, above=0.0),
         "static_force": Parameter("N", 1.0, 20.0),
-        "stribeck_velocity": Parameter("m/s", 5e-3, 0.1),
-        "exponent": Parameter("1", 0.5, 2.0),
-        "viscous_coefficient": Parameter("N s/m", 0.0, 20.0),
+        "stribeck_velocity": Parameter("m/s", 5e-3, 0.1, above=0.0),
+        "exponent": Parameter("1", 0.5, 2.0, above=0.0),
+        "viscous_coefficient": Parameter("N s/m", 0.0, 20.0, least=0.0),
     }
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in ("friction_force", "viscous_coefficient"):
-            self.require(name, least=0.0)
-        for name in ("smoothing_velocity", "stribeck_velocity", "exponent"):
-            self.require(name, above=0.0)
-        if self.static_force is not None:
-            breakaway(self.static_force, self.friction_force)
 
     @classmethod
     def drawn(cls, draw: np.random.Generator) -> Self:

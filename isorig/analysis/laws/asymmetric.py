@@ -19,16 +19,11 @@ class Asymmetric(ContactLaw, frozen=True, kw_only=True, tag="asymmetric"):
     forward_viscosity: float = 0.0
     backward_viscosity: float = 0.0
     parameters: ClassVar[dict[str, Parameter]] = {
-        "forward_force": Parameter("N", 1.0, 12.0),
-        "backward_force": Parameter("N", 1.0, 12.0),
-        "forward_viscosity": Parameter("N s/m", 0.0, 20.0),
-        "backward_viscosity": Parameter("N s/m", 0.0, 20.0),
+        "forward_force": Parameter("N", 1.0, 12.0, least=0.0),
+        "backward_force": Parameter("N", 1.0, 12.0, least=0.0),
+        "forward_viscosity": Parameter("N s/m", 0.0, 20.0, least=0.0),
+        "backward_viscosity": Parameter("N s/m", 0.0, 20.0, least=0.0),
     }
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in self.__struct_fields__:
-            self.require(name, least=0.0)
 
     def element(self, link: LinkConstants) -> Element:
         levels = (self.forward_force, self.backward_force)

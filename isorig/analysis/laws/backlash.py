@@ -18,13 +18,12 @@ class Backlash(SpringLaw, frozen=True, kw_only=True, tag="backlash"):
     clearance: float
     residual: float = 0.0
     parameters: ClassVar[dict[str, Parameter]] = {
-        "clearance": Parameter("m", 1e-4, 1e-2),
+        "clearance": Parameter("m", 1e-4, 1e-2, least=0.0),
         "residual": Parameter("1", 0.0, 0.5),
     }
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.require("clearance", least=0.0)
         if not 0.0 <= self.residual <= 1.0:
             raise ModelError(f"residual is {self.residual:g}, which must lie in [0, 1]; correct it")
 

@@ -19,11 +19,16 @@ PARTS = 16
 
 @dataclass(frozen=True)
 class Parameter:
-    """SI unit of a parameter, and its practical range (the law's envelope): tests draw rigs from it."""
+    """SI unit of a parameter, its practical range (the law's envelope, from which tests draw rigs), and its limit, if any.
+
+    A value is allowed from `least` on, or only `above` a number.
+    """
 
     unit: str
     low: float
     high: float
+    least: float | None = None
+    above: float | None = None
 
 
 @dataclass(frozen=True)
@@ -40,7 +45,7 @@ NO_LINK = LinkConstants()
 
 
 class Law(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="law"):
-    """Base of all laws: every number is finite.
+    """Base of all laws: every number is finite and within its limit.
 
     d is the relative displacement in m and v the relative velocity in m/s along the element; positive forces oppose positive d
     and v. A law is one file of this package: a subclass of `SpringLaw` or `ContactLaw` with a unique tag.
@@ -56,14 +61,14 @@ class Law(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
             value = getattr(self, name)
             if isinstance(value, float) and not math.isfinite(value):
                 raise ModelError(f"{name} is {value}; give a finite number")
-
-    def require(self, name: str, *, above: float | None = None, least: float | None = None) -> None:
-        """Raise ModelError if the parameter is not greater than `above`, or is less than `least`."""
-        value = getattr(self, name)
-        if above is not None and value <= above:
-            raise ModelError(f"{name} is {value:g}, which must be greater than {above:g}; correct it")
-        if least is not None and value < least:
-            raise ModelError(f"{name} is {value:g}, which must be at least {least:g}; correct it")
+        for name, parameter in self.parameters.items():
+            value = getattr(self, name)
+            if not isinstance(value, int | float):
+                continue
+            if parameter.above is not None and value <= parameter.above:
+                raise ModelError(f"{name} is {value:g}, which must be greater than {parameter.above:g}; correct it")
+            if parameter.least is not None and value < parameter.least:
+                raise ModelError(f"{name} is {value:g}, which must be at least {parameter.least:g}; correct it")
 
     @classmethod
     def drawn(cls, draw: np.random.Generator) -> Self:
@@ -135,12 +140,12 @@ class SpringLaw(Law, frozen=True, kw_only=True):
 
 
 class ContactLaw(Law, frozen=True, kw_only=True):
-    """Base of the contact laws: friction."""
+    """Base of the contact laws: friction. A `static_force` is never below the `friction_force`."""
 
-
-def breakaway(static: float, sliding: float) -> None:
-    """Raise ModelError if breakaway is below sliding friction."""
-    if static < sliding:
-        raise ModelError(
-            f"static_force is {static:g} N, below friction_force {sliding:g} N; breakaway is never below sliding friction"
-        )
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        static, sliding = getattr(self, "static_force", None), getattr(self, "friction_force", 0.0)
+        if static is not None and static < sliding:
+            raise ModelError(
+                f"static_force is {static:g} N, below friction_force {sliding:g} N; breakaway is never below sliding friction"
+            )

@@ -27,18 +27,15 @@ class BoucWen(ContactLaw, frozen=True, kw_only=True, tag="bouc_wen"):
     sharpness: float = 1.0
     pinching: float = 0.5
     parameters: ClassVar[dict[str, Parameter]] = {
-        "friction_force": Parameter("N", 1.0, 12.0),
-        "initial_stiffness": Parameter("N/m", 1e3, 1e4),
-        "sharpness": Parameter("1", 1.0, 3.0),
+        "friction_force": Parameter("N", 1.0, 12.0, above=0.0),
+        "initial_stiffness": Parameter("N/m", 1e3, 1e4, above=0.0),
+        "sharpness": Parameter("1", 1.0, 3.0, least=1.0),
         "pinching": Parameter("1", 0.5, 1.0),
     }
     remembers: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.require("friction_force", above=0.0)
-        self.require("initial_stiffness", above=0.0)
-        self.require("sharpness", least=1.0)
         if not 0.0 <= self.pinching <= 1.0:
             raise ModelError(f"pinching is {self.pinching:g}, which must lie in [0, 1]; correct it")
 

@@ -20,12 +20,11 @@ class BoundedSoftening(SpringLaw, frozen=True, kw_only=True, tag="bounded_soften
     scale: float
     parameters: ClassVar[dict[str, Parameter]] = {
         "softening": Parameter("1", 0.0, 0.95),
-        "scale": Parameter("m", 1e-3, 3e-2),
+        "scale": Parameter("m", 1e-3, 3e-2, above=0.0),
     }
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.require("scale", above=0.0)
         if not 0.0 <= self.softening < 1.0:
             raise ModelError(f"softening is {self.softening:g}, which must lie in [0, 1); correct it")
 

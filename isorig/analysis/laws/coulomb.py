@@ -7,7 +7,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.laws.base import ContactLaw, LinkConstants, Parameter, breakaway
+from isorig.analysis.laws.base import ContactLaw, LinkConstants, Parameter
 from isorig.analysis.laws.elements import Element, dry
 
 
@@ -17,15 +17,9 @@ class Coulomb(ContactLaw, frozen=True, kw_only=True, tag="coulomb"):
     friction_force: float
     static_force: float | None = None
     parameters: ClassVar[dict[str, Parameter]] = {
-        "friction_force": Parameter("N", 1.0, 12.0),
+        "friction_force": Parameter("N", 1.0, 12.0, least=0.0),
         "static_force": Parameter("N", 1.0, 20.0),
     }
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.require("friction_force", least=0.0)
-        if self.static_force is not None:
-            breakaway(self.static_force, self.friction_force)
 
     @classmethod
     def drawn(cls, draw: np.random.Generator) -> Self:

@@ -19,15 +19,10 @@ class Dahl(ContactLaw, frozen=True, kw_only=True, tag="dahl"):
     friction_force: float
     bristle_stiffness: float
     parameters: ClassVar[dict[str, Parameter]] = {
-        "friction_force": Parameter("N", 1.0, 12.0),
-        "bristle_stiffness": Parameter("N/m", 1e3, 3e4),
+        "friction_force": Parameter("N", 1.0, 12.0, above=0.0),
+        "bristle_stiffness": Parameter("N/m", 1e3, 3e4, above=0.0),
     }
     remembers: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.require("friction_force", above=0.0)
-        self.require("bristle_stiffness", above=0.0)
 
     def element(self, link: LinkConstants) -> Element:
         params = (self.friction_force, self.bristle_stiffness)

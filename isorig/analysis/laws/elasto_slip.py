@@ -25,17 +25,11 @@ class ElastoSlip(SpringLaw, frozen=True, kw_only=True, tag="elasto_slip"):
     slip_force: float
     clearance: float = 0.0
     parameters: ClassVar[dict[str, Parameter]] = {
-        "spring_stiffness": Parameter("N/m", 3e2, 1e4),
-        "slip_force": Parameter("N", 1.0, 10.0),
-        "clearance": Parameter("m", 0.0, 5e-3),
+        "spring_stiffness": Parameter("N/m", 3e2, 1e4, above=0.0),
+        "slip_force": Parameter("N", 1.0, 10.0, least=0.0),
+        "clearance": Parameter("m", 0.0, 5e-3, least=0.0),
     }
     remembers: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.require("spring_stiffness", above=0.0)
-        self.require("slip_force", least=0.0)
-        self.require("clearance", least=0.0)
 
     def element(self, link: LinkConstants) -> Element:
         params = (self.spring_stiffness, self.slip_force, self.clearance)

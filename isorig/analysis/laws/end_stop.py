@@ -22,16 +22,10 @@ class EndStop(SpringLaw, frozen=True, kw_only=True, tag="end_stop"):
     contact_damping: float = 0.0
     end: Literal[-1, 0, 1] = 0
     parameters: ClassVar[dict[str, Parameter]] = {
-        "stroke": Parameter("m", 2e-3, 2e-2),
-        "contact_stiffness": Parameter("N/m", 1e3, 3e5),
-        "contact_damping": Parameter("N s/m", 0.0, 50.0),
+        "stroke": Parameter("m", 2e-3, 2e-2, above=0.0),
+        "contact_stiffness": Parameter("N/m", 1e3, 3e5, least=0.0),
+        "contact_damping": Parameter("N s/m", 0.0, 50.0, least=0.0),
     }
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.require("stroke", above=0.0)
-        self.require("contact_stiffness", least=0.0)
-        self.require("contact_damping", least=0.0)
 
     @property
     def _ends(self) -> tuple[int, ...]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import SimulationError
-from isorig.analysis.laws.base import NO_LINK, ContactLaw, LinkConstants, Parameter, breakaway
+from isorig.analysis.laws.base import NO_LINK, ContactLaw, LinkConstants, Parameter
 from isorig.analysis.laws.elements import Element, Exit, State
 from isorig.analysis.laws.shapes import falling
 from isorig.analysis.laws.stribeck import FORMULA
@@ -29,23 +29,13 @@ class Karnopp(ContactLaw, frozen=True, kw_only=True, tag="karnopp"):
     exponent: float = 1.0
     viscous_coefficient: float = 0.0
     parameters: ClassVar[dict[str, Parameter]] = {
-        "friction_force": Parameter("N", 1.0, 12.0),
+        "friction_force": Parameter("N", 1.0, 12.0, least=0.0),
         "static_force": Parameter("N", 1.0, 20.0),
-        "band": Parameter("m/s", 1e-4, 0.03),
-        "stribeck_velocity": Parameter("m/s", 5e-3, 0.1),
-        "exponent": Parameter("1", 0.5, 2.0),
-        "viscous_coefficient": Parameter("N s/m", 0.0, 20.0),
+        "band": Parameter("m/s", 1e-4, 0.03, above=0.0),
+        "stribeck_velocity": Parameter("m/s", 5e-3, 0.1, above=0.0),
+        "exponent": Parameter("1", 0.5, 2.0, above=0.0),
+        "viscous_coefficient": Parameter("N s/m", 0.0, 20.0, least=0.0),
     }
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in ("friction_force", "viscous_coefficient"):
-            self.require(name, least=0.0)
-        for name in ("band", "exponent"):
-            self.require(name, above=0.0)
-        if self.stribeck_velocity is not None:
-            self.require("stribeck_velocity", above=0.0)
-        breakaway(self.static_force, self.friction_force)
 
     @classmethod
     def drawn(cls, draw: np.random.Generator) -> Self:

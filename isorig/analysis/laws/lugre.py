@@ -8,7 +8,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.jit import kernel
-from isorig.analysis.laws.base import ContactLaw, LinkConstants, Parameter, breakaway
+from isorig.analysis.laws.base import ContactLaw, LinkConstants, Parameter
 from isorig.analysis.laws.elements import Element, Formula
 from isorig.analysis.laws.shapes import falling, integrated
 
@@ -28,23 +28,15 @@ class LuGre(ContactLaw, frozen=True, kw_only=True, tag="lugre"):
     viscous_coefficient: float = 0.0
     exponent: float = 2.0
     parameters: ClassVar[dict[str, Parameter]] = {
-        "bristle_stiffness": Parameter("N/m", 1e3, 3e4),
-        "friction_force": Parameter("N", 1.0, 12.0),
+        "bristle_stiffness": Parameter("N/m", 1e3, 3e4, above=0.0),
+        "friction_force": Parameter("N", 1.0, 12.0, above=0.0),
         "static_force": Parameter("N", 1.0, 20.0),
-        "stribeck_velocity": Parameter("m/s", 5e-3, 0.1),
-        "bristle_damping": Parameter("N s/m", 0.0, 20.0),
-        "viscous_coefficient": Parameter("N s/m", 0.0, 20.0),
-        "exponent": Parameter("1", 1.0, 2.0),
+        "stribeck_velocity": Parameter("m/s", 5e-3, 0.1, above=0.0),
+        "bristle_damping": Parameter("N s/m", 0.0, 20.0, least=0.0),
+        "viscous_coefficient": Parameter("N s/m", 0.0, 20.0, least=0.0),
+        "exponent": Parameter("1", 1.0, 2.0, above=0.0),
     }
     remembers: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in ("bristle_stiffness", "friction_force", "stribeck_velocity", "exponent"):
-            self.require(name, above=0.0)
-        for name in ("bristle_damping", "viscous_coefficient"):
-            self.require(name, least=0.0)
-        breakaway(self.static_force, self.friction_force)
 
     @classmethod
     def drawn(cls, draw: np.random.Generator) -> Self:

@@ -22,15 +22,10 @@ class Maxwell(SpringLaw, frozen=True, kw_only=True, tag="maxwell"):
     relaxation_stiffness: float
     relaxation_time: float
     parameters: ClassVar[dict[str, Parameter]] = {
-        "relaxation_stiffness": Parameter("N/m", 1e2, 1e4),
-        "relaxation_time": Parameter("s", 2e-3, 0.2),
+        "relaxation_stiffness": Parameter("N/m", 1e2, 1e4, least=0.0),
+        "relaxation_time": Parameter("s", 2e-3, 0.2, above=0.0),
     }
     remembers: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.require("relaxation_stiffness", least=0.0)
-        self.require("relaxation_time", above=0.0)
 
     def element(self, link: LinkConstants) -> Element:
         params = (self.relaxation_stiffness, self.relaxation_time)

@@ -24,16 +24,11 @@ class PositionDependent(ContactLaw, frozen=True, kw_only=True, tag="position_dep
     ripple: float = 0.0
     pitch: float = 0.01
     parameters: ClassVar[dict[str, Parameter]] = {
-        "friction_force": Parameter("N", 3.0, 12.0),
+        "friction_force": Parameter("N", 3.0, 12.0, least=0.0),
         "gradient": Parameter("N/m", -100.0, 100.0),
         "ripple": Parameter("N", 0.0, 2.0),
-        "pitch": Parameter("m", 5e-3, 3e-2),
+        "pitch": Parameter("m", 5e-3, 3e-2, above=0.0),
     }
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.require("friction_force", least=0.0)
-        self.require("pitch", above=0.0)
 
     def element(self, link: LinkConstants) -> Element:
         return Element(

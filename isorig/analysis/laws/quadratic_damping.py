@@ -16,11 +16,7 @@ class QuadraticDamping(SpringLaw, frozen=True, kw_only=True, tag="quadratic_damp
     """Force quadratic_damping * v |v| (N s^2/m^2)."""
 
     quadratic_damping: float
-    parameters: ClassVar[dict[str, Parameter]] = {"quadratic_damping": Parameter("N s^2/m^2", 1.0, 300.0)}
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.require("quadratic_damping", least=0.0)
+    parameters: ClassVar[dict[str, Parameter]] = {"quadratic_damping": Parameter("N s^2/m^2", 1.0, 300.0, least=0.0)}
 
     def element(self, link: LinkConstants) -> Element:
         return Element(formula=FORMULA, params=(self.quadratic_damping,))

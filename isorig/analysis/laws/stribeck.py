@@ -8,7 +8,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.jit import kernel
-from isorig.analysis.laws.base import ContactLaw, LinkConstants, Parameter, breakaway
+from isorig.analysis.laws.base import ContactLaw, LinkConstants, Parameter
 from isorig.analysis.laws.elements import Element, Formula, dry
 
 
@@ -24,18 +24,11 @@ class Stribeck(ContactLaw, frozen=True, kw_only=True, tag="stribeck"):
     exponent: float = 1.0
     shape: Literal["exponential", "rational"] = "exponential"
     parameters: ClassVar[dict[str, Parameter]] = {
-        "friction_force": Parameter("N", 1.0, 12.0),
+        "friction_force": Parameter("N", 1.0, 12.0, least=0.0),
         "static_force": Parameter("N", 1.0, 20.0),
-        "stribeck_velocity": Parameter("m/s", 5e-3, 0.1),
-        "exponent": Parameter("1", 0.5, 2.0),
+        "stribeck_velocity": Parameter("m/s", 5e-3, 0.1, above=0.0),
+        "exponent": Parameter("1", 0.5, 2.0, above=0.0),
     }
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.require("friction_force", least=0.0)
-        self.require("stribeck_velocity", above=0.0)
-        self.require("exponent", above=0.0)
-        breakaway(self.static_force, self.friction_force)
 
     @classmethod
     def drawn(cls, draw: np.random.Generator) -> Self:

@@ -13,11 +13,7 @@ class Viscous(ContactLaw, frozen=True, kw_only=True, tag="viscous"):
     """viscous_coefficient * v, N s/m."""
 
     viscous_coefficient: float
-    parameters: ClassVar[dict[str, Parameter]] = {"viscous_coefficient": Parameter("N s/m", 1.0, 100.0)}
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.require("viscous_coefficient", least=0.0)
+    parameters: ClassVar[dict[str, Parameter]] = {"viscous_coefficient": Parameter("N s/m", 1.0, 100.0, least=0.0)}
 
     def element(self, link: LinkConstants) -> Element:
         return Element(states=(State(v=self.viscous_coefficient),))
