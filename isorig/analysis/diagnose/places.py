@@ -14,7 +14,7 @@ import numpy as np
 
 from isorig.analysis.campaign import MOTION, ComplexArray, FloatArray
 from isorig.analysis.fitting.trials import Trial, expected
-from isorig.analysis.model.linear import imposed_coordinates, linear_part
+from isorig.analysis.model.linear import free_matrices
 from isorig.analysis.model.rig_model import RigModel, direction
 
 #: Share of the misfit's rms that the best place may leave to tell something. Chosen: half; a sound rig's noise leaves 0.8.
@@ -101,9 +101,7 @@ def _misfit(model: RigModel, trial: Trial) -> tuple[FloatArray, ComplexArray]:
 
 def _responses(model: RigModel, trial: Trial, omega: FloatArray) -> dict[str, ComplexArray]:
     # Records, in units of the noise, per unit of an unknown force at each place, or of an unknown signal in a record.
-    basis, *matrices = linear_part(model, trial.run.configuration)
-    mass, damping, stiffness = (basis.T @ matrix @ basis for matrix in matrices)
-    loose = np.setdiff1d(np.arange(basis.shape[1]), list(imposed_coordinates(model, basis).values()))
+    basis, mass, damping, stiffness = free_matrices(model, trial.run.configuration)
     names = [body.name for body in model.bodies]
     forces = {link.name: direction(model, link.a, link.b, link.arms) for link in model.links}
     forces |= {name: np.eye(len(names))[k] for k, name in enumerate(names) if name not in model.imposed}
@@ -111,9 +109,8 @@ def _responses(model: RigModel, trial: Trial, omega: FloatArray) -> dict[str, Co
         if drive.imposes is None:
             forces[drive.channel] = np.array([drive.pushes.get(name, 0.0) for name in names])
     s = 1j * omega[:, None, None]
-    dynamic = (mass * s**2 + damping * s + stiffness)[:, loose[:, None], loose[None, :]]
-    side = (basis.T @ np.stack(list(forces.values()), axis=1))[loose]
-    moved = basis[:, loose] @ np.linalg.solve(dynamic, np.broadcast_to(side, (len(omega), *side.shape)))
+    side = basis.T @ np.stack(list(forces.values()), axis=1)
+    moved = basis @ np.linalg.solve(mass * s**2 + damping * s + stiffness, np.broadcast_to(side, (len(omega), *side.shape)))
     along = np.stack([direction(model, sensor.body, sensor.relative_to, sensor.arms) for sensor in model.sensors])
     order = np.array([MOTION[sensor.quantity] for sensor in model.sensors])
     gain = np.array([sensor.chain.gain for sensor in model.sensors])

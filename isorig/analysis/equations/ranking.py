@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -711,9 +712,14 @@ def _attached(scans: Mapping[str, FloatArray], scaled: Collection[str]) -> tuple
     return {name: float(left[k]) for name, left in found.items()}, float(masses[k]), k
 
 
+_RANKED: WeakKeyDictionary[Equations, Ranking] = WeakKeyDictionary()
+
+
 def ranking(equations: Equations) -> Ranking:
-    """Every kind of cause at every place, ranked by the residuals that it removes."""
-    return Regressions(equations).ranked()
+    """Every kind of cause at every place, ranked by the residuals that it removes; the same equations are ranked once."""
+    if equations not in _RANKED:
+        _RANKED[equations] = Regressions(equations).ranked()
+    return _RANKED[equations]
 
 
 class _Add(Protocol):

@@ -43,15 +43,23 @@ def imposed_coordinates(model: RigModel, basis: FloatArray) -> dict[str, int]:
     return {name: int(np.argmax(np.abs(rows[name]))) for name in model.imposed}
 
 
-def free_part(model: RigModel, configuration: str) -> tuple[FloatArray, FloatArray]:
-    """The free vibration of a configuration, without imposed motions: basis and system matrix.
+def free_matrices(model: RigModel, configuration: str) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Matrix from the n coordinates that are neither locked nor imposed to all bodies, and their mass, damping and stiffness.
 
-    Returns the matrix from the n coordinates that are neither locked nor imposed to all bodies, shape (bodies, n), and that from
-    coordinates and speeds to their rates, shape (2 n, 2 n).
+    Shape (bodies, n) of the first, (n, n) of the others.
     """
     basis, *matrices = linear_part(model, configuration)
     basis = basis[:, np.setdiff1d(np.arange(basis.shape[1]), list(imposed_coordinates(model, basis).values()))]
     mass, damping, stiffness = (basis.T @ matrix @ basis for matrix in matrices)
+    return basis, mass, damping, stiffness
+
+
+def free_part(model: RigModel, configuration: str) -> tuple[FloatArray, FloatArray]:
+    """The free vibration of a configuration, without imposed motions: basis and system matrix.
+
+    Returns the matrix of `free_matrices`, shape (bodies, n), and that from coordinates and speeds to their rates, (2 n, 2 n).
+    """
+    basis, mass, damping, stiffness = free_matrices(model, configuration)
     n = len(mass)
     return basis, np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)]])
 
