@@ -63,7 +63,7 @@ def investigate(
     from isorig.rig.next.investigation import investigate as go_on
     from isorig.rig.next.limits_file import limits_of
     from isorig.rig.next.measuring import measuring
-    from isorig.rig.next.proposal import WORK
+    from isorig.rig.next.policy import POLICY
     from isorig.rig.next.stages import Investigation
 
     if not 0.0 <= tolerance < float("inf"):
@@ -92,8 +92,8 @@ def investigate(
         )
         measure = measuring(wire, operator, None if yes else terminal.consent, force=force)
         terms = Terms(
-            most_runs=runs, seconds=seconds, limits=limits_of(described_rig(own, baseline), own, limits), work=WORK,
-            measure=measure, limit=LIMIT, tell=terminal.say,
+            most_runs=runs, seconds=seconds, limits=limits_of(described_rig(own, baseline), own, limits),
+            work=POLICY.comparison_seconds, measure=measure, limit=LIMIT, tell=terminal.say,
         )  # fmt: skip
         investigation = go_on(own, output, begun, terms)
     print(investigation.ended or "Stopped by the operator; the same command continues the investigation.")
