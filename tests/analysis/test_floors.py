@@ -15,7 +15,7 @@ from isorig.analysis.errors import SimulationError
 from isorig.analysis.fitting import score as scores
 from isorig.analysis.fitting import trials
 from isorig.analysis.fitting.trials import Trial
-from isorig.analysis.laws import Coulomb, Cubic
+from isorig.analysis.laws import Coulomb, Cubic, Stribeck
 from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel, Sensor
 from isorig.analysis.simulate import Excitation
 from isorig.analysis.simulate.inverse import DECIMATION, EDGE, motion_from, required_drive
@@ -120,7 +120,7 @@ def test_the_drive_that_a_motion_takes_is_newtons_law(swapped: bool) -> None:
     )  # fmt: skip
     d, v = x - base, omega * (3e-3 * np.cos(omega * time) + 1e-3 * np.sin(omega * time))
     force = -2.0 * omega**2 * x + 400.0 * d + 3.0 * v + 1e6 * d**3 + 0.5 * np.sign(v)
-    found = required_drive(rig, motion_from({"m": x, "base": base}, 1024.0))
+    found = required_drive(rig, motion_from({"m": x, "base": base}, 1024.0, np.zeros(len(time))))
     kept = slice(EDGE * DECIMATION, -EDGE * DECIMATION, DECIMATION)
     # The decimation rounds friction's jumps: compare where the sign is steady.
     steady = np.abs(v[kept]) > 0.5 * np.abs(v).max()
@@ -189,11 +189,28 @@ def test_the_noise_added_to_the_drive_has_no_mean_and_the_given_deviation(monkey
         assert drive.std() == pytest.approx(0.2, rel=0.05)
 
 
+@pytest.mark.parametrize("blur", [0.0, 1e-3])
+def test_a_contact_that_sticks_carries_what_the_drive_demands(blur: float) -> None:
+    """Where the velocity is not resolved, any drive within the friction is right, and one beyond it is not."""
+    time = np.arange(8192) / 1024.0
+    x = np.random.default_rng(1).normal(0.0, 1e-8, len(time))  # at rest, up to the noise of the position
+    rubs = Contact(name="k", a="m", b="ground", law=Stribeck(friction_force=0.5, static_force=0.9, stribeck_velocity=1.0))
+    rig = RigModel(
+        name="held", bodies=(Body(name="m", mass=2.0),), drive=Drive(channel="force", factor=1.0, pushes={"m": 1.0}),
+        contacts=(rubs,), sensors=(Sensor(channel="m", body="m", quantity="displacement"),),
+    )  # fmt: skip
+    for push, left in ((0.8, 0.0), (-0.8, 0.0), (1.2, 0.3)):
+        drive = np.full(len(time), push)
+        found = required_drive(rig, motion_from({"m": x}, 1024.0, drive, {"m": blur}))
+        error = np.abs(found - push).max()
+        assert error == pytest.approx(left, abs=2e-2) if blur else error > 0.5
+
+
 def test_a_rig_scored_by_its_drive_gets_the_noise_of_its_positions(monkeypatch: pytest.MonkeyPatch) -> None:
     time = np.arange(8192) / 1024.0
     clean = {"m": 3e-3 * np.sin(12.0 * time)}
     shaken = {"m": clean["m"] + np.random.default_rng(1).normal(0.0, 1e-5, len(time))}
-    motion, other = motion_from(clean, 1024.0), motion_from(shaken, 1024.0)
+    motion, other = (motion_from(positions, 1024.0, np.zeros(len(time))) for positions in (clean, shaken))
     force = required_drive(RIG, motion)
     trial = replace(
         trial_of(np.zeros(N), 0.0), measured=force[None], channels=("head",), fitted=len(force) // 2, motion=motion, shaken=other

@@ -14,8 +14,9 @@ import numpy as np
 
 from isorig.analysis.campaign import MOTION, FloatArray, Run
 from isorig.analysis.fitting.start import FACTOR, outboard
+from isorig.analysis.lowpass import low_passed, signal_edge
 from isorig.analysis.model.rig_model import GROUND, Link, RigModel, Sensor
-from isorig.analysis.spectra.motion import acceleration_of, low_passed, motion_of, signal_edge
+from isorig.analysis.spectra.motion import acceleration_of, motion_of
 
 #: Minimum number of samples per point of a curve, or per bin.
 FEWEST = 30
@@ -37,9 +38,10 @@ class LinkRecord:
         Of the bodies beyond the link by name, m/s^2.
     sign
         1 if these are at the link's first end, else -1: the link's force is sign * (factor * push - sum of m a), N.
-    edge
-        Share of half the sample rate above which all but the deflection is filtered out: there the second derivative of a
-        displacement is noise.
+    rate
+        Hz.
+    corner
+        Corner frequency in Hz of the low-pass of all but the deflection, whose second derivative is noise above it.
     """
 
     deflection: FloatArray
@@ -47,7 +49,8 @@ class LinkRecord:
     push: FloatArray
     acceleration: Mapping[str, FloatArray]
     sign: float
-    edge: float
+    rate: float
+    corner: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,19 +89,20 @@ def link_record(model: RigModel, link: Link, run: Run) -> LinkRecord | None:
 
     placed, accelerated = [nearest(end, 0) for end in ends], {name: nearest(name, 2) for name in beyond}
     used = {s.channel for s in (*placed, *accelerated.values()) if MOTION[s.quantity] != 2}
-    edge = min((signal_edge(run.read(name)) for name in used), default=1.0)
+    rate = run.sample_rate
+    corner = min((signal_edge(run.read(name), rate) for name in used), default=np.inf)
     pairs = [motion_of(run.read(s.channel), s.quantity, run.sample_rate, run.band) for s in placed]
     v, d = (a - b for a, b in zip(*pairs, strict=True)) if len(pairs) == 2 else pairs[0]
     whole = slice(round(EDGE * run.sample_rate), -round(EDGE * run.sample_rate))
     share = sum(model.drive.pushes.get(name, 0.0) for name in beyond)
     acceleration = {
-        name: low_passed(acceleration_of(run.read(s.channel), s.quantity, run.sample_rate), edge)[whole]
+        name: low_passed(acceleration_of(run.read(s.channel), s.quantity, rate), rate, corner)[whole]
         for name, s in accelerated.items()
     }
     return LinkRecord(
-        deflection=d[whole], velocity=low_passed(v, edge)[whole],
-        push=share * low_passed(run.read(model.drive.channel), edge)[whole], acceleration=acceleration,
-        sign=1.0 if link.a in beyond else -1.0, edge=edge,
+        deflection=d[whole], velocity=low_passed(v, rate, corner)[whole],
+        push=share * low_passed(run.read(model.drive.channel), rate, corner)[whole], acceleration=acceleration,
+        sign=1.0 if link.a in beyond else -1.0, rate=rate, corner=corner,
     )  # fmt: skip
 
 
@@ -115,7 +119,7 @@ def link_force(model: RigModel, link: Link, run: Run, at: FloatArray) -> LinkFor
     known = {"drive.factor": -seen.push} | {f"bodies.{name}.mass": values for name, values in seen.acceleration.items()}
     unknown = [path for path in known if path in model.free and np.any(known[path])]
     # Noise of differentiated displacements would make the masses too small.
-    if seen.edge < 1.0 or all(path in unknown or not np.any(known[path]) for path in known):
+    if np.isfinite(seen.corner) or all(path in unknown or not np.any(known[path]) for path in known):
         unknown = []
     found = _solved(model, seen, at, known, unknown)
     if any(not 1.0 / FACTOR < found.others[path] / model.get(path) < FACTOR for path in unknown):
@@ -130,7 +134,7 @@ def _solved(model: RigModel, seen: LinkRecord, at: FloatArray, terms: Mapping[st
     hats[rows, low], hats[rows, low + 1] = 1.0 - (place - low), place - low
     others = [seen.sign * terms[path] for path in unknown]
     # The equation also holds for filtered terms, if all are filtered alike.
-    laws = low_passed(np.column_stack([np.sign(seen.velocity), hats]), seen.edge)
+    laws = low_passed(np.column_stack([np.sign(seen.velocity), hats]), seen.rate, seen.corner)
     basis = np.column_stack([*others, seen.velocity, laws])
     force = -seen.sign * sum(model.get(path) * values for path, values in terms.items() if path not in unknown)
     second = np.diff(np.eye(len(at)), 2, axis=0) * np.sqrt(FEWEST)

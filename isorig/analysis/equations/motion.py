@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from isorig.analysis.campaign import MOTION, FloatArray, Run
+from isorig.analysis.lowpass import lowpass_gain
 from isorig.analysis.model.rig_model import RigModel, direction
 
 #: Residual of a body's motion as a combination of sensors above which the sensors do not determine it (rounding).
@@ -96,24 +97,6 @@ def _derivative(values: FloatArray, rate: float, high: float) -> FloatArray:
     frequency = np.asarray(np.fft.rfftfreq(len(whole), 1.0 / rate), dtype=np.float64)
     spectrum = np.fft.rfft(whole) * 2j * np.pi * frequency * lowpass_gain(frequency, high)
     return np.asarray(np.fft.irfft(spectrum, len(whole))[:n] + (values[-1] - values[0]) / (n - 1) * rate)
-
-
-def lowpass_gain(frequency: FloatArray, high: float) -> FloatArray:
-    """Gain of a zero-phase low-pass at `high` Hz: half there, with a raised-cosine edge of an octave; 1 if `high` is infinite."""
-    if not np.isfinite(high):
-        return np.ones(len(frequency))
-    place = np.clip((frequency - 0.75 * high) / (0.5 * high), 0.0, 1.0)
-    return np.asarray(0.5 + 0.5 * np.cos(np.pi * place))
-
-
-def low_passed(values: FloatArray, rate: float, high: float) -> FloatArray:
-    """Records, shape (n, ...), through the low-pass of `lowpass_gain`, mirrored about their ends."""
-    if not np.isfinite(high):
-        return values
-    n = len(values)
-    whole = np.concatenate([values, values[-2:0:-1]])
-    gain = lowpass_gain(np.asarray(np.fft.rfftfreq(len(whole), 1.0 / rate), dtype=np.float64), high)
-    return np.fft.irfft(np.fft.rfft(whole, axis=0) * gain.reshape(-1, *([1] * (values.ndim - 1))), len(whole), axis=0)[:n]
 
 
 class Combinations:

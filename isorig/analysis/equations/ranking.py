@@ -14,10 +14,11 @@ from isorig.analysis.equations.balances import Balance, Element, Lock
 from isorig.analysis.equations.columns import CORNERS, PER_COEFFICIENT, SHAPES, Shape, dissipates, relaxing
 from isorig.analysis.equations.errors import ERRORS
 from isorig.analysis.equations.filters import filtered, resonator, rocked, rocker
-from isorig.analysis.equations.motion import derivatives, low_passed
+from isorig.analysis.equations.motion import derivatives
 from isorig.analysis.equations.sliding import Sliding, SlidingFit, SlidingRun
 from isorig.analysis.equations.spectral import Prepared, Row
 from isorig.analysis.equations.system import CUT, HOLDS, Equations
+from isorig.analysis.lowpass import low_passed
 
 #: Attached resonators: damping ratios, number of frequencies over the band, and the refinement around the best.
 COARSE_DAMPING, FINE_DAMPING = 0.02, (0.008, 0.015, 0.03, 0.06)

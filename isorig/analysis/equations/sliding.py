@@ -14,7 +14,7 @@ import numpy as np
 from scipy.ndimage import convolve1d
 
 from isorig.analysis.campaign import BoolArray, FloatArray, IntArray
-from isorig.analysis.equations.motion import lowpass_gain
+from isorig.analysis.lowpass import lowpass_gain
 
 #: Distance of the knots of the slow part, and length of a block, in periods of the rig's lowest mode. Chosen: with five periods a
 #: knot, the spline cannot follow the motion itself.

@@ -16,18 +16,17 @@ from isorig.analysis.equations.motion import (
     Combinations,
     derivatives,
     estimate_of,
-    low_passed,
     usable_stop,
 )
 from isorig.analysis.equations.sliding import ROUNDS, TAPS, Columns, Sliding, SlidingFit, SlidingRun
 from isorig.analysis.equations.spectral import Prepared, Row, Solved, Spectra
 from isorig.analysis.laws import Coulomb
 from isorig.analysis.laws.base import NO_LINK
+from isorig.analysis.lowpass import low_passed, signal_edge
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.rounding import is_command
 from isorig.analysis.simulate.natural import natural_modes
 from isorig.analysis.simulate.sampling import as_held
-from isorig.analysis.spectra.motion import signal_edge
 
 #: Periods of the lowest mode in a segment, and its shortest length in samples.
 SEGMENT_PERIODS, SHORTEST = 20.0, 256
@@ -110,10 +109,10 @@ class Equations:
         self.edge = np.inf
         for channel, order in self.combos.orders.items():
             if order < 2 and channel in model.channels:
-                edges = [signal_edge(r.channels[channel]) for r in self.records if len(r.channels[channel]) > SHORTEST]
-                used = [e for e in edges if e < 1.0]
+                edges = [signal_edge(r.channels[channel], self.rate) for r in self.records if len(r.channels[channel]) > SHORTEST]
+                used = [e for e in edges if np.isfinite(e)]
                 if used:
-                    self.edge = min(self.edge, EDGE * max(used) * self.rate / 2.0)
+                    self.edge = min(self.edge, EDGE * max(used))
         self.assumed = model
         self.every = max(1, int(self.rate / (SAMPLES * self.edge))) if np.isfinite(self.edge) else 1
         self._prepare()

@@ -366,12 +366,15 @@ def _by_drive(campaign: Campaign, model: RigModel, run: Run, stop: int, noise: M
     shaken = {
         body: values + generator.normal(0.0, noise.get(sensors[body].channel, 0.0), stop) for body, values in positions.items()
     }
-    force = decimated(run.channel(model.drive.channel).read(0, stop))
+    drive = run.channel(model.drive.channel).read(0, stop)
+    clean, noisy = motion_from(positions, run.sample_rate, drive), motion_from(shaken, run.sample_rate, drive)
+    blur = {body: float(np.std(noisy.velocity[body] - clean.velocity[body])) for body in positions}
+    force = decimated(drive)
     rate = run.sample_rate / DECIMATION
     return Trial(
         run=run, start_time=campaign.seconds_since_start(run), excitation=Excitation.prepare(force, rate, oversample=1),
         channels=(model.drive.channel,), measured=force[None, :],
         noise=np.array([noise.get(model.drive.channel, 0.0) / np.sqrt(DECIMATION)]),
         fitted=0 if run.use == "holdout" else round(len(force) * FIT_SHARE), ceiling=rate / 2.0,
-        motion=motion_from(positions, run.sample_rate), shaken=motion_from(shaken, run.sample_rate),
+        motion=replace(clean, blur=blur), shaken=replace(noisy, blur=blur),
     )  # fmt: skip

@@ -11,6 +11,7 @@ import numpy as np
 
 from isorig.analysis.campaign import MOTION, SI_UNIT, FloatArray, IntArray, Run
 from isorig.analysis.errors import SimulationError
+from isorig.analysis.lowpass import velocity_corner
 from isorig.analysis.model.rig_model import Chain, Drive, RigModel, direction
 from isorig.analysis.rounding import is_command
 from isorig.analysis.simulate.compiled import SETTLING, Compiled, compile_rig
@@ -95,17 +96,29 @@ def _true(chain: Chain, values: FloatArray, rate: float) -> FloatArray:
 def excitation_of(model: RigModel, run: Run, *, oversample: int = 8, stop: int | None = None) -> Excitation:
     """The recorded drives of a run, up to sample `stop`; a command that pushes is held from sample to sample.
 
+    A position or velocity that is imposed is differentiated, so it is taken without the frequencies at which it is noise.
+
     Raises
     ------
     DataError
         If the run lacks one of them.
     """
     first, *others = (
-        Excitation.prepare(values, run.sample_rate, oversample=oversample, held=drive.imposes is None and is_command(values))
+        Excitation.prepare(
+            values,
+            run.sample_rate,
+            oversample=oversample,
+            held=drive.imposes is None and is_command(values),
+            corner=velocity_corner(values, run.sample_rate) if _differentiated(drive) else np.inf,
+        )
         for drive in model.drives
         for values in [run.channel(drive.channel).read(0, stop)]
     )
     return replace(first, others=tuple(others))
+
+
+def _differentiated(drive: Drive) -> bool:
+    return drive.imposes is not None and MOTION[drive.quantity] < 2
 
 
 def sense_of(model: RigModel, compiled: Compiled) -> FloatArray:

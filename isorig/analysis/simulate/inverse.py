@@ -2,47 +2,71 @@
 
 A simulated run of such a rig drifts away from the measurement. The measured force is therefore compared with the force from the
 equations of motion: positions through a zero-phase low-pass, central differences, then both forces decimated in the same way
-(Gautier, Janot and Vandanjon 2013, IEEE Trans. Control Syst. Technol. 21, 428).
+(Gautier, Janot and Vandanjon 2013, IEEE Trans. Control Syst. Technol. 21, 428). Where a velocity is not resolved, a dry contact
+may stick: it transmits any force between those of slow sliding in both directions, so the drive is only known within their range.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import SimulationError
+from isorig.analysis.laws.base import NO_LINK
 from isorig.analysis.model.rig_model import GROUND, Chain, Contact, Link, RigModel, single_drive
 
 #: Corner frequency of the low-pass as a share of the sample rate, its order, and the decimation factor after it.
 CORNER = 0.08
 ORDER = 4
 DECIMATION = 10
+#: A velocity is resolved from this many standard deviations of its noise on. Chosen: its sign is then right.
+RESOLVED = 3.0
 #: Number of decimated samples dropped at each end.
 EDGE = 20
 
 
+NOTHING: Mapping[str, float] = MappingProxyType({})
+
+
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """Position (m), velocity and acceleration of each body by name, each shape (n,), and the sample rate in Hz."""
+    """The recorded motion of a rig; arrays of shape (n,).
+
+    Parameters
+    ----------
+    position, velocity, acceleration
+        Of each body by name, m, m/s, m/s^2.
+    sample_rate
+        Hz.
+    drive
+        The drive channel's record.
+    blur
+        Standard deviation of the noise of each body's velocity, m/s.
+    """
 
     position: Mapping[str, FloatArray]
     velocity: Mapping[str, FloatArray]
     acceleration: Mapping[str, FloatArray]
     sample_rate: float
+    drive: FloatArray
+    blur: Mapping[str, float]
 
 
-def motion_from(positions: Mapping[str, FloatArray], rate: float) -> Motion:
-    """Low-pass filter the positions of each body, and differentiate them twice."""
+def motion_from(
+    positions: Mapping[str, FloatArray], rate: float, drive: FloatArray, blur: Mapping[str, float] = NOTHING
+) -> Motion:  # fmt: skip
+    """Low-pass filter the positions of each body, and differentiate them twice; see `Motion`."""
     from scipy.signal import butter, sosfiltfilt
 
     sections = butter(ORDER, CORNER * rate, fs=rate, output="sos")
     position = {body: np.asarray(sosfiltfilt(sections, values)) for body, values in positions.items()}
     velocity = {body: np.gradient(values, 1.0 / rate) for body, values in position.items()}
     acceleration = {body: np.gradient(values, 1.0 / rate) for body, values in velocity.items()}
-    return Motion(position=position, velocity=velocity, acceleration=acceleration, sample_rate=rate)
+    return Motion(position=position, velocity=velocity, acceleration=acceleration, sample_rate=rate, drive=drive, blur=blur)
 
 
 def decimated(values: FloatArray) -> FloatArray:
@@ -69,19 +93,36 @@ def required_drive(model: RigModel, motion: Motion) -> FloatArray:
     if len(pushed) != 1 or unseen or any(faults):
         raise SimulationError(f"the rig {model.name!r} cannot be judged by its drive; every body must be measured, one be pushed")
     name = pushed[0]
-    force = model.body(name).mass * motion.acceleration[name]
-    for link in model.links:
-        if name in (link.a, link.b):
-            d, v = _relative(motion, link)
-            resistance = link.stiffness * d + link.damping * v
-            for law in link.laws:
-                resistance = resistance + law.along(d, v, motion.sample_rate, model.constants_of(link))
-            force = force + (1.0 if name == link.a else -1.0) * resistance
-    for contact in model.contacts:
-        if name in (contact.a, contact.b):
-            resistance = contact.law.along(*_relative(motion, contact), motion.sample_rate)
-            force = force + (1.0 if name == contact.a else -1.0) * resistance
-    return decimated(force / (model.drive.factor * model.drive.pushes[name]) + model.drive.chain.offset)
+    least = model.body(name).mass * motion.acceleration[name]
+    most = least.copy()
+    parts: list[Link | Contact] = [*model.links, *model.contacts]
+    for part in parts:
+        if name not in (part.a, part.b):
+            continue
+        sign = 1.0 if name == part.a else -1.0
+        ends = [sign * resistance for resistance in _resistances(model, motion, part)]
+        least += np.minimum(*ends)
+        most += np.maximum(*ends)
+    factor, offset = model.drive.factor * model.drive.pushes[name], model.drive.chain.offset
+    return decimated(np.clip(factor * (motion.drive - offset), least, most) / factor + offset)
+
+
+def _resistances(model: RigModel, motion: Motion, part: Link | Contact) -> tuple[FloatArray, FloatArray]:
+    # Force against the motion, and where the velocity is not resolved, that of slow sliding backward and forward.
+    d, v = _relative(motion, part)
+    blur = RESOLVED * float(np.hypot(motion.blur.get(part.a, 0.0), motion.blur.get(part.b, 0.0)))
+    slow = np.abs(v) < blur
+    laws = part.laws if isinstance(part, Link) else (part.law,)
+    constants = model.constants_of(part) if isinstance(part, Link) else NO_LINK
+    backward = forward = part.stiffness * d + part.damping * v if isinstance(part, Link) else np.zeros(len(d))
+    for law in laws:
+        along = law.along(d, v, motion.sample_rate, constants)
+        if law.remembers or not slow.any():
+            backward, forward = backward + along, forward + along
+        else:
+            backward = backward + np.where(slow, law.along(d, np.where(slow, -blur, v), motion.sample_rate, constants), along)
+            forward = forward + np.where(slow, law.along(d, np.where(slow, blur, v), motion.sample_rate, constants), along)
+    return backward, forward
 
 
 def _relative(motion: Motion, part: Link | Contact) -> tuple[FloatArray, FloatArray]:

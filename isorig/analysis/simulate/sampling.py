@@ -11,6 +11,7 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import DataError
 from isorig.analysis.jit import fast_kernel
+from isorig.analysis.lowpass import smoothed
 
 #: Half the length of the filters, in samples.
 TAPS = 20
@@ -99,6 +100,9 @@ class Excitation:
         Further drives of the same rig, in the rig's order.
     held
         Whether the record is a command, which a converter holds from each sample to the next. All others are band-limited.
+    corner
+        Corner frequency in Hz of the low-pass that leaves out what is noise in a recorded position or velocity: its derivatives
+        would be noise. Infinite for none.
 
     Examples
     --------
@@ -115,6 +119,7 @@ class Excitation:
     fine: FloatArray
     others: tuple[Excitation, ...] = ()
     held: bool = False
+    corner: float = np.inf
 
     def __repr__(self) -> str:
         more = f", {len(self.others)} more drives" if self.others else ""
@@ -122,8 +127,9 @@ class Excitation:
 
     @classmethod
     def prepare(
-        cls, drive: FloatArray, sample_rate: float, *, oversample: int = 8, others: Sequence[FloatArray] = (), held: bool = False
-    ) -> Excitation:
+        cls, drive: FloatArray, sample_rate: float, *, oversample: int = 8, others: Sequence[FloatArray] = (), held: bool = False,
+        corner: float = np.inf,
+    ) -> Excitation:  # fmt: skip
         """Interpolate a drive with a band-limited filter, or as a command that is held.
 
         Raises
@@ -138,21 +144,27 @@ class Excitation:
             raise DataError("the drive holds values that are not finite; cut or measure it again")
         if not 0.0 < sample_rate < np.inf:
             raise DataError(f"the sample rate is {sample_rate:g} Hz; it must be positive and finite")
+        if np.isfinite(corner):
+            recorded = smoothed(recorded, sample_rate, corner)
         fine = as_held(recorded, oversample) if held else interpolate(recorded, oversample)
         further = tuple(cls.prepare(other, sample_rate, oversample=oversample) for other in others)
-        return cls(recorded=recorded, sample_rate=sample_rate, oversample=oversample, fine=fine, others=further, held=held)
+        return cls(
+            recorded=recorded, sample_rate=sample_rate, oversample=oversample, fine=fine, others=further, held=held, corner=corner
+        )
 
     def resampled(self, oversample: int) -> Excitation:
         """The same drive on another grid."""
         if oversample == self.oversample:
             return self
         others = tuple(other.resampled(oversample) for other in self.others)
-        return replace(Excitation.prepare(self.recorded, self.sample_rate, oversample=oversample, held=self.held), others=others)
+        return replace(self._remade(self.recorded, oversample), others=others)
 
     def with_drive(self, recorded: FloatArray) -> Excitation:
         """Another record of the first drive on the same grid, shape (n,)."""
-        fresh = Excitation.prepare(recorded, self.sample_rate, oversample=self.oversample, held=self.held)
-        return replace(fresh, others=self.others)
+        return replace(self._remade(recorded, self.oversample), others=self.others)
+
+    def _remade(self, recorded: FloatArray, oversample: int) -> Excitation:
+        return Excitation.prepare(recorded, self.sample_rate, oversample=oversample, held=self.held, corner=self.corner)
 
     def beginning(self, samples: int) -> Excitation:
         """The first samples of the same drive, and the further ones that filters and delays need."""

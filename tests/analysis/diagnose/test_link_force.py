@@ -9,8 +9,8 @@ from small_rigs import carts, chain, guessed, played, rubbing, with_law
 
 from isorig.analysis import laws
 from isorig.analysis.diagnose.link_force import LinkForce, link_force, link_record
+from isorig.analysis.lowpass import low_passed, signal_edge
 from isorig.analysis.model.rig_model import Contact, RigModel
-from isorig.analysis.spectra.motion import low_passed, signal_edge
 
 
 def force_of(truth: RigModel, known: RigModel, link: str, seed: int) -> LinkForce | None:
@@ -79,11 +79,11 @@ def test_the_edge_of_a_signal_lies_between_its_frequencies_and_the_noise() -> No
     time = np.arange(n) / rate
     clean = np.sin(2 * np.pi * 3.0 * time) + 0.3 * np.sin(2 * np.pi * 11.0 * time)
     noisy = clean + 0.01 * np.random.default_rng(3).normal(size=n)
-    edge = signal_edge(noisy)
-    assert 11.0 < edge * rate / 2.0 < 13.0
+    edge = signal_edge(noisy, rate)
+    assert 11.0 < edge < 13.0
     # What passes at the edge is filtered alike in all records; the noise above it is gone.
-    left = (low_passed(noisy, edge) - low_passed(clean, edge))[200:-200]
-    assert np.std(left) < 0.01 * np.sqrt(1.2 * edge)
-    assert np.std((low_passed(clean, edge) - clean)[200:-200]) < 0.15
-    assert low_passed(noisy, 1.0) is noisy
-    assert signal_edge(np.random.default_rng(4).normal(size=n)) == 1.0
+    left = (low_passed(noisy, rate, edge) - low_passed(clean, rate, edge))[200:-200]
+    assert np.std(left) < 0.01 * np.sqrt(1.2 * edge / (rate / 2.0))
+    assert np.std((low_passed(clean, rate, edge) - clean)[200:-200]) < 0.15
+    assert low_passed(noisy, rate, np.inf) is noisy
+    assert signal_edge(np.random.default_rng(4).normal(size=n), rate) == np.inf

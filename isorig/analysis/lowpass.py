@@ -1,0 +1,78 @@
+"""Zero-phase low-pass for records, and the frequency above which a record is only noise."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from isorig.analysis.campaign import FloatArray
+
+#: Ratio of power to that of the noise above which a frequency bin belongs to the signal; number of bins averaged for it; share of
+#: the spectrum from which on all belongs to it. Chosen: the second derivative of such a record has a few per cent of noise.
+SIGNAL, AVERAGED, NEARLY_ALL = 30.0, 16, 0.9
+#: Noise of a velocity as a share of its rms that a low-pass may pass. Chosen: less than the accuracy of a simulation.
+SLOPE_NOISE = 0.003
+#: The low-pass passes everything up to this share of its corner frequency, and nothing above `STOPS` times it.
+PASSES, STOPS = 0.75, 1.25
+
+
+def lowpass_gain(frequency: FloatArray, corner: float) -> FloatArray:
+    """Gain of a zero-phase low-pass: half at `corner` Hz, with a raised-cosine edge around it; 1 if it is infinite."""
+    if not np.isfinite(corner):
+        return np.ones(len(frequency))
+    place = np.clip((frequency / corner - PASSES) / (STOPS - PASSES), 0.0, 1.0)
+    return np.asarray(0.5 + 0.5 * np.cos(np.pi * place))
+
+
+def low_passed(values: FloatArray, rate: float, corner: float) -> FloatArray:
+    """Records, shape (n, ...), through the low-pass of `lowpass_gain`, mirrored about their ends."""
+    if not np.isfinite(corner):
+        return values
+    n = len(values)
+    whole = np.concatenate([values, values[-2:0:-1]])
+    gain = lowpass_gain(np.asarray(np.fft.rfftfreq(len(whole), 1.0 / rate), dtype=np.float64), corner)
+    return np.fft.irfft(np.fft.rfft(whole, axis=0) * gain.reshape(-1, *([1] * (values.ndim - 1))), len(whole), axis=0)[:n]
+
+
+def smoothed(values: FloatArray, rate: float, corner: float) -> FloatArray:
+    """A record of positions or velocities, shape (n,), through the same low-pass; it continues beyond its ends without a kink."""
+    line = np.linspace(values[0], values[-1], len(values))
+    odd = values - line
+    whole = np.concatenate([odd, -odd[-2:0:-1]])
+    gain = lowpass_gain(np.asarray(np.fft.rfftfreq(len(whole), 1.0 / rate), dtype=np.float64), corner)
+    return np.asarray(np.fft.irfft(np.fft.rfft(whole) * gain, len(whole))[: len(values)] + line)
+
+
+def signal_edge(values: FloatArray, rate: float) -> float:
+    """Highest frequency in Hz at which a record, shape (n,), exceeds its noise; infinite if it does everywhere.
+
+    The noise is assumed white; its level is the median power in the highest sixth of the spectrum (ln 2 times its mean).
+    """
+    return _edge(*_spectrum(values), rate)
+
+
+def velocity_corner(values: FloatArray, rate: float) -> float:
+    """Corner frequency in Hz of the low-pass for a record of positions, shape (n,), before it is differentiated.
+
+    What it passes of the noise is `SLOPE_NOISE` of the velocity, and it passes the record up to its `signal_edge`. Infinite if
+    the noise is less in all, or the record exceeds it everywhere.
+    """
+    power, noise = _spectrum(values)
+    edge = _edge(power, noise, rate)
+    if not np.isfinite(edge):
+        return np.inf
+    frequency = np.arange(len(power)) * rate / len(values)
+    velocity = float((power * frequency**2)[frequency <= edge].sum())
+    passed = np.cumsum(noise * frequency**2) <= SLOPE_NOISE**2 * velocity
+    return np.inf if passed[-1] else max(float(frequency[passed][-1]), edge / PASSES)
+
+
+def _spectrum(values: FloatArray) -> tuple[FloatArray, float]:
+    # Power of a record in the bins of numpy's rfft, and that of its noise in each.
+    power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2
+    return power, float(np.median(power[-len(power) // 6 :])) / np.log(2.0)
+
+
+def _edge(power: FloatArray, noise: float, rate: float) -> float:
+    averaged = np.convolve(power, np.ones(AVERAGED) / AVERAGED, mode="same")
+    edge = float(np.flatnonzero(averaged > SIGNAL * noise).max(initial=0)) / (len(power) - 1)
+    return edge * rate / 2.0 if noise > 0.0 and 0.0 < edge < NEARLY_ALL else np.inf

@@ -1,0 +1,41 @@
+"""The low-pass of records and the frequencies at which they are noise, against closed formulas."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from isorig.analysis.lowpass import SLOPE_NOISE, low_passed, lowpass_gain, signal_edge, smoothed, velocity_corner
+
+RATE, COUNT = 1000.0, 20_000
+TIME = np.arange(COUNT) / RATE
+
+
+def test_the_gain_is_half_at_the_corner() -> None:
+    assert lowpass_gain(np.array([1.0, 3.0, 4.0, 5.0, 9.0]), 4.0) == pytest.approx([1.0, 1.0, 0.5, 0.0, 0.0])
+    assert (lowpass_gain(np.array([0.0, 1e9]), np.inf) == 1.0).all()
+
+
+def test_a_straight_line_passes_unchanged() -> None:
+    line = 3.0 + 2.0 * TIME
+    assert smoothed(line, RATE, 5.0) == pytest.approx(line, abs=1e-9)
+    assert np.abs(low_passed(line, RATE, 5.0) - line).max() > 1e-3  # a mirror image has a kink at the end of the line
+
+
+@pytest.mark.parametrize("level", [3e-4, 5e-4, 1e-3])
+def test_what_passes_of_the_noise_is_a_fixed_share_of_the_velocity(level: float) -> None:
+    clean = np.sin(2.0 * np.pi * 2.0 * TIME)
+    noise = np.random.default_rng(1).normal(0.0, level, COUNT)
+    corner = velocity_corner(clean + noise, RATE)
+    velocity = np.gradient(smoothed(noise, RATE, corner), 1.0 / RATE)[500:-500]
+    share = velocity.std() / np.gradient(clean, 1.0 / RATE).std()
+    # A third of the square of a corner is the mean square frequency below it.
+    assert corner**3 == pytest.approx(3.0 * (SLOPE_NOISE * 2.0 / level) ** 2 * 0.5 * RATE / 2.0, rel=0.15)
+    assert share == pytest.approx(SLOPE_NOISE, rel=0.15)
+    assert corner > signal_edge(clean + noise, RATE)
+
+
+def test_a_record_that_is_noise_alone_or_has_little_is_kept() -> None:
+    draw = np.random.default_rng(3)
+    assert velocity_corner(np.sin(4.0 * np.pi * TIME) + draw.normal(0.0, 1e-5, COUNT), RATE) == np.inf
+    assert velocity_corner(np.random.default_rng(2).normal(size=COUNT), RATE) == np.inf
