@@ -353,10 +353,10 @@ class Equations:
         """Noise of an element's deflection, integrated from this frequency in Hz on, as a share of its rms."""
         variance = 0.0
         for channel, weight in (self.combos.of(element.weights, 0) or {}).items():
-            if self.combos.orders[channel] > 0:
+            if self.combos.orders[channel] > 0:  # an estimate has no noise of its own
                 # White noise of an n-th derivative, integrated n times: the integral of 1 / (2 pi f)^2n from that frequency on.
                 power = 2 * self.combos.orders[channel]
-                density = 2.0 * (weight * self.noise[channel]) ** 2 / self.rate
+                density = 2.0 * (weight * self.noise.get(channel, 0.0)) ** 2 / self.rate
                 variance += density / ((2.0 * np.pi) ** power * (power - 1) * low ** (power - 1))
         motion = max(float(np.std(self.elongation(signals, element, low)[0])) for signals in self.signals)
         return float(np.sqrt(variance)) / max(motion, 1e-300)

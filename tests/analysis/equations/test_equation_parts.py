@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 from small_rigs import chain, guessed, played, rubbing, stage, with_law
+from strange_rigs import StrangeRig, campaign
 
 from isorig.analysis import laws
 from isorig.analysis.diagnose.suspects import equations_of
@@ -19,7 +20,7 @@ from isorig.analysis.equations.ranking import Regressions, ranking
 from isorig.analysis.equations.sliding import Sliding, SlidingRun, spline_columns
 from isorig.analysis.equations.slip import slip_operator
 from isorig.analysis.equations.spectral import _solve
-from isorig.analysis.equations.system import HOLDS
+from isorig.analysis.equations.system import HOLDS, Equations
 from isorig.analysis.model.rig_model import Body, Configuration, Link, RigModel, Sensor
 from isorig.rig.wire_bonder.description import wire_bonder
 from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
@@ -310,3 +311,15 @@ def test_only_the_ends_of_a_run_are_left_out() -> None:
     (sliding, _), *_ = equations.sliding.values()
     for run in sliding.runs:
         assert 0 < np.argmax(run.usable) < len(run.usable) // 10
+
+
+def test_an_estimated_motion_adds_no_sensor_noise() -> None:
+    rig = StrangeRig(
+        masses=(3.0, 2.0, 1.5), joints=((0, -1, 7e3, 12.0), (1, 0, 6e3, 8.0), (2, 1, 5e3, 6.0)),
+        sensors=(("a", 0, "acceleration"), ("c", 2, "acceleration")),
+    )  # fmt: skip
+    equations = Equations(campaign(rig, seconds=16.0), rig.description(), {"a": 0.0, "c": 1e-2})
+    assert equations.hidden == ("m1",)
+    share = {element.name: equations.noise_share(element, 1.0) for element in equations.elements()}
+    assert share["l0"] == share["l1"] == 0.0
+    assert 0.0 < share["l2"] < 0.2
