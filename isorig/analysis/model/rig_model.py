@@ -375,7 +375,7 @@ def to_tree(model: RigModel) -> dict[str, Any]:
 
 
 def from_tree(tree: Mapping[str, Any]) -> RigModel:
-    """A model from plain dicts and lists.
+    """A model from plain dicts and lists; numbers may be numpy's.
 
     Raises
     ------
@@ -383,12 +383,20 @@ def from_tree(tree: Mapping[str, Any]) -> RigModel:
         With the key, the value found and what is allowed.
     """
     try:
-        return msgspec.convert(tree, RigModel)
+        return msgspec.convert(_plain(tree), RigModel)
     except msgspec.ValidationError as error:
         parts = (Body, Link, Contact, Chain, Drive, Sensor, Configuration, Usual, Limits, RigModel)
         raise ModelError(explained(str(error), tree, [key for part in parts for key in part.__struct_fields__])) from None
     except RecursionError:
         raise ModelError("the rig's description is nested too deeply; write its parts as flat tables") from None
+
+
+def _plain(part: Any) -> Any:
+    if isinstance(part, Mapping):
+        return {key: _plain(value) for key, value in part.items()}
+    if isinstance(part, list | tuple):
+        return [_plain(value) for value in part]
+    return part.item() if isinstance(part, np.generic) else part
 
 
 def _missing(parts: Sequence[Body | Link | Contact], name: str, kind: str) -> NoReturn:
