@@ -81,7 +81,9 @@ def continued(x: FloatArray, factor: int) -> FloatArray:
     `interpolate` takes the signal outside the record as zero, so a record that begins within a motion would ring.
     """
     slope = (x[-1] - x[0]) / (len(x) - 1)
-    return interpolate(x - x[0] - slope * np.arange(len(x)), factor) + x[0] + slope / factor * np.arange(len(x) * factor)
+    return np.asarray(
+        interpolate(x - x[0] - slope * np.arange(len(x)), factor) + x[0] + slope / factor * np.arange(len(x) * factor)
+    )
 
 
 def as_held(x: FloatArray, factor: int) -> FloatArray:
