@@ -259,3 +259,14 @@ def test_what_cannot_be_simulated_is_refused_by_name() -> None:
     apart = replace(two(), configurations={"u": Configuration(rigid=("kr",), initial_position={"l": 0.1, "r": 0.2})})
     with pytest.raises(SimulationError, match="moves bodies apart that its rigid links join"):
         simulate(apart, Excitation.prepare(A, RATE, others=[B]), configuration="u")
+
+
+def test_a_description_may_have_numpys_numbers() -> None:
+    """Values computed in a notebook are scalars of numpy."""
+    tree: dict[str, Any] = {
+        "name": "one", "bodies": [{"name": "m", "mass": np.float64(2.0)}],
+        "links": [{"name": "k", "a": "m", "b": "ground", "stiffness": np.float32(400.0), "damping": np.int64(3)}],
+        "drive": {"channel": "f", "pushes": {"m": np.float64(1.0)}}, "sensors": [{"channel": "x", "body": "m"}],
+    }  # fmt: skip
+    model = from_tree(tree)
+    assert (model.get("bodies.m.mass"), model.get("links.k.stiffness"), model.get("links.k.damping")) == (2.0, 400.0, 3.0)
