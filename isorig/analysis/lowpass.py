@@ -35,11 +35,16 @@ def low_passed(values: FloatArray, rate: float, corner: float) -> FloatArray:
 
 def smoothed(values: FloatArray, rate: float, corner: float) -> FloatArray:
     """A record of positions or velocities, shape (n,), through the same low-pass; it continues beyond its ends without a kink."""
-    line = np.linspace(values[0], values[-1], len(values))
-    odd = values - line
-    whole = np.concatenate([odd, -odd[-2:0:-1]])
+    whole, line = about_line(values)
     gain = lowpass_gain(np.asarray(np.fft.rfftfreq(len(whole), 1.0 / rate), dtype=np.float64), corner)
     return np.asarray(np.fft.irfft(np.fft.rfft(whole) * gain, len(whole))[: len(values)] + line)
+
+
+def about_line(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A record, shape (n,), minus the line between its ends and its odd mirror image, shape (2 n - 2,), and that line."""
+    line = np.linspace(values[0], values[-1], len(values))
+    odd = values - line
+    return np.concatenate([odd, -odd[-2:0:-1]]), line
 
 
 def signal_edge(values: FloatArray, rate: float) -> float:

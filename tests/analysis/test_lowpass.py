@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from isorig.analysis.lowpass import SLOPE_NOISE, low_passed, lowpass_gain, signal_edge, smoothed, velocity_corner
+from isorig.analysis.simulate import Excitation
 
 RATE, COUNT = 1000.0, 20_000
 TIME = np.arange(COUNT) / RATE
@@ -33,6 +34,15 @@ def test_what_passes_of_the_noise_is_a_fixed_share_of_the_velocity(level: float)
     assert corner**3 == pytest.approx(3.0 * (SLOPE_NOISE * 2.0 / level) ** 2 * 0.5 * RATE / 2.0, rel=0.15)
     assert share == pytest.approx(SLOPE_NOISE, rel=0.15)
     assert corner > signal_edge(clean + noise, RATE)
+
+
+def test_another_grid_has_the_same_drive() -> None:
+    """The low-pass acts once: a comparison of two step sizes must not compare two drives."""
+    clean = np.sin(4.0 * np.pi * TIME) + np.random.default_rng(4).normal(0.0, 1e-3, COUNT)
+    drive = Excitation.prepare(clean, RATE, oversample=2, corner=30.0)
+    assert (drive.resampled(4).recorded == drive.recorded).all()
+    assert drive.resampled(4).fine[::4] == pytest.approx(drive.fine[::2], abs=1e-3)
+    assert (drive.with_drive(clean).recorded == drive.recorded).all()
 
 
 def test_a_record_that_is_noise_alone_or_has_little_is_kept() -> None:

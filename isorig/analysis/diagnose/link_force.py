@@ -91,9 +91,9 @@ def link_record(model: RigModel, link: Link, run: Run) -> LinkRecord | None:
     used = {s.channel for s in (*placed, *accelerated.values()) if MOTION[s.quantity] != 2}
     rate = run.sample_rate
     corner = min((signal_edge(run.read(name), rate) for name in used), default=np.inf)
-    pairs = [motion_of(run.read(s.channel), s.quantity, run.sample_rate, run.band) for s in placed]
+    pairs = [motion_of(run.read(s.channel), s.quantity, rate, run.band) for s in placed]
     v, d = (a - b for a, b in zip(*pairs, strict=True)) if len(pairs) == 2 else pairs[0]
-    whole = slice(round(EDGE * run.sample_rate), -round(EDGE * run.sample_rate))
+    whole = slice(round(EDGE * rate), -round(EDGE * rate))
     share = sum(model.drive.pushes.get(name, 0.0) for name in beyond)
     acceleration = {
         name: low_passed(acceleration_of(run.read(s.channel), s.quantity, rate), rate, corner)[whole]

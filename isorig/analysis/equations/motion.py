@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from isorig.analysis.campaign import MOTION, FloatArray, Run
-from isorig.analysis.lowpass import lowpass_gain
+from isorig.analysis.lowpass import about_line, lowpass_gain
 from isorig.analysis.model.rig_model import RigModel, direction
 
 #: Residual of a body's motion as a combination of sensors above which the sensors do not determine it (rounding).
@@ -90,10 +90,7 @@ def highpass_gain(frequency: FloatArray, low: float) -> FloatArray:
 
 def _derivative(values: FloatArray, rate: float, high: float) -> FloatArray:
     # Mirrored about both ends, so that the record continues without a step or a kink.
-    n = len(values)
-    line = np.linspace(values[0], values[-1], n)
-    odd = values - line
-    whole = np.concatenate([odd, -odd[-2:0:-1]])
+    n, (whole, _) = len(values), about_line(values)
     frequency = np.asarray(np.fft.rfftfreq(len(whole), 1.0 / rate), dtype=np.float64)
     spectrum = np.fft.rfft(whole) * 2j * np.pi * frequency * lowpass_gain(frequency, high)
     return np.asarray(np.fft.irfft(spectrum, len(whole))[:n] + (values[-1] - values[0]) / (n - 1) * rate)

@@ -9,8 +9,7 @@ may stick: it transmits any force between those of slow sliding in both directio
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from types import MappingProxyType
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -27,9 +26,6 @@ DECIMATION = 10
 RESOLVED = 3.0
 #: Number of decimated samples dropped at each end.
 EDGE = 20
-
-
-NOTHING: Mapping[str, float] = MappingProxyType({})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,20 +49,18 @@ class Motion:
     acceleration: Mapping[str, FloatArray]
     sample_rate: float
     drive: FloatArray
-    blur: Mapping[str, float]
+    blur: Mapping[str, float] = field(default_factory=dict)
 
 
-def motion_from(
-    positions: Mapping[str, FloatArray], rate: float, drive: FloatArray, blur: Mapping[str, float] = NOTHING
-) -> Motion:  # fmt: skip
-    """Low-pass filter the positions of each body, and differentiate them twice; see `Motion`."""
+def motion_from(positions: Mapping[str, FloatArray], rate: float, drive: FloatArray) -> Motion:
+    """Low-pass filter the positions of each body, and differentiate them twice; the noise of the velocities is not known."""
     from scipy.signal import butter, sosfiltfilt
 
     sections = butter(ORDER, CORNER * rate, fs=rate, output="sos")
     position = {body: np.asarray(sosfiltfilt(sections, values)) for body, values in positions.items()}
     velocity = {body: np.gradient(values, 1.0 / rate) for body, values in position.items()}
     acceleration = {body: np.gradient(values, 1.0 / rate) for body, values in velocity.items()}
-    return Motion(position=position, velocity=velocity, acceleration=acceleration, sample_rate=rate, drive=drive, blur=blur)
+    return Motion(position=position, velocity=velocity, acceleration=acceleration, sample_rate=rate, drive=drive)
 
 
 def decimated(values: FloatArray) -> FloatArray:
@@ -116,12 +110,9 @@ def _resistances(model: RigModel, motion: Motion, part: Link | Contact) -> tuple
     constants = model.constants_of(part) if isinstance(part, Link) else NO_LINK
     backward = forward = part.stiffness * d + part.damping * v if isinstance(part, Link) else np.zeros(len(d))
     for law in laws:
-        along = law.along(d, v, motion.sample_rate, constants)
-        if law.remembers or not slow.any():
-            backward, forward = backward + along, forward + along
-        else:
-            backward = backward + np.where(slow, law.along(d, np.where(slow, -blur, v), motion.sample_rate, constants), along)
-            forward = forward + np.where(slow, law.along(d, np.where(slow, blur, v), motion.sample_rate, constants), along)
+        speeds = (v,) if law.remembers or not slow.any() else (np.where(slow, -blur, v), np.where(slow, blur, v))
+        ends = [law.along(d, speed, motion.sample_rate, constants) for speed in speeds]
+        backward, forward = backward + ends[0], forward + ends[-1]
     return backward, forward
 
 

@@ -157,7 +157,7 @@ class Excitation:
             raise DataError(f"the sample rate is {sample_rate:g} Hz; it must be positive and finite")
         if np.isfinite(corner):
             recorded = smoothed(recorded, sample_rate, corner)
-        fine = as_held(recorded, oversample) if held else continued(recorded, oversample)
+        fine = _on_grid(recorded, oversample, held=held)
         further = tuple(cls.prepare(other, sample_rate, oversample=oversample) for other in others)
         return cls(
             recorded=recorded, sample_rate=sample_rate, oversample=oversample, fine=fine, others=further, held=held, corner=corner
@@ -168,20 +168,25 @@ class Excitation:
         if oversample == self.oversample:
             return self
         others = tuple(other.resampled(oversample) for other in self.others)
-        return replace(self._remade(self.recorded, oversample), others=others)
+        fine = _on_grid(self.recorded, oversample, held=self.held)
+        return replace(self, oversample=oversample, fine=fine, others=others)
 
     def with_drive(self, recorded: FloatArray) -> Excitation:
         """Another record of the first drive on the same grid, shape (n,)."""
-        return replace(self._remade(recorded, self.oversample), others=self.others)
-
-    def _remade(self, recorded: FloatArray, oversample: int) -> Excitation:
-        return Excitation.prepare(recorded, self.sample_rate, oversample=oversample, held=self.held, corner=self.corner)
+        fresh = Excitation.prepare(
+            recorded, self.sample_rate, oversample=self.oversample, held=self.held, corner=self.corner
+        )  # fmt: skip
+        return replace(fresh, others=self.others)
 
     def beginning(self, samples: int) -> Excitation:
         """The first samples of the same drive, and the further ones that filters and delays need."""
         kept = samples + AFTER
         others = tuple(other.beginning(samples) for other in self.others)
         return replace(self, recorded=self.recorded[:kept], fine=self.fine[: kept * self.oversample], others=others)
+
+
+def _on_grid(recorded: FloatArray, oversample: int, *, held: bool) -> FloatArray:
+    return as_held(recorded, oversample) if held else continued(recorded, oversample)
 
 
 @lru_cache(maxsize=16)
