@@ -75,17 +75,6 @@ def interpolate(x: FloatArray, factor: int, joined: FloatArray = STRAIGHTENED) -
     return out.T.ravel()
 
 
-def continued(x: FloatArray, factor: int) -> FloatArray:
-    """Band-limited interpolation of a record that continues beyond its ends, shape (n * factor,).
-
-    `interpolate` takes the signal outside the record as zero, so a record that begins within a motion would ring.
-    """
-    slope = (x[-1] - x[0]) / (len(x) - 1)
-    return np.asarray(
-        interpolate(x - x[0] - slope * np.arange(len(x)), factor) + x[0] + slope / factor * np.arange(len(x) * factor)
-    )
-
-
 def as_held(x: FloatArray, factor: int) -> FloatArray:
     """A command held from each sample to the next, shape (n * factor,): each jump is linear, over the two steps around it."""
     fine = np.repeat(x, factor)
@@ -186,7 +175,7 @@ class Excitation:
 
 
 def _on_grid(recorded: FloatArray, oversample: int, *, held: bool) -> FloatArray:
-    return as_held(recorded, oversample) if held else continued(recorded, oversample)
+    return as_held(recorded, oversample) if held else interpolate(recorded, oversample)
 
 
 @lru_cache(maxsize=16)
@@ -235,12 +224,10 @@ def within(x: FloatArray, highest: float, rate: float) -> FloatArray:
 
 
 def shift(x: FloatArray, delay: float, rate: float) -> FloatArray:
-    """x(t - delay), band-limited, by a phase shift of the zero-padded spectrum; x continues beyond its ends."""
+    """x(t - delay), band-limited, by a phase shift of the zero-padded spectrum."""
     if delay == 0.0:
         return x
     n = len(x)
-    line, slope = np.linspace(x[0], x[-1], n), (x[-1] - x[0]) / (n - 1)
     size = 1 << int(np.ceil(np.log2(n + 2 * abs(delay) * rate + 64)))
     f = np.fft.rfftfreq(size, 1.0 / rate)
-    moved = np.fft.irfft(np.fft.rfft(x - line, size) * np.exp(-2j * np.pi * f * delay), size)[:n]
-    return np.asarray(moved + line - slope * delay * rate)
+    return np.asarray(np.fft.irfft(np.fft.rfft(x, size) * np.exp(-2j * np.pi * f * delay), size)[:n])
