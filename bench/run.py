@@ -54,8 +54,8 @@ MARKS = "<!-- ratios of docs/bench.md -->\n", "<!-- end -->"
 QUIET, LOOK, PATIENCE = 0.05, 5.0, 600.0
 #: Runs of a benchmark that is disturbed.
 ATTEMPTS = 2
-#: Time limit of a benchmark in s: several times the duration of the longest one on two processors.
-LONGEST = 900.0
+#: Time limit of a benchmark in s: three times the duration of the longest one on two processors.
+LONGEST = 1800.0
 PEERS = ("numpy", "scipy", "numba", "pyFRF", "pyEMA", "diffrax", "jax")
 HEAD = """# Benchmarks
 

@@ -76,7 +76,7 @@ def march(
 ) -> int:
     """Take whole steps from step `q` on in one mode; return the first step in which a margin may fall below zero."""
     y, base, ends, largest, d0, v0 = motion.y, motion.base, motion.ends, motion.largest, motion.d0, motion.v0
-    after8, after, ratio, codes = motion.ahead, motion.ahead.reshape(-1), motion.ratio, rig.codes
+    after8, after, ratio, codes = motion.ahead, motion.reached, motion.ratio, rig.codes
     columns, blocks, step, n = rig.whole[mode], rig.blocks[mode], rig.step, rig.n
     m, size, curves = 2 * n, len(y), len(codes)
     state, curve_blocks, ways = 4 * curves, -(-4 * curves // 8), 0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.jit import kernel
 
@@ -37,8 +39,13 @@ def polynomial(p: FloatArray, x: float) -> float:
 @kernel
 def falls(p: FloatArray, high: float, below: float) -> float:
     """Zero of a polynomial that is positive at zero and has the negative value `below` at `high`, by bracketed Newton."""
-    low, above = 0.0, p[0]
-    x = low + (high - low) * above / (above - below) if above > below else 0.5 * (low + high)
+    low = 0.0
+    # Start at the zero of the parabola through both values with the slope at zero; its coefficients are those of x / high.
+    rise = p[1] * high
+    under = np.sqrt(max(rise * rise - 4.0 * (below - p[0] - rise) * p[0], 0.0)) - rise
+    x = high * (2.0 * p[0] / under) if 0.0 < under < np.inf else 0.5 * (low + high)
+    if not low < x < high:
+        x = 0.5 * (low + high)
     for _ in range(80):
         value, slope = 0.0, 0.0
         for k in range(len(p) - 1, -1, -1):

@@ -88,8 +88,9 @@ class Motion(NamedTuple):
         its end, and at the end of trial parts.
     ratio
         Last observed convergence ratio of the passes for the curved forces; one number.
-    base, ahead
-        Results of a whole step in groups of eight rows: the part without the curved forces, and the total.
+    base, ahead, reached
+        Results of a whole step in groups of eight rows: the part without the curved forces, and the total; `reached` is the flat
+        view of `ahead`.
     still, known, taylor, columns
         Taylor coefficients in groups of eight rows: zeros, the part without the curved forces, the total; `columns` is the view
         of `taylor` by term, shape (terms, rows).
@@ -117,6 +118,7 @@ class Motion(NamedTuple):
     ratio: FloatArray
     base: FloatArray
     ahead: FloatArray
+    reached: FloatArray
     still: FloatArray
     known: FloatArray
     taylor: FloatArray
@@ -152,7 +154,7 @@ def room(rig: Rig, memories: int) -> Motion:
     """Allocate the motion of a rig whose laws have up to `memories` state variables; all zeros."""
     curves, blocks, groups = len(rig.codes), rig.whole.shape[1], rig.series.shape[1]
     rows = 8 * (groups // rig.terms)
-    taylor = np.zeros((groups, 8))
+    taylor, ahead = np.zeros((groups, 8)), np.zeros((blocks, 8))
     return Motion(
         y=np.zeros(rig.whole.shape[2]),
         gate=np.zeros(curves),
@@ -167,7 +169,8 @@ def room(rig: Rig, memories: int) -> Motion:
         spare=np.zeros((curves, memories)),
         ratio=np.zeros(1),
         base=np.zeros((blocks, 8)),
-        ahead=np.zeros((blocks, 8)),
+        ahead=ahead,
+        reached=ahead.reshape(-1),
         still=np.zeros((groups, 8)),
         known=np.zeros((groups, 8)),
         taylor=taylor,

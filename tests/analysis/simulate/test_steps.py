@@ -1,0 +1,51 @@
+"""Parts of a step: the zero of a margin."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from isorig.analysis.simulate.step import falls, polynomial
+
+
+@settings(deadline=None)  # the first call may compile
+@given(
+    zero=st.floats(1e-6, 0.999),
+    height=st.floats(1e-9, 1e9),
+    others=st.lists(st.floats(-1.0, 1.0), min_size=0, max_size=15),
+)
+def test_a_margin_falls_below_zero_where_it_does(zero: float, height: float, others: list[float]) -> None:
+    # A falling line through the zero times a factor between 1/4 and 7/4.
+    factor = np.array([1.0, *(0.75 * c / max(1.0, float(np.abs(others).sum())) for c in others)])
+    p = height * np.convolve([zero, -1.0], factor)
+    found = falls(p, 1.0, polynomial(p, 1.0))
+    assert found == pytest.approx(zero, rel=1e-10, abs=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("p", "zero"),
+    [([1.0, 0.0, -4.0], 0.5), ([0.25, -1.25, 1.0], 0.25), ([1.0, 2.0, -15.0], 1 / 3), ([0.5, -1.0, 0.0], 0.5)],
+    ids=["level start", "rising again", "rising first", "straight"],
+)
+def test_the_zero_of_a_parabola(p: list[float], zero: float) -> None:
+    high = 0.9
+    assert falls(np.array(p), high, polynomial(np.array(p), high)) == pytest.approx(zero, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("p", "high", "below", "zero"),
+    [
+        ([0.0, 1.0, -2.0], 0.9, -0.72, 0.5),  # no parabola from a value of zero: its zero is the start
+        ([1e-200, -1.0], 1.0, -1.0, 1e-200),  # squares vanish
+        ([1e200, -2e200], 0.9, -0.8e200, 0.5),  # squares overflow
+        ([1e-210, -2.0], 1e-200, -2e-200, 5e-211),
+        ([1.0, 0.0, 0.0, -8.0], 0.9, -4.832, 0.5),
+    ],
+    ids=["zero at the start", "small", "large", "small step", "flat start"],
+)
+def test_a_parabola_that_cannot_be_computed_is_replaced_by_halving(
+    p: list[float], high: float, below: float, zero: float
+) -> None:  # fmt: skip
+    assert falls(np.array(p), high, below) == pytest.approx(zero, rel=1e-9, abs=1e-14 * high)
