@@ -55,6 +55,29 @@ def signal_edge(values: FloatArray, rate: float) -> float:
     return _edge(*_spectrum(values), rate)
 
 
+def force_edge(force: FloatArray, motion: FloatArray, rate: float, mass: float, derivatives: int) -> float:
+    """Highest frequency in Hz at which a force exceeds what the noise of a motion becomes as an inertia force; 0 if nowhere.
+
+    Where friction or cogging holds a body, the force has content at frequencies at which the body hardly moves.
+
+    Parameters
+    ----------
+    force, motion
+        Records of the force on a body in N and of its position or velocity, shape (n,).
+    rate
+        Hz.
+    mass
+        Of the body, kg.
+    derivatives
+        From the motion to its acceleration: 2 or 1.
+    """
+    (power, _), (_, noise) = _spectrum(force), _spectrum(motion)
+    omega = np.pi * rate * np.arange(len(power)) / (len(power) - 1)
+    averaged = np.convolve(power, np.ones(AVERAGED) / AVERAGED, mode="same")
+    above = averaged > SIGNAL * noise * mass**2 * omega ** (2 * derivatives)
+    return float(np.flatnonzero(above).max(initial=0)) / (len(power) - 1) * rate / 2.0
+
+
 def velocity_corner(values: FloatArray, rate: float) -> float:
     """Corner frequency in Hz of the low-pass for a record of positions, shape (n,), before it is differentiated.
 

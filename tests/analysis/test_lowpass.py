@@ -5,7 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from isorig.analysis.lowpass import SLOPE_NOISE, low_passed, lowpass_gain, signal_edge, smoothed, velocity_corner
+from isorig.analysis.lowpass import (
+    SIGNAL,
+    SLOPE_NOISE,
+    force_edge,
+    low_passed,
+    lowpass_gain,
+    signal_edge,
+    smoothed,
+    velocity_corner,
+)
 from isorig.analysis.simulate import Excitation
 
 RATE, COUNT = 1000.0, 20_000
@@ -49,3 +58,18 @@ def test_a_record_that_is_noise_alone_or_has_little_is_kept() -> None:
     draw = np.random.default_rng(3)
     assert velocity_corner(np.sin(4.0 * np.pi * TIME) + draw.normal(0.0, 1e-5, COUNT), RATE) == np.inf
     assert velocity_corner(np.random.default_rng(2).normal(size=COUNT), RATE) == np.inf
+
+
+@pytest.mark.parametrize("derivatives", [1, 2])
+def test_a_force_ends_where_the_noise_of_a_motion_outweighs_it(derivatives: int) -> None:
+    """White force of 0.5 N at a body of 2 kg: its power is `SIGNAL` times that of the noise's inertia force at one frequency."""
+    draw, rate, mass, push, noise = np.random.default_rng(5), 1000.0, 2.0, 0.5, 1e-6 if derivatives == 2 else 3e-4
+    expected = (push / (mass * noise * np.sqrt(SIGNAL))) ** (1.0 / derivatives) / (2.0 * np.pi)
+    found = force_edge(draw.normal(0.0, push, 40_000), draw.normal(0.0, noise, 40_000), rate, mass, derivatives)
+    assert found == pytest.approx(expected, rel=0.3)
+    assert 0.0 < expected < 0.5 * rate
+
+
+def test_a_force_below_the_noise_of_a_motion_has_no_edge() -> None:
+    draw = np.random.default_rng(5)
+    assert force_edge(np.zeros(4000), draw.normal(0.0, 1.0, 4000), 1000.0, 2.0, 2) == 0.0

@@ -13,9 +13,9 @@ from strange_rigs import Law, StrangeRig, campaign, cubic, dry, play
 
 from isorig.analysis.campaign import Campaign, Quantity
 from isorig.analysis.fitting.linear_spectra import LinearRig, dampers, given_parameters, spectra_of, spectrum_of
-from isorig.analysis.fitting.plausible import Doubt, doubts_of_records
+from isorig.analysis.fitting.plausible import Doubt, _held_back, doubts_of_records
 from isorig.analysis.fitting.resonances import Resonance, _peak
-from isorig.analysis.fitting.wrong_scale import _confirmed, _Explanation, wrong_scale
+from isorig.analysis.fitting.wrong_scale import WrongScale, _confirmed, _Explanation, _explanations, wrong_scale
 from isorig.analysis.model.rig_model import RigModel, from_tree, to_tree
 from isorig.analysis.units import mistaken
 
@@ -332,3 +332,18 @@ def test_pairs_of_units() -> None:
     assert pairs["mm read as m"] == pytest.approx(1e3)
     assert pairs["m read as mm"] == pytest.approx(1e-3)
     assert log(pairs["in read as mm"]) == pytest.approx(-log(25.4))
+
+
+@pytest.mark.parametrize(("ratio", "held"), [(2.4e-3, True), (0.3, True), (1e-3, False), (3.3, False)])
+def test_undescribed_friction_holds_a_body_without_a_spring_back(ratio: float, held: bool) -> None:
+    """By any factor, but by none of units; a spring limits it."""
+    free = dataclasses.replace(ONE, joints=((0, -1, 0.0, 20.0),)).description()
+    less = WrongScale(kind="responses", names=("a",), ratio=ratio)
+    assert _held_back(free, less) == held
+    assert not _held_back(ONE.description(), less)
+
+
+def test_a_rig_without_a_spring_does_not_show_a_wrong_rate() -> None:
+    free = dataclasses.replace(ONE, joints=((0, -1, 0.0, 20.0),)).description()
+    kinds = [{each.kind for each in _explanations(rig)} for rig in (free, ONE.description())]
+    assert ["rate" in each for each in kinds] == [False, True]

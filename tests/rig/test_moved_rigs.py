@@ -278,3 +278,41 @@ def test_a_damper_whose_stroke_is_recorded_with_noise(curved: bool, tmp_path: Pa
         return
     (step,) = found["steps"]
     assert (found["verdict"], step["kind"], step["location"]) == ("explained", "damping_shape", "oil")
+
+
+#: Moment of inertia (kg m^2) and viscous damping (N m s/rad) of the motor, its cogging torque (N m) and pitch (rad), and
+#: amplitude (rad/s) and frequency (Hz) of its velocity in each run.
+INERTIA, BEARING, COGGING, PITCH, TURNS = 3.1e-3, 4.0e-3, 0.03, 2.0 * np.pi / 7.0, ((6.0, 0.15), (3.0, 0.1), (10.0, 0.2))
+
+
+def motor(dry: float, seed: int) -> tuple[list[Run], dict[str, Any]]:
+    """A motor that turns to and fro over several turns with known torque: cogging, and dry friction (N m)."""
+    draw, time, runs = np.random.default_rng(seed), np.arange(20 * 500) / 500.0, []
+    phase = draw.uniform(0.0, 2.0 * np.pi)
+    for k, (fast, frequency) in enumerate(TURNS):
+        w = 2.0 * np.pi * frequency
+        begun = 0.5 - 0.5 * np.cos(np.pi * np.minimum(time / 0.5, 1.0))
+        turning = fast * (np.sin(w * time) + 0.3 * np.sin(1.7 * w * time)) * begun
+        angle = CubicSpline(time, turning).antiderivative()(time)
+        torque = INERTIA * CubicSpline(time, turning)(time, 1) + BEARING * turning + dry * np.tanh(turning / 2e-2)
+        torque += COGGING * np.sin(2.0 * np.pi * angle / PITCH + phase)
+        torque += draw.normal(0.0, 2e-3 * torque.std(), len(time))
+        counted = np.round(angle / (2.0 * np.pi / 8192.0) + draw.normal(0.0, 0.1, len(time))) * 2.0 * np.pi / 8192.0
+        runs.append(run(f"r{k}", 500.0, fast, {"torque": ("torque", torque), "angle": ("angle", counted)}))
+    tree = {
+        "name": "motor", "bodies": [{"name": "rotor", "mass": INERTIA, "motion": "rotation"}],
+        "links": [{"name": "bearing", "a": "rotor", "b": "ground", "stiffness": 0.0, "damping": 1.2 * BEARING}],
+        "drive": {"channel": "torque", "quantity": "torque", "pushes": {"rotor": 1.0}},
+        "sensors": [{"channel": "angle", "body": "rotor", "quantity": "angle"}], "free": ["links.bearing.damping"],
+    }  # fmt: skip
+    return runs, tree
+
+
+@pytest.mark.parametrize("dry", [0.0, 0.06])
+def test_cogging_over_many_turns(dry: float, tmp_path: Path) -> None:
+    found = diagnosed(motor(dry, seed=31), tmp_path)
+    assert found["verdict"] == "explained"
+    steps = {step["cause"]: step for step in found["steps"]}
+    assert set(steps) == ({"cogging", "coulomb_friction"} if dry else {"cogging"})
+    assert near(steps["cogging"], "periodic_force", COGGING, 0.05)
+    assert near(steps["cogging"], "pitch", PITCH, 1e-3)

@@ -262,6 +262,10 @@ class Suspects:
         # With the frequencies that the equations show, and the recorded motion of suspected elements, not the simulated one.
         found = tuple(item.values["frequency"] for item in self.chosen if "frequency" in item.values)
         deflection, speed = dict(evidence.deflection), dict(evidence.speed)
+        pitches = {
+            name: item.values["pitch"] for item in reversed(self.chosen) if "pitch" in item.values
+            for name in self.places.get(item.place, frozenset())
+        }  # fmt: skip
         for item in reversed(self.chosen):  # the best explanation of a place gives its motion
             _, force = self._solved(item)
             if force is None:
@@ -270,7 +274,7 @@ class Suspects:
                 deflection[name] = float(np.abs(force.deflection).max())
                 speed[name] = float(np.abs(force.velocity).max())
         return replace(
-            evidence, misfit_frequencies=found or evidence.misfit_frequencies, deflection=deflection, speed=speed
+            evidence, misfit_frequencies=found or evidence.misfit_frequencies, deflection=deflection, speed=speed, pitches=pitches
         )  # fmt: skip
 
     def started(self, candidate: Candidate, current: Sequence[Free]) -> list[RigModel]:

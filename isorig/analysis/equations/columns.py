@@ -27,6 +27,8 @@ CORNERS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
 YIELDS = (0.006, 0.02, 0.04, 0.08, 0.16)
 #: Velocity over which the direction of sliding is smoothed, as a share of the rms velocity, where no contact is expected.
 BLUNT = 0.05
+#: Name of a force that repeats with the deflection.
+PERIODIC = "force periodic in position"
 #: Score that a coefficient must add to count: of equal explanations the simpler one is preferred.
 PER_COEFFICIENT = 0.01
 
@@ -183,6 +185,16 @@ def _damping_drift(course: Course) -> FloatArray:
 def _friction_drift(course: Course) -> FloatArray:
     t, way = course.time / max(course.end, 1e-9), direction_of(course.velocity, course.speed)
     return np.column_stack([way * t, way * t**2])
+
+
+def periodic(pitch: float) -> Shape:
+    """A force that repeats with the deflection, with this pitch in m."""
+
+    def columns(course: Course) -> FloatArray:
+        angle = 2.0 * np.pi * course.deflection / pitch
+        return np.column_stack([np.sin(angle), np.cos(angle), np.ones(len(angle))])
+
+    return Shape(kind="spring_shape", name=PERIODIC, columns=columns, charge=4)
 
 
 #: The shapes at an element, simple ones first.

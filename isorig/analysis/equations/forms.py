@@ -10,7 +10,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray, IntArray
 from isorig.analysis.equations.balances import Balance, Element
-from isorig.analysis.equations.columns import SHAPES, Shape
+from isorig.analysis.equations.columns import PERIODIC, SHAPES, Shape, periodic
 from isorig.analysis.equations.filters import resonator
 from isorig.analysis.equations.known import law_columns
 from isorig.analysis.equations.ranking import Explanation
@@ -70,6 +70,8 @@ class ElementForce:
 
 def shape_of(explanation: Explanation) -> Shape | None:
     """The free shape of an explanation; None if it is no shape at an element."""
+    if explanation.what == PERIODIC:
+        return periodic(explanation.values["pitch"])
     return next((shape for shape in SHAPES if shape.name == explanation.what), None)
 
 

@@ -11,10 +11,20 @@ import numpy as np
 
 from isorig.analysis.campaign import ComplexArray, FloatArray, IntArray
 from isorig.analysis.equations.balances import Balance, Element, Lock
-from isorig.analysis.equations.columns import CORNERS, PER_COEFFICIENT, SHAPES, Shape, dissipates, relaxing
+from isorig.analysis.equations.columns import (
+    CORNERS,
+    PER_COEFFICIENT,
+    PERIODIC,
+    SHAPES,
+    Shape,
+    dissipates,
+    periodic,
+    relaxing,
+)
 from isorig.analysis.equations.errors import ERRORS
 from isorig.analysis.equations.filters import filtered, resonator, rocked, rocker
 from isorig.analysis.equations.motion import derivatives
+from isorig.analysis.equations.repeats import pitch_of
 from isorig.analysis.equations.sliding import Sliding, SlidingFit, SlidingRun
 from isorig.analysis.equations.spectral import Prepared, Row
 from isorig.analysis.equations.system import CUT, HOLDS, Equations
@@ -136,6 +146,7 @@ class Regressions:
 
         for element in self.on.elements():
             self._shapes(element, add, before)
+        self._repeating(add, before, found)
         self._bodies(add, before)
         self._rocking(add)
         self._locks(add)
@@ -152,26 +163,41 @@ class Regressions:
         # A contact's friction replaces the plain one; without a contact there is only the plain one and what it may become.
         left_out = {"dry friction"} if rubbing else {s.name for s in SHAPES if s.with_friction and s.name != "slip"}
         for shape in (shape for shape in SHAPES if shape.name not in left_out):
-            after: dict[str, float] = {}
-            for balance in self.on.balances:
-                if not balance.contains(element):
-                    continue
-                if balance.name in self.on.prepared and shape.name == "relaxation":
-                    after[balance.name] = self._relaxed(balance, element)
-                elif balance.name in self.on.prepared:
-                    after[balance.name] = self._bent(balance, element, shape)
-                elif balance.name in self.on.sliding and self.on.primary(balance).name == element.name:
-                    sliding, base = self.on.sliding[balance.name]
-                    fitted = self.on.slid(element, sliding, base, shape, self.on.own_frequency(element, balance))
-                    passive = shape.name != "relaxation" or dissipates(fitted.values[len(base.values) :])
-                    after[balance.name] = sliding.residual(fitted, base) if passive else sliding.residual(base)
-            charge = float(shape.charge)
-            if shape.name == "slip":
-                for name, lock in self.on.stuck.items():
-                    if lock.element.name == element.name:
-                        after[name], _ = self._elastic(lock, name)
-            if after:
-                add(shape.kind, element.name, shape.name, after, charge)
+            self._shape(element, shape, add)
+
+    def _shape(self, element: Element, shape: Shape, add: _Add, **values: float) -> None:
+        after: dict[str, float] = {}
+        for balance in self.on.balances:
+            if not balance.contains(element):
+                continue
+            if balance.name in self.on.prepared and shape.name == "relaxation":
+                after[balance.name] = self._relaxed(balance, element)
+            elif balance.name in self.on.prepared:
+                after[balance.name] = self._bent(balance, element, shape)
+            elif balance.name in self.on.sliding and self.on.primary(balance).name == element.name:
+                sliding, base = self.on.sliding[balance.name]
+                fitted = self.on.slid(element, sliding, base, shape, self.on.own_frequency(element, balance))
+                passive = shape.name != "relaxation" or dissipates(fitted.values[len(base.values) :])
+                after[balance.name] = sliding.residual(fitted, base) if passive else sliding.residual(base)
+        if shape.name == "slip":
+            for name, lock in self.on.stuck.items():
+                if lock.element.name == element.name:
+                    after[name], _ = self._elastic(lock, name)
+        if after:
+            add(shape.kind, element.name, shape.name, after, float(shape.charge), **values)
+
+    def _repeating(self, add: _Add, before: Mapping[str, float], found: Sequence[Explanation]) -> None:
+        # A force that repeats with the position, in equations that no other shape repairs: a curve follows a few periods.
+        for balance in self.on.balances:
+            left = min((item.residuals[balance.name] for item in found), default=before.get(balance.name, 0.0))
+            if before.get(balance.name, 0.0) < self.least or left < self.least:
+                continue
+            for element, _ in balance.crossing:
+                in_time = self.on.in_time(balance, element)
+                if in_time is not None:
+                    pitch = pitch_of(*in_time, self.on.base_columns(element))
+                    if pitch is not None:
+                        self._shape(element, periodic(pitch), add, pitch=pitch)
 
     def _bent(self, balance: Balance, element: Element, shape: Shape) -> float:
         # Residual of an equation without friction with a shape. The time domain is better where the slow part of an integrated
@@ -184,7 +210,7 @@ class Regressions:
         left = self.on.shaped(balance, element, shape).residual
         if left <= self.least or before < self.least:
             return left
-        if shape.name == "dry friction":
+        if shape.name in ("dry friction", PERIODIC):
             return min(left, before * self.on.in_motion(balance, element, shape))
         found = self.on.in_time(balance, element)
         if found is None or found[0].residual(found[1]) < HINTS:

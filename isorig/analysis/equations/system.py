@@ -22,8 +22,8 @@ from isorig.analysis.equations.sliding import ROUNDS, TAPS, Columns, Sliding, Sl
 from isorig.analysis.equations.spectral import Prepared, Row, Solved, Spectra
 from isorig.analysis.laws import Coulomb
 from isorig.analysis.laws.base import NO_LINK
-from isorig.analysis.lowpass import low_passed, signal_edge
-from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.lowpass import force_edge, low_passed, signal_edge
+from isorig.analysis.model.rig_model import GROUND, RigModel
 from isorig.analysis.rounding import is_command
 from isorig.analysis.simulate.natural import natural_modes
 from isorig.analysis.simulate.sampling import as_held
@@ -112,13 +112,22 @@ class Equations:
                 edges = [signal_edge(r.channels[channel], self.rate) for r in self.records if len(r.channels[channel]) > SHORTEST]
                 used = [e for e in edges if np.isfinite(e)]
                 if used:
-                    self.edge = min(self.edge, EDGE * max(used))
+                    self.edge = min(self.edge, EDGE * max(*used, self._pushed_edge(channel, 2 - order)))
         self.assumed = model
         self.every = max(1, int(self.rate / (SAMPLES * self.edge))) if np.isfinite(self.edge) else 1
         self._prepare()
         if self.hidden and self.prepared:
             self.assumed = fitted(model, adjacent(model, self.hidden), self._left)
             self._prepare()
+
+    def _pushed_edge(self, channel: str, derivatives: int) -> float:
+        # The `force_edge` of a sensor on the body that the drive pushes alone, over all runs; 0 for any other sensor.
+        drive, sensor = self.model.drive, self.model.sensor(channel)
+        if self.model.more_drives or set(drive.pushes) != {sensor.body} or sensor.relative_to != GROUND or sensor.arms:
+            return 0.0
+        push, mass = drive.factor * drive.pushes[sensor.body], self.model.body(sensor.body).mass
+        records = (r.channels for r in self.records if len(r.channels[channel]) > SHORTEST)
+        return max((force_edge(push * r[drive.channel], r[channel], self.rate, mass, derivatives) for r in records), default=0.0)
 
     def _left(self, assumed: RigModel) -> float:
         # What the equations leave if the motion of bodies without sensors is that of a rig with these values.

@@ -150,6 +150,8 @@ def doubts_of_records(given: RigModel, campaign: Campaign, units: Mapping[str, s
     """
     spectra = spectra_of(given, campaign)
     found, agreement = wrong_scale(given, spectra)
+    if found is not None and _held_back(given, found):
+        found = None
     placeholders = drafted(given)
     if placeholders and (found is not None or (agreement < LINEAR).any()):
         first = _of_draft(given, placeholders, resonance(given, spectra))
@@ -167,6 +169,12 @@ def doubts_of_records(given: RigModel, campaign: Campaign, units: Mapping[str, s
         if len(swapped) == 1:
             return tuple(_of_swaps(swapped))
     return tuple(_released(given, campaign)) if found is None else (_of_scale(given, found, units or {}, spectra),)
+
+
+def _held_back(given: RigModel, found: WrongScale) -> bool:
+    # Without springs, friction and cogging that the description lacks reduce the motion by any factor: only one of units tells.
+    less = found.kind in ("responses", "sensor") and found.ratio < 1.0
+    return less and unit_factor(found.ratio) is None and all(link.stiffness == 0.0 for link in given.links)
 
 
 def _exchanged(campaign: Campaign, one: str, other: str) -> Campaign:

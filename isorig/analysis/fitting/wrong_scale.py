@@ -161,7 +161,8 @@ def _explanations(given: RigModel) -> Iterator[_Explanation]:
     heavy = [k for k, body in enumerate(given.bodies) if body.name not in given.imposed]
     yield from _given("stiffness", stiff, [unit_of(f"links.{link.name}.stiffness", given) for link in given.links])
     yield from _given("mass", heavy, [unit_of(f"bodies.{body.name}.mass", given) for body in given.bodies])
-    yield from (_Explanation("rate", (), factor) for factor in RATES)
+    # A rate shows in the frequencies of resonances; without a spring there are none.
+    yield from (_Explanation("rate", (), factor) for factor in RATES if stiff)
 
 
 def _given(kind: Literal["stiffness", "mass"], places: Sequence[int], units: Sequence[str]) -> Iterator[_Explanation]:

@@ -39,6 +39,7 @@ from isorig.analysis.laws.karnopp import Karnopp as Karnopp
 from isorig.analysis.laws.lugre import LuGre as LuGre
 from isorig.analysis.laws.maxwell import Maxwell as Maxwell
 from isorig.analysis.laws.maxwell_slip import MaxwellSlip as MaxwellSlip
+from isorig.analysis.laws.periodic import Periodic as Periodic
 from isorig.analysis.laws.position_dependent import PositionDependent as PositionDependent
 from isorig.analysis.laws.quadratic_damping import QuadraticDamping as QuadraticDamping
 from isorig.analysis.laws.stribeck import Stribeck as Stribeck

@@ -38,6 +38,7 @@ EVIDENCE = Evidence(
     peak=dict.fromkeys(CHANNELS, 4.0), sample_rate=1024.0, end_time=720.0, flat_tops=dict.fromkeys(CHANNELS, 3.0),
     mains=dict.fromkeys(CHANNELS, 50.0), misfit_frequencies=(30.0,), forces={}, push=25.0,
     configurations=frozenset({"locked", "unlocked"}), described=wire_bonder(), guess=wire_bonder(),
+    pitches={"table": 5e-4, "heatblock": 5e-6, "isolation": 2e-3},
 )  # fmt: skip
 
 

@@ -70,6 +70,8 @@ class Evidence(Amplitudes):
         Channels with hum, with its frequency in Hz.
     misfit_frequencies
         Frequencies in Hz with the largest misfit of the baseline, largest first.
+    pitches
+        The pitch in m with which the force of a link repeats over its deflection, by link, where the equations show one.
     forces
         For links whose force follows from a record: that force.
     push
@@ -88,6 +90,7 @@ class Evidence(Amplitudes):
     configurations: frozenset[str]
     described: RigModel
     guess: RigModel
+    pitches: Mapping[str, float] = field(default_factory=dict)
 
     def before(self, link: Link) -> Link:
         """A link before any fit; the link itself if a step has added it."""

@@ -1,0 +1,66 @@
+"""The pitch with which the force of an element repeats over its deflection."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+from scipy.signal import lombscargle
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.equations.sliding import Columns, Sliding, SlidingFit
+
+#: Fewest periods over the range of the deflection, and the number of periods that the search ends at. Chosen: with fewer than two
+#: a period is an inflection of a spring's curve; the shortest one has `CELLS` / `MOST` cells.
+FEWEST, MOST = 2.0, 128.0
+#: Cells over the range, for whose mean force the search is made, and frequencies for each period.
+CELLS, STEPS = 1024, 4
+
+
+def pitch_of(sliding: Sliding, base: SlidingFit, columns: Columns) -> float | None:
+    """The pitch in m with which what an equation leaves repeats best over the element's deflection.
+
+    By the periodogram of Lomb and Scargle with a free mean (VanderPlas, Astrophysical Journal Supplement 236, 2018) of the mean
+    residual in cells of the deflection, each weighted by its number of samples.
+
+    Parameters
+    ----------
+    sliding, base
+        The equation, and its fit without a repeating force.
+    columns
+        The columns of that fit.
+
+    Returns
+    -------
+    float or None
+        None if the element moves over too few cells.
+    """
+    d, left = _residual(sliding, base, columns)
+    low, high = sliding.range
+    cell = np.clip(((d - low) / (high - low) * CELLS).astype(int), 0, CELLS - 1)
+    count = np.bincount(cell, minlength=CELLS)
+    there = np.flatnonzero(count)
+    if len(there) < 2 * FEWEST * STEPS:
+        return None
+    at = (there + 0.5) / CELLS  # as shares of the range
+    mean = np.bincount(cell, left, minlength=CELLS)[there] / count[there]
+    weights = count[there] / count.sum()
+
+    def power(periods: FloatArray) -> FloatArray:
+        return np.atleast_1d(lombscargle(at, mean, 2.0 * np.pi * periods, weights=weights, floating_mean=True))
+
+    periods = np.arange(FEWEST, MOST, 1.0 / STEPS)
+    best = float(periods[np.argmax(power(periods))])
+    bounds = max(best - 1.0 / STEPS, FEWEST), best + 1.0 / STEPS
+    fine = minimize_scalar(lambda x: -float(power(np.array([x]))[0]), bounds=bounds, method="bounded")
+    return (high - low) / float(fine.x)
+
+
+def _residual(sliding: Sliding, base: SlidingFit, columns: Columns) -> tuple[FloatArray, FloatArray]:
+    # Deflection in m and residual force in N at the samples in use.
+    d, left = [], []
+    for block in sliding.active:
+        place = block.first + block.used
+        matrix, _ = sliding.evaluated(block, columns)
+        d.append(block.run.deflection[place] + block.run.slow[place])
+        left.append(block.run.force[place] - matrix @ base.values)
+    return np.concatenate(d), np.concatenate(left)
