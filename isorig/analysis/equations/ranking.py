@@ -184,7 +184,7 @@ class Regressions:
                 if lock.element.name == element.name:
                     after[name], _ = self._elastic(lock, name)
         if after:
-            add(shape.kind, element.name, shape.name, after, float(shape.charge), **values)
+            add(shape.kind, element.name, shape.name, after, float(shape.charge), "", **values)
 
     def _repeating(self, add: _Add, before: Mapping[str, float], found: Sequence[Explanation]) -> None:
         # A force that repeats with the position, in equations that no other shape repairs: a curve follows a few periods.

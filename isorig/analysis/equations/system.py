@@ -122,8 +122,11 @@ class Equations:
 
     def _pushed_edge(self, channel: str, derivatives: int) -> float:
         # The `force_edge` of a sensor on the body that the drive pushes alone, over all runs; 0 for any other sensor.
-        drive, sensor = self.model.drive, self.model.sensor(channel)
-        if self.model.more_drives or set(drive.pushes) != {sensor.body} or sensor.relative_to != GROUND or sensor.arms:
+        drive = self.model.drive
+        sensor = next((sensor for sensor in self.model.sensors if sensor.channel == channel), None)
+        if sensor is None or self.model.more_drives or set(drive.pushes) != {sensor.body}:
+            return 0.0
+        if sensor.relative_to != GROUND or sensor.arms:
             return 0.0
         push, mass = drive.factor * drive.pushes[sensor.body], self.model.body(sensor.body).mass
         records = (r.channels for r in self.records if len(r.channels[channel]) > SHORTEST)
