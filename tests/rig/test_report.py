@@ -5,16 +5,21 @@ import re
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import msgspec
 import numpy as np
 import pytest
 from headless_page import CHROMIUM, told_by
 
+from isorig.analysis.diagnose.misfit import Discrepancy
 from isorig.analysis.model.rig_model import Configuration
+from isorig.analysis.parameters.joint_fit import Characterization
 from isorig.analysis.spectra.quality import Fault
 from isorig.rig.files.parameter_table import ParameterFile, characterize_campaign
 from isorig.rig.report.charts import MOST_POINTS, SERIES, Chart, ChartTrace, Panel, spread_over
+from isorig.rig.report.first import _model
 from isorig.rig.report.frequency import frequency_sections
 from isorig.rig.report.measurement import measurement_page
 from isorig.rig.report.page import Report, Section, Table, build_report, wrapping
@@ -234,3 +239,22 @@ def test_a_fault_of_several_runs_is_stated_once() -> None:
 )
 def test_cells_wrap_within_paths_but_not_within_values(text: str, html: str) -> None:
     assert wrapping(text) == html
+
+
+def test_bands_that_differ_are_not_called_no_discrepancy() -> None:
+    """The first screen and the list below it agree."""
+    found = cast(Characterization, SimpleNamespace(adequate=True, error=0.01, noise_alone="0.9 %"))
+    band = Discrepancy(
+        channel="table",
+        configuration="unlocked",
+        gain=70.0,
+        run="a",
+        band_hz=(4.0, 5.0),
+        what="band",
+        size=0.02,
+        noise=0.01,
+        text="",
+    )
+    none, one = _model(found, None, []), _model(found, None, [band])
+    assert (none.short, one.short) == ("No discrepancy found", "Only single bands differ")
+    assert "(1) are listed below" in one.text[0]

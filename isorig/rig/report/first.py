@@ -115,11 +115,13 @@ def _model(found: Characterization, compared: Compared | None, wrong: Sequence[D
     question = "What is wrong with the model?"
     costs = _cost(compared.isolated) if compared is not None else ""
     if found.adequate:
-        short = "No discrepancy found"
+        short = "Only single bands differ" if wrong else "No discrepancy found"
         text = (
             f"It explains the runs down to the noise: its error is {of_signal(found.error)}, that of noise alone "
             f"{found.noise_alone}."
         )
+        if wrong:
+            text += f" The bands that differ by more than their noise ({len(wrong)}) are listed below."
     else:
         short = f"Its error is {of_signal(found.error)}"
         text = f"Noise alone would cause {found.noise_alone}."
