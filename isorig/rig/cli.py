@@ -5,47 +5,45 @@ from __future__ import annotations
 import os
 import sys
 from contextlib import suppress
-from importlib.resources import files
-from pkgutil import iter_modules
 from typing import TYPE_CHECKING
 
 from isorig.rig import commands
 from isorig.rig.errors import REFUSALS
+from isorig.rig.help import ABOUT, COMMANDS, HELP, INSTALL_COMPLETION, Pages, overview, purpose
 from isorig.rig.process.interrupts import interrupted_between_imports
 from isorig.rig.process.terminal import discard_output, terminal_closed
 
 if TYPE_CHECKING:
     from cyclopts import App
 
-#: By name of the command: the file, whose function of the same name is the command (with _ after a name that Python has, too).
-COMMANDS = {module.name.rstrip("_"): module.name for module in iter_modules(commands.__path__)}
-
 #: Exit status of a process that a closed pipe or a closed terminal ended, as shells count signals: 128 and the number of SIGPIPE
 #: or SIGHUP.
 READER_GONE, TERMINAL_GONE = 141, 129
 
 
-def purpose(name: str) -> str:
-    """The first line of a command's file, without importing it: its line in the list of commands."""
-    return (files(commands) / f"{COMMANDS[name]}.py").read_text(encoding="utf-8").splitlines()[0].strip('"')
-
-
 def _app(arguments: list[str]) -> App:
-    from importlib.metadata import version
-
     from cyclopts import App
 
     # A command that is not called is not imported: the list has the first line of its file. A called one has its own help page.
     app = App(
         name="rig",
-        help="A toolkit for vibration test rigs: measurement, simulation, and diagnosis of simulation errors.",
-        version=lambda: version("isorig"),
+        help=ABOUT,
+        version=_version,
+        # Markdown takes longer to import than everything else of a page.
+        help_format="plaintext",
+        help_formatter=Pages(),
         suppress_keyboard_interrupt=False,
     )
-    app.register_install_completion_command(group="Shell", help="Install completion of commands and options.")
+    app.register_install_completion_command(group="Shell", help=INSTALL_COMPLETION)
     for name, file in COMMANDS.items():
         app.command(f"{commands.__name__}.{file}:{file}", name=name, help=None if name in arguments else purpose(name))
     return app
+
+
+def _version() -> str:
+    from importlib.metadata import version
+
+    return version("isorig")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -55,7 +53,10 @@ def main(arguments: list[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         with interrupted_between_imports():
-            _app(arguments)(arguments)
+            if all(each in HELP for each in arguments):
+                print(overview())
+            else:
+                _app(arguments)(arguments)
             sys.stdout.flush()
     except REFUSALS as refusal:
         from isorig.rig.files.output import displayable

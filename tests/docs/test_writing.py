@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from isorig.rig.cli import COMMANDS, main
+from isorig.rig.cli import main
+from isorig.rig.help import COMMANDS
 
 ROOT = Path(__file__).resolve().parents[2]
 #: The first bullet below "Avoid" in docs/writing.md, except words that also have a plain use ("look", "stands"), and pictures

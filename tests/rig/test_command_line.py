@@ -14,7 +14,9 @@ from pathlib import Path
 import pytest
 from cyclopts import App
 
-from isorig.rig.cli import COMMANDS, READER_GONE, main, purpose
+from isorig.rig import cli
+from isorig.rig.cli import READER_GONE, main
+from isorig.rig.help import COMMANDS, purpose
 
 
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
@@ -28,6 +30,45 @@ def test_help_has_one_line_for_each_command(capsys: pytest.CaptureFixture[str], 
     lines = capsys.readouterr().out.splitlines()
     for name in COMMANDS:
         assert len([line for line in lines if line.split()[1:2] == [name] and purpose(name) in line]) == 1, name
+
+
+@pytest.mark.parametrize("columns", ["60", "80", "132"])
+def test_the_list_of_commands_looks_as_the_pages_of_the_commands(
+    columns: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", columns)
+    assert main(["--help"]) == 0
+    shown = capsys.readouterr().out.splitlines()
+    cli._app([]).help_print([])
+    assert shown == [line.rstrip() for line in capsys.readouterr().out.splitlines()]
+
+
+@pytest.mark.parametrize("arguments", ["[]", "['--help']", "['-h']"])
+def test_the_list_of_commands_imports_no_library_of_pages(arguments: str) -> None:
+    call = f"import sys\nfrom isorig.rig.cli import main\nmain({arguments})"
+    code = f"{call}\nsys.exit(str({{'cyclopts', 'rich'}} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert "Usage: rig COMMAND" in done.stdout
+    assert done.stderr.strip() == "set()"
+
+
+def test_the_list_of_commands_is_written_in_the_characters_of_the_output() -> None:
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    done = subprocess.run(
+        [sys.executable, "-m", "isorig", "--help"], capture_output=True, env=environment, timeout=60, check=True
+    )
+    assert b"+- Commands ---" in done.stdout
+
+
+def test_a_page_joins_the_lines_of_a_paragraph(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    assert main(["simulate", "--help"]) == 0
+    said = capsys.readouterr().out
+    lines = inspect.cleandoc(import_module("isorig.rig.commands.simulate").simulate.__doc__).split("\n\n")[1].splitlines()
+    assert len(lines) > 1
+    assert " ".join(lines)[:150] in said
+    # A name between angle brackets is no HTML.
+    assert "<contact>_friction" in said
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -12,9 +12,10 @@ from scipy.io import savemat
 from strange_rigs import noise
 
 from isorig.analysis.fitting.trials import SHORTEST
-from isorig.rig.cli import COMMANDS, main
+from isorig.rig.cli import main
 from isorig.rig.exchange.importing import RATE_AGREES
 from isorig.rig.files.recording import read
+from isorig.rig.help import COMMANDS
 
 ROOT = Path(__file__).resolve().parents[3]
 N, RATE = 512, 1024.0
