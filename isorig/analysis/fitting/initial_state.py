@@ -9,7 +9,7 @@ determined with them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import msgspec
@@ -240,23 +240,49 @@ def begins_in_motion(model: RigModel, run: PreparedRun) -> bool:
     """Whether a run begins in motion: its first records do not follow from the drive since its first sample.
 
     From rest, the first records of each sensor are between those of the described rig and those of the same without friction: a
-    sum of both simulations with factors from zero to `SCALE`.
+    sum of both simulations with factors from zero to `SCALE`. A friction that the description lacks may hold a link: then
+    they are between these and those of the rig with this link blocked.
     """
     modes = natural_modes(model, run.configuration)
     if not modes:
         return False
     n = max(round(MOMENTS * run.excitation.sample_rate / modes[-1].frequency), FEWEST)
-    rigs = (model, msgspec.structs.replace(model, contacts=(), free=())) if model.contacts else (model,)
     begin = run.excitation.beginning(n)
+
+    def from_rest(rig: RigModel) -> FloatArray:
+        return _records(rig, begin, run.configuration, run.start_time, n, {})
+
+    def explained_by(rests: Sequence[FloatArray]) -> bool:
+        # A sensor with an offset shows no motion: about its mean it is at rest, too.
+        return all(
+            min(_beyond(row[:n] - offset, *each) for offset in (0.0, row.mean())) <= max(MOVING * row.std(), ABOVE_NOISE * noise)
+            for row, noise, *each in zip(run.measured, run.noise, *rests, strict=True)
+        )
+
+    rigs = (model, msgspec.structs.replace(model, contacts=(), free=())) if model.contacts else (model,)
     try:
-        rest = [_records(rig, begin, run.configuration, run.start_time, n, {}) for rig in rigs]
+        described = [from_rest(rig) for rig in rigs]
     except (SimulationError, ModelError):
         return False
-    return any(
-        # A sensor with an offset shows no motion: about its mean it is at rest, too.
-        min(_beyond(row[:n] - offset, *each) for offset in (0.0, row.mean())) > max(MOVING * row.std(), ABOVE_NOISE * noise)
-        for row, noise, *each in zip(run.measured, run.noise, *rest, strict=True)
-    )
+    if explained_by(described):
+        return False
+    for rig in _held(model, run.configuration):
+        try:
+            if explained_by([*described, from_rest(rig)]):
+                return False
+        except (SimulationError, ModelError):  # this link cannot be blocked
+            continue
+    return True
+
+
+def _held(model: RigModel, configuration: str) -> Iterator[RigModel]:
+    # The rig with one more link blocked in a configuration, for each link that is not.
+    setup = model.configurations[configuration]
+    if setup.lock_stiffness is None:
+        for link in model.links:
+            if link.name not in setup.rigid:
+                blocked = msgspec.structs.replace(setup, rigid=(*setup.rigid, link.name))
+                yield msgspec.structs.replace(model, configurations={**model.configurations, configuration: blocked})
 
 
 def _beyond(signal: FloatArray, *rest: FloatArray) -> float:
