@@ -10,8 +10,7 @@ from other_envelopes import draw_other
 from study_other import described
 from unlike_bonders import draw_bonder
 
-from isorig.analysis.diagnose.suspects import equations_of
-from isorig.analysis.equations.system import HOLDS
+from isorig.analysis.equations.system import HOLDS, equations_of
 from isorig.rig.cli import main
 from isorig.rig.files.recording import read, write
 from isorig.rig.model.baseline import baseline_model

@@ -33,9 +33,9 @@ from isorig.analysis.diagnose.policy import (
 from isorig.analysis.diagnose.search import Job, next_step
 from isorig.analysis.diagnose.step import Entry, Found, Step, rescored, updated, with_evidence, without_form
 from isorig.analysis.diagnose.superfluous import without_cause
-from isorig.analysis.diagnose.suspects import BROKEN, equations_of, suspects
-from isorig.analysis.equations.forms import start_values
-from isorig.analysis.equations.system import Equations
+from isorig.analysis.diagnose.suspects import BROKEN, suspects
+from isorig.analysis.equations.forms import fit_start, start_values
+from isorig.analysis.equations.system import Equations, equations_of
 from isorig.analysis.errors import FitError, OutOfTimeError
 from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.division import Divide, Division, beginnings, ends, refined
@@ -206,7 +206,7 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
     residuals = equations.residuals()
     preparing = time_spent() - begun
     keep_time(AFTER_SEARCH * preparing)
-    guess = model.replace(start_values(equations)) if residuals else model
+    guess = fit_start(equations)
     try:
         baseline = widened(baseline_fit((guess, model), trials, misfits=max(residuals.values(), default=0.0) >= BROKEN))
         late = False

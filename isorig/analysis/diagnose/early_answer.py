@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from isorig.analysis.campaign import Campaign
-from isorig.analysis.diagnose.suspects import APART, equations_of
+from isorig.analysis.diagnose.suspects import APART
 from isorig.analysis.equations.ranking import ranking
-from isorig.analysis.equations.system import HOLDS, Equations
+from isorig.analysis.equations.system import HOLDS, Equations, equations_of
 from isorig.analysis.model.rig_model import RigModel
 
 #: Least score of a cause. Chosen: in a record of few periods an equation may seem broken, and some cause then removes a part of

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from isorig.analysis.campaign import MOTION, FloatArray, Run
-from isorig.analysis.fitting.start import FACTOR, outboard
+from isorig.analysis.equations.forms import FACTOR
 from isorig.analysis.lowpass import low_passed, signal_edge
 from isorig.analysis.model.rig_model import GROUND, Link, RigModel, Sensor
 from isorig.analysis.spectra.motion import acceleration_of, motion_of
@@ -72,6 +72,20 @@ class LinkForce:
     damping: float
     friction: float
     others: Mapping[str, float]
+
+
+def outboard(model: RigModel, link: Link) -> tuple[str, ...]:
+    """The bodies connected by this link only; empty if another path leads from them to ground."""
+    joins = [(other.a, other.b) for other in model.links if other.name != link.name]
+    reached = {GROUND}
+    while True:
+        grown = reached | {b for a, b in joins if a in reached} | {a for a, b in joins if b in reached}
+        if grown == reached:
+            break
+        reached = grown
+    if link.arms or (link.a in reached) == (link.b in reached):
+        return ()
+    return tuple(body.name for body in model.bodies if body.name not in reached)
 
 
 def link_record(model: RigModel, link: Link, run: Run) -> LinkRecord | None:

@@ -24,8 +24,8 @@ from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.places import Places, compared_places
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.diagnose.step import Entry, Found, best_form, best_kind, curve_of, found_step
-from isorig.analysis.diagnose.suspects import ALWAYS, OVER_VELOCITY, STANDS_ALIKE, Suspects, equations_of, suspects
-from isorig.analysis.equations.system import HOLDS, Equations
+from isorig.analysis.diagnose.suspects import ALWAYS, OVER_VELOCITY, STANDS_ALIKE, Suspects, suspects
+from isorig.analysis.equations.system import HOLDS, Equations, equations_of
 from isorig.analysis.errors import FitError, ModelError, OutOfTimeError
 from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.excess import excess, share_removed

@@ -9,7 +9,6 @@ from math import pi
 
 import numpy as np
 
-from isorig.analysis.campaign import Campaign
 from isorig.analysis.deadline import ask_time
 from isorig.analysis.diagnose.causes import CATALOGUE, FOUND_AS
 from isorig.analysis.diagnose.causes.base import Evidence
@@ -24,7 +23,6 @@ from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.solve import Fit, Free
 from isorig.analysis.model.rig_model import RigModel
-from isorig.analysis.spectra.noise import noise_levels
 
 #: Score below which the best explanation removes nothing worth mentioning: a tenth of the excess removed has a score of 0.05.
 LEAST_SCORE = 0.05
@@ -364,11 +362,6 @@ def suspects(equations: Equations, *, further: bool = False) -> Suspects | None:
         return None
     places = {element.name: element.names for element in equations.elements()}
     return Suspects(ranking=ranked, chosen=chosen, places=places, equations=equations)
-
-
-def equations_of(campaign: Campaign, model: RigModel) -> Equations:
-    """The equations of a campaign for a rig with the causes found so far."""
-    return Equations(campaign, model, noise_levels(campaign, tuple(drive.channel for drive in model.drives)))
 
 
 def _alike(kind: str, other: str) -> bool:

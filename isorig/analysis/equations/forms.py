@@ -266,6 +266,11 @@ def start_values(equations: Equations, explanation: Explanation | None = None) -
     return found
 
 
+def fit_start(equations: Equations) -> RigModel:
+    """The rig with the start values of its free parameters for a fit; as described where no equation holds sample by sample."""
+    return equations.model.replace(start_values(equations)) if equations.residuals() else equations.model
+
+
 def _values_of(equations: Equations, balance: Balance, explanation: Explanation | None) -> dict[str, float]:
     # The values of an equation's parameters by path.
     unknown = [path for path, _, _ in equations.unknown_rows(balance)]

@@ -27,6 +27,7 @@ from isorig.analysis.model.rig_model import GROUND, RigModel
 from isorig.analysis.rounding import is_command
 from isorig.analysis.simulate.natural import natural_modes
 from isorig.analysis.simulate.sampling import as_held
+from isorig.analysis.spectra.noise import noise_levels
 
 #: Periods of the lowest mode in a segment, and its shortest length in samples.
 SEGMENT_PERIODS, SHORTEST = 20.0, 256
@@ -652,6 +653,11 @@ def _read(run: Run, model: RigModel) -> dict[str, FloatArray]:
     held = {drive.channel for drive in model.drives if drive.imposes is None}
     records = {name: run.channel(name).read(0, usable_stop(run)) for name in model.channels}
     return {name: as_held(values, 1) if name in held and is_command(values) else values for name, values in records.items()}
+
+
+def equations_of(campaign: Campaign, model: RigModel) -> Equations:
+    """The equations of a campaign for a rig with the causes found so far."""
+    return Equations(campaign, model, noise_levels(campaign, tuple(drive.channel for drive in model.drives)))
 
 
 def lowest_frequency(model: RigModel, longest: float) -> float:

@@ -16,7 +16,6 @@ from isorig.analysis.fitting.excess import SIMULATION_LIMIT
 from isorig.analysis.fitting.score import score, worst
 from isorig.analysis.fitting.screen import Progress, shortened
 from isorig.analysis.fitting.solve import Fit, Free, Problem, base_parameters, disagreement, fit
-from isorig.analysis.fitting.start import equation_start
 from isorig.analysis.fitting.trials import SIGNAL_SHARE, Trial, expected, prepare
 from isorig.analysis.model.rig_model import RigModel
 
@@ -71,14 +70,6 @@ LEAVES, TRIED = 100.0, 12
 Running = list[tuple[Candidate, Fit]]
 
 
-def fit_baseline(campaign: Campaign, model: RigModel) -> tuple[Fit, tuple[Trial, ...]]:
-    """The rig's free parameters fitted to all runs on the finest grid, and these runs."""
-    trials = prepare(campaign, model)
-    fine = tuple(refined(trial) for trial in trials)
-    rough = baseline_fit(guesses_of(model, trials).starts, trials)
-    return finished(rough, fine), fine
-
-
 def fit_again(campaign: Campaign, model: RigModel, free: Sequence[Free], later: float = 0.0) -> tuple[Fit, tuple[Trial, ...]]:
     """A fitted model's parameters `free` fitted again to all runs from their values, and these runs on the finest grid.
 
@@ -88,70 +79,9 @@ def fit_again(campaign: Campaign, model: RigModel, free: Sequence[Free], later: 
     return fit(model, free, Problem(fine, share=SIMULATION_LIMIT), iterations=LAST_STEPS, tolerance=1e-3), fine
 
 
-@dataclass(frozen=True, kw_only=True)
-class Guesses:
-    """The rig before any fit on simulation error.
-
-    Parameters
-    ----------
-    likely
-        From the data, the most trusted first: the fit of the runs that the rig explains one by one (if there are some, among
-        several configurations or excitations), and the equations of motion, with their own values of damping where there is dry
-        friction and with the given ones.
-    given
-        The rig as given.
-    """
-
-    likely: tuple[RigModel, ...]
-    given: RigModel
-
-    @property
-    def starts(self) -> tuple[RigModel, ...]:
-        """Starting points of a fit, the most trusted first: the likely ones, the same with the given friction, and the given."""
-        dry = values_at(self.given, [path for path in self.given.free if path.endswith("friction_force")])
-        return (*self.likely, *(guess.replace(dry) for guess in self.likely if dry), self.given)
-
-
 def values_at(model: RigModel, paths: Sequence[str]) -> dict[str, float]:
     """A model's values at these paths."""
     return {path: model.get(path) for path in paths}
-
-
-def guesses_of(model: RigModel, trials: Sequence[Trial]) -> Guesses:
-    """The starting points for the fits of a rig."""
-    solved = equation_start(model, trials)
-    # The equations of motion take part of the dry friction for damping.
-    rubbing = {f"links.{link.name}.damping" for link in model.links for c in model.contacts if (link.a, link.b) == (c.a, c.b)}
-    damped = values_at(model, [path for path in model.free if path in rubbing])
-    explained = _explained_alone(solved, trials)
-    found = (explained, solved, solved.replace(damped) if damped else None)
-    return Guesses(likely=tuple(guess for guess in found if guess is not None), given=model)
-
-
-def _explained_alone(start: RigModel, trials: Sequence[Trial]) -> RigModel | None:
-    # Moves from rest stick and slip: their first moments give the error of all runs together local minima that a random run alone
-    # does not have. Of each configuration and excitation the first run is fitted.
-    first = {(trial.run.configuration, trial.run.excitation): trial for trial in reversed(trials)}
-    if len(first) < 2:
-        return None
-    free = base_parameters(start)
-    fits = [(trial, _early(start, free, [trial])) for trial in first.values()]
-    alone = [(trial, done) for trial, done in fits if done is not None and done.cost < TELLING]
-    if len(alone) < 2:
-        return alone[0][1].model if alone else None
-    together = _early(start, free, [trial for trial, _ in alone])
-    return together.model if together is not None and together.cost < TELLING else None
-
-
-def _early(start: RigModel, free: Sequence[Free], trials: Sequence[Trial]) -> Fit | None:
-    # A fit of the first moments of runs; None from a starting point whose motion grows without bound.
-    first, *longer = ladder(trials)
-    done = tried(start, free, first)
-    for rung in longer:
-        if done is None or rung.seconds > UNDECIDED:
-            break
-        done = tried(done.model, free, rung)
-    return done
 
 
 def baseline_fit(starts: Sequence[RigModel], trials: Sequence[Trial], *, misfits: bool = False) -> Fit:

@@ -10,12 +10,15 @@ import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import Campaign
+from isorig.analysis.equations.forms import fit_start
+from isorig.analysis.equations.system import equations_of
 from isorig.analysis.fitting.deviations import awakened, untraced
-from isorig.analysis.fitting.ladder import fit_again, fit_baseline
+from isorig.analysis.fitting.division import refined
+from isorig.analysis.fitting.ladder import baseline_fit, finished, fit_again
 from isorig.analysis.fitting.plausible import Doubt, doubts
 from isorig.analysis.fitting.score import Score
 from isorig.analysis.fitting.solve import Fit, Free
-from isorig.analysis.fitting.trials import Trial, drive_noise
+from isorig.analysis.fitting.trials import Trial, drive_noise, prepare
 from isorig.analysis.fitting.uncertainty import ANY_SIGN, CALIBRATION, HEAD, assessed, uncertain_values, unseen, value_kind
 from isorig.analysis.model.parameter_units import physical_parameters, unit_of
 from isorig.analysis.model.rig_model import RigModel
@@ -91,6 +94,13 @@ class Characterization(Viewed):
     def noise_alone(self) -> str:
         """The floor in words."""
         return noise_alone(self.floor)
+
+
+def fit_baseline(campaign: Campaign, model: RigModel) -> tuple[Fit, tuple[Trial, ...]]:
+    """The rig's free parameters fitted to all runs on the finest grid, from their values by the equations, and these runs."""
+    trials = prepare(campaign, model)
+    fine = tuple(refined(trial) for trial in trials)
+    return finished(baseline_fit((fit_start(equations_of(campaign, model)), model), trials), fine), fine
 
 
 def characterize(

@@ -11,7 +11,7 @@ from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
 from isorig.analysis.diagnose.link_force import EDGE
 from isorig.analysis.diagnose.step import Step
 from isorig.analysis.diagnose.surface import passed
-from isorig.analysis.diagnose.suspects import equations_of
+from isorig.analysis.equations.system import equations_of
 from isorig.analysis.fitting.score import held_out
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.model.rig_model import GROUND, Link, RigModel

@@ -11,7 +11,8 @@ from isorig.analysis import laws
 from isorig.analysis.diagnose.causes.base import Evidence
 from isorig.analysis.diagnose.causes.damping_drift import DampingDrift
 from isorig.analysis.diagnose.free_shapes import free_shapes
-from isorig.analysis.diagnose.suspects import equations_of, suspects
+from isorig.analysis.diagnose.suspects import suspects
+from isorig.analysis.equations.system import equations_of
 from isorig.analysis.fitting.solve import Problem, fit
 from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.model.rig_model import Body, Configuration, Drive, Link, RigModel, Sensor

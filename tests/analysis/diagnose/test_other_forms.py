@@ -10,8 +10,7 @@ from small_rigs import SESSION, Take, carts, chain, guessed, late, played, rubbi
 from isorig.analysis import laws
 from isorig.analysis.deadline import Deadline
 from isorig.analysis.diagnose.diagnosis import Diagnosis, diagnose
-from isorig.analysis.diagnose.suspects import equations_of
-from isorig.analysis.equations.system import HOLDS
+from isorig.analysis.equations.system import HOLDS, equations_of
 from isorig.analysis.model.rig_model import Body, Chain, Drive, Link, RigModel, Sensor
 
 SEED = 20311

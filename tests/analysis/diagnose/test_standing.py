@@ -15,7 +15,7 @@ from isorig.analysis.diagnose.diagnosis import MOST_STEPS, _of_sensors, _Search,
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.diagnose.step import Entry, Found, Step, best_kind
-from isorig.analysis.diagnose.suspects import equations_of
+from isorig.analysis.equations.system import equations_of
 from isorig.analysis.fitting.candidate import Candidate, Shape
 from isorig.analysis.fitting.division import ends
 from isorig.analysis.fitting.score import BLOCKS, Score, score

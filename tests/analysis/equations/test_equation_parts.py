@@ -9,7 +9,6 @@ from small_rigs import chain, guessed, played, rubbing, stage, with_law
 from strange_rigs import StrangeRig, campaign
 
 from isorig.analysis import laws
-from isorig.analysis.diagnose.suspects import equations_of
 from isorig.analysis.equations.balances import Element, balances, elements, locks
 from isorig.analysis.equations.columns import SHAPES, Course
 from isorig.analysis.equations.filters import resonator, rocked
@@ -20,7 +19,7 @@ from isorig.analysis.equations.ranking import Regressions, ranking
 from isorig.analysis.equations.sliding import Sliding, SlidingRun, spline_columns
 from isorig.analysis.equations.slip import slip_operator
 from isorig.analysis.equations.spectral import _solve
-from isorig.analysis.equations.system import HOLDS, Equations
+from isorig.analysis.equations.system import HOLDS, Equations, equations_of
 from isorig.analysis.model.rig_model import Body, Configuration, Link, RigModel, Sensor
 from isorig.rig.wire_bonder.description import wire_bonder
 from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign

@@ -11,16 +11,7 @@ from small_rigs import carts, chain, guessed, played, rubbing, stage, with_law
 
 from isorig.analysis import laws
 from isorig.analysis.diagnose.observe import observe
-from isorig.analysis.diagnose.suspects import (
-    ALIKE,
-    BROKEN,
-    LEAST_SCORE,
-    REPAIRED,
-    equations_of,
-    repairs,
-    suspected,
-    suspects,
-)
+from isorig.analysis.diagnose.suspects import ALIKE, BROKEN, LEAST_SCORE, REPAIRED, repairs, suspected, suspects
 from isorig.analysis.equations.balances import balances
 from isorig.analysis.equations.columns import relaxing
 from isorig.analysis.equations.forms import element_force, fitted_form, start_values
@@ -29,10 +20,10 @@ from isorig.analysis.equations.motion import derivatives
 from isorig.analysis.equations.ranking import HINTS, Explanation, ranking
 from isorig.analysis.equations.sliding import RESTS, still
 from isorig.analysis.equations.slip import slip_operator
-from isorig.analysis.equations.system import HIGHEST_CUT, HOLDS, NOISY, SURE
-from isorig.analysis.fitting.ladder import fit_baseline
+from isorig.analysis.equations.system import HIGHEST_CUT, HOLDS, NOISY, SURE, equations_of
 from isorig.analysis.fitting.solve import Free
 from isorig.analysis.model.rig_model import Body, Chain, Link, RigModel
+from isorig.analysis.parameters.joint_fit import fit_baseline
 from isorig.analysis.rounding import rounding
 from isorig.analysis.simulate.sampling import Excitation
 from isorig.analysis.simulate.simulation import simulate

@@ -22,7 +22,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 from foreign_campaign import Setting, draw
 from rigs import FAMILIES
 
-from isorig.analysis.diagnose.suspects import SHOWN, equations_of, suspects
+from isorig.analysis.diagnose.suspects import SHOWN, suspects
+from isorig.analysis.equations.system import equations_of
 from isorig.rig.files.recording import read
 from isorig.rig.model.baseline import baseline_model
 
