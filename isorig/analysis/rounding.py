@@ -33,5 +33,8 @@ def rounding(values: FloatArray) -> float:
     if is_command(values):
         return 0.0
     steps = np.abs(np.diff(values[:: max(1, len(values) // SOME)]))
-    sizes, first = np.unique(np.round(steps / (SAME * steps.max())), return_index=True)
-    return float(steps[first[sizes > 0.0][0]]) / sqrt(12.0) if len(sizes) <= STEPS_PER_SAMPLE * len(steps) else 0.0
+    rounded = np.round(steps / (SAME * steps.max()))
+    sizes = np.unique(rounded)
+    if len(sizes) > STEPS_PER_SAMPLE * len(steps):
+        return 0.0
+    return float(steps[np.argmax(rounded == sizes[sizes > 0.0][0])]) / sqrt(12.0)

@@ -167,6 +167,8 @@ def _solved(matrix: ComplexArray, side: ComplexArray) -> ComplexArray:
     # Solutions of many systems at once, shapes (n, n, ...) and (n, k, ...). Elimination without exchange of rows: damping keeps
     # the pivots of a dynamic stiffness from zero, and vectorized steps take half the time of a library call for each system.
     n = len(matrix)
+    if n == 1:
+        return np.asarray(side / matrix[0])
     work = np.concatenate([matrix, side], axis=1)
     for k in range(n):
         work[k, k + 1 :] /= work[k, k]
@@ -197,13 +199,19 @@ class LinearRig:
         self._imposed = imposed_coordinates(model, self._basis)
         self._loose = np.setdiff1d(np.arange(self._basis.shape[1]), list(self._imposed.values()))
         self._pushes = np.array([[d.pushes.get(b.name, 0.0) * d.factor for d in model.drives] for b in model.bodies])
+        # What each body, link and lock adds to the matrices of the free coordinates.
+        along = self._links @ self._basis
+        self._of_body = self._basis[:, :, None] * self._basis[:, None, :]
+        self._of_link = along[:, :, None] * along[:, None, :]
+        self._of_lock = [(self._basis.T @ matrix @ self._basis)[..., None] for matrix in (self._damping, self._stiffness)]
 
     def free_motion(self, omega: FloatArray, values: Parameters) -> FreeMotion:
-        """The motion without dampers in the contacts."""
-        s, shape = 1j * omega, (values.mass.shape[1], len(omega))
-        mass, damping, stiffness = (
-            np.einsum("ap,abs,bq->pqs", self._basis, matrix, self._basis)[..., None]
-            for matrix in self._matrices(replace(values, friction=np.zeros((len(self._rubs), 1))))
+        """The motion without dampers in the contacts; `omega` in rad/s, shape (frequencies,) or (sets, frequencies)."""
+        s, shape = 1j * omega, (values.mass.shape[1], omega.shape[-1])
+        mass = np.tensordot(self._of_body, values.mass, (0, 0))[..., None]
+        damping, stiffness = (
+            (of_lock + np.tensordot(self._of_link, each, (0, 0)))[..., None]
+            for of_lock, each in zip(self._of_lock, (values.damping, values.stiffness), strict=True)
         )
         force = np.empty((*mass.shape[:2], *shape), dtype=np.complex128)
         force.real, force.imag = stiffness - mass * omega**2, damping * omega

@@ -299,11 +299,13 @@ def _near(quantity: Quantity, channel: str, ratio: float, unit: str | None) -> l
 
 def _released(given: RigModel, campaign: Campaign) -> Iterable[Doubt]:
     # A run without a drive starts from a given position: levels in wrong units differ by more than any cause changes them.
+    free = tuple(run for run in campaign.runs if not any(run.read(drive.channel).any() for drive in given.drives))
+    if not free:
+        return
     from isorig.analysis.fitting.trials import prepare, simulated, true_motion
 
     ratios: dict[str, list[float]] = {}
-    free = tuple(run for run in campaign.runs if not any(run.read(drive.channel).any() for drive in given.drives))
-    for trial in prepare(replace(campaign, runs=free), given) if free else ():
+    for trial in prepare(replace(campaign, runs=free), given):
         if trial.motion is None and not trial.excitation.recorded.any():
             with suppress(SimulationError):
                 shown = simulated(given, trial, true_motion(given, trial)).std(axis=1)

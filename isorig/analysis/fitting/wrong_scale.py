@@ -9,8 +9,8 @@ explanation wins.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import dataclass, fields, replace
 from math import exp, log
 from typing import Literal
 
@@ -103,20 +103,21 @@ def wrong_scale(given: RigModel, spectra: Sequence[Spectrum]) -> tuple[WrongScal
         return None, np.zeros(len(given.sensors))
     compared = _Compared(given, spectra)
     best = _Explanation("sound")
-    least, found = compared.fitted(best)
+    ((least, found),) = compared.fitted([best])
     unknown = "drive.factor" in given.free
     if least > CLEAR:
-        sound, before, settled = least, compared.begun(best), found
+        sound, settled = least, found
+        (before,) = compared.begun([best])
         if unknown:
             best = _Explanation("responses", tuple(range(len(given.sensors))), None)
-            least, found = compared.fitted(best, settled)
-            sound, before = min(sound, least), min(before, compared.begun(best))
-        begun = {each: compared.begun(each) for each in _explanations(given)}
+            ((least, found),) = compared.fitted([best], settled)
+            sound, before = min(sound, least), min(before, *compared.begun([best]))
+        explanations = list(_explanations(given))
+        begun = dict(zip(explanations, compared.begun(explanations), strict=True))
         # An explanation that must beat the sound rig by a margin beats it by as much at the given values.
         likely = [each for each in sorted(begun, key=lambda each: begun[each]) if begun[each] + MARGIN < before]
         shown = resonance(given, spectra) if any(each.kind == "rate" for each in likely[:FITTED]) else None
-        for each in likely[:FITTED]:
-            cost, here = compared.fitted(each, settled)
+        for each, (cost, here) in zip(likely, compared.fitted(likely[:FITTED], settled), strict=False):
             enough = cost + PRICE < sound or _confirmed(each, shown) or compared.agree(each, cost, here)
             if cost < least and cost + MARGIN < sound and enough:
                 best, least, found = each, cost, here
@@ -185,6 +186,8 @@ class _Compared:
         self._forces = np.array([friction_level(contact.law) for contact in given.contacts])[:, None]
         self._values = given_parameters(given)
         self._rubs: dict[str, FloatArray] = {}
+        # Distances of the levels by the parameters of a sound rig.
+        self._aways: dict[bytes, FloatArray] = {}
         # Usual errors of masses, stiffnesses, dampings and frictions.
         mass = [ESTIMATED if f"bodies.{b.name}.mass" in given.free else WEIGHED for b in given.bodies]
         links, contacts = len(given.links), len(given.contacts)
@@ -197,56 +200,78 @@ class _Compared:
         count = np.bincount(self._channel, minlength=len(given.sensors))
         self._weights = (INDEPENDENT / np.maximum(count, INDEPENDENT))[self._channel]
 
-    def _start(self, explanation: _Explanation) -> FloatArray:
-        # The given values, and the median of a fitted factor.
-        return self._with_factor(explanation, np.zeros(len(self._usual)))
-
     def _with_factor(self, explanation: _Explanation, theta: FloatArray) -> FloatArray:
+        # The parameters, and the median of a fitted factor.
         if explanation.factor is not None:
             return theta
-        away = self._away(theta[:, None], replace(explanation, factor=1.0))[:, 0]
+        key = theta.tobytes()
+        if key not in self._aways:
+            self._aways[key] = self._away(self._sets(_Explanation("sound"), theta[:, None]))[:, 0]
         touched = self._touches(explanation)[self._channel]
-        return np.append(theta, np.median(away[touched]) if touched.any() else 0.0)
+        return np.append(theta, np.median(self._aways[key][touched]) if touched.any() else 0.0)
 
     def _touches(self, explanation: _Explanation) -> BoolArray:
         every = np.arange(len(self._given.sensors))
         return np.asarray(np.isin(every, explanation.places if explanation.kind in ("responses", "sensor") else every))
 
-    def begun(self, explanation: _Explanation) -> float:
-        """Cost at the given values."""
-        return float(self._cost(self._residuals(explanation, self._start(explanation)[:, None]))[0])
+    def begun(self, explanations: Sequence[_Explanation]) -> FloatArray:
+        """Cost of each explanation at the given values, shape (explanations,)."""
+        given = np.zeros(len(self._usual))
+        sets = [self._sets(each, self._with_factor(each, given)[:, None]) for each in explanations]
+        return self._cost(self._residuals(_Sets.joined(sets)))
 
-    def _residuals(self, explanation: _Explanation, thetas: FloatArray) -> FloatArray:
+    def _residuals(self, sets: _Sets) -> FloatArray:
         # Errors of the given values and of the levels, in usual ones, shape (errors, sets).
-        free = len(self._usual)
-        return np.concatenate([thetas[:free] / self._usual[:, None], self._away(thetas, explanation) / LEVEL])
+        return np.concatenate([sets.thetas / self._usual[:, None], self._away(sets) / LEVEL])
 
     def _cost(self, residuals: FloatArray) -> FloatArray:
         # Negative log likelihood of each set, relative to a perfect agreement.
         weights = np.concatenate([np.ones(len(self._usual)), self._weights])
         return np.asarray(weights @ np.log1p(residuals**2) / 2.0)
 
-    def fitted(self, explanation: _Explanation, settled: FloatArray | None = None) -> tuple[float, FloatArray]:
-        """Least cost, and its parameters; from the given values, or from the parameters of the sound rig if these cost less.
+    def fitted(
+        self, explanations: Sequence[_Explanation], settled: FloatArray | None = None
+    ) -> list[tuple[float, FloatArray]]:  # fmt: skip
+        """Least cost of each explanation, and its parameters.
 
-        Levenberg-Marquardt with the weights of the heavy-tailed distributions; the derivatives, and the steps with several
-        dampings, are computed for all sets of parameters at once.
+        Fits start from the given values, or from the parameters of the sound rig if these cost less. They advance together: a
+        prediction for the sets of parameters of all takes little longer than for those of one.
         """
-        starts = [self._start(explanation)] + ([] if settled is None else [self._with_factor(explanation, settled)])
+        fits = [self._fit(each, settled) for each in explanations]
+        wanted = {k: next(fit) for k, fit in enumerate(fits)}
+        found: dict[int, tuple[float, FloatArray]] = {}
+        while wanted:
+            residuals = self._residuals(_Sets.joined(list(wanted.values())))
+            ends = np.cumsum([sets.count for sets in wanted.values()])
+            for k, own in zip(list(wanted), np.split(residuals, ends[:-1], axis=1), strict=True):
+                try:
+                    wanted[k] = fits[k].send(own)
+                except StopIteration as end:
+                    del wanted[k]
+                    found[k] = end.value
+        return [found[k] for k in range(len(fits))]
+
+    def _fit(
+        self, explanation: _Explanation, settled: FloatArray | None
+    ) -> Generator[_Sets, FloatArray, tuple[float, FloatArray]]:
+        # One fit, which asks for the residuals of sets of parameters: Levenberg-Marquardt with the weights of the heavy-tailed
+        # distributions; the derivatives, and the steps with several dampings, are of several sets each.
+        near = [np.zeros(len(self._usual))] + ([] if settled is None else [settled])
         weights = np.concatenate([np.ones(len(self._usual)), self._weights])
-        tried = np.stack(starts, axis=1)
-        away = self._residuals(explanation, tried)
-        best = int(np.argmin(self._cost(away)))
-        theta, residual, cost, damping = tried[:, best], away[:, best], float(self._cost(away)[best]), 1e-2
+        tried = np.stack([self._with_factor(explanation, each) for each in near], axis=1)
+        away = yield self._sets(explanation, tried)
+        costs = self._cost(away)
+        best = int(np.argmin(costs))
+        theta, residual, cost, damping = tried[:, best], away[:, best], float(costs[best]), 1e-2
         for _ in range(STEPS):
-            moved = self._residuals(explanation, theta[:, None] + DIFFERENCE * np.eye(len(theta)))
+            moved = yield self._sets(explanation, theta[:, None] + DIFFERENCE * np.eye(len(theta)))
             slopes = (moved - residual[:, None]) / DIFFERENCE
             pull = weights / (1.0 + residual**2)
             normal, gradient = slopes.T @ (pull[:, None] * slopes), slopes.T @ (pull * residual)
             scale = np.diag(np.maximum(np.diag(normal), 1e-12))
             steps = [np.linalg.solve(normal + damping * each * scale, gradient) for each in DAMPINGS]
             tried = theta[:, None] - np.stack(steps, axis=1)
-            away = self._residuals(explanation, tried)
+            away = yield self._sets(explanation, tried)
             costs = self._cost(away)
             best, before = int(np.argmin(costs)), cost
             if costs[best] < cost:
@@ -263,7 +288,7 @@ class _Compared:
     def correlation(self, explanation: _Explanation, theta: FloatArray) -> FloatArray:
         """Mean over runs and bands of the correlation of each response with its prediction, shape (responses,)."""
         rows = []
-        every = zip(self._spectra, self._known, self._responses(theta[:, None], explanation), strict=True)
+        every = zip(self._spectra, self._known, self._responses(self._sets(explanation, theta[:, None])), strict=True)
         for spectrum, known, response in every:
             together = np.einsum("cdg,dcg->cg", response[:, :, 0].conj(), spectrum.across).real
             predicted = spectrum.predicted(response)[:, 0]
@@ -273,36 +298,53 @@ class _Compared:
         all_bands = np.concatenate(rows, axis=1)
         return np.asarray(np.nansum(all_bands, axis=1) / np.maximum(np.isfinite(all_bands).sum(axis=1), 1))
 
-    def _away(self, thetas: FloatArray, explanation: _Explanation) -> FloatArray:
+    def _away(self, sets: _Sets) -> FloatArray:
         # Log of recorded over predicted amplitude in every run, band and channel, shape (levels, sets).
-        every = zip(self._spectra, self._known, self._compared, self._responses(thetas, explanation), strict=True)
+        every = zip(self._spectra, self._known, self._compared, self._responses(sets), strict=True)
         levels = [
             _levels(spectrum, known[:, None], spectrum.predicted(response)).swapaxes(1, 2)[compared]
             for spectrum, known, compared, response in every
         ]
-        away = self._recorded[:, None] - np.concatenate(levels)
-        if explanation.kind == "sensor":
-            away -= np.outer(self._touches(explanation)[self._channel], np.log(_factor(explanation, thetas)))
+        away = self._recorded[:, None] - np.concatenate(levels) - sets.sensors[self._channel]
         return np.asarray(np.nan_to_num(np.clip(away, -50.0, 50.0), nan=50.0))
 
-    def _responses(self, thetas: FloatArray, explanation: _Explanation) -> Iterator[ComplexArray]:
-        # Of every run, per unit of each drive's recorded value.
-        given, factor, places = self._values, _factor(explanation, thetas), list(explanation.places)
-        b, k = len(given.mass), len(given.stiffness)
-        change = np.exp(np.clip(thetas, -20.0, 20.0))
-        mass, stiffness = given.mass * change[:b], given.stiffness * change[b : b + k]
-        if explanation.kind in ("mass", "stiffness"):
-            (mass if explanation.kind == "mass" else stiffness)[places] /= factor
-        forces = self._forces * change[b + 2 * k : b + 2 * k + len(self._forces)]
-        values = replace(given, mass=mass, stiffness=stiffness, damping=given.damping * change[b + k : b + 2 * k])
-        drives = np.ones((len(self._given.drives), thetas.shape[1]))
-        if explanation.kind == "drive":
-            drives[places] /= factor
+    def _sets(self, explanation: _Explanation, thetas: FloatArray) -> _Sets:
+        # What an explanation does to the rig, for sets of its parameters.
+        count, places, given = thetas.shape[1], list(explanation.places), self._given
+        factor = explanation.factor
+        log_factor = np.clip(thetas[-1], -50.0, 50.0) if factor is None else np.full(count, log(factor))
+        rows = {
+            kind: np.zeros((len(each), count))
+            for kind, each in (
+                ("mass", given.bodies), ("stiffness", given.links), ("drive", given.drives), ("sensor", given.sensors)
+            )
+        }  # fmt: skip
+        if explanation.kind in ("mass", "stiffness", "drive"):
+            rows[explanation.kind][places] = -log_factor
         elif explanation.kind == "responses":
-            drives *= factor
+            rows["drive"] += log_factor
+        elif explanation.kind == "sensor":
+            rows["sensor"][places] = log_factor
+        rates = log_factor if explanation.kind == "rate" else np.zeros(count)
+        return _Sets(
+            thetas=thetas[: len(self._usual)], mass=rows["mass"], stiffness=rows["stiffness"], drives=rows["drive"],
+            sensors=rows["sensor"], rates=rates,
+        )  # fmt: skip
+
+    def _responses(self, sets: _Sets) -> Iterator[ComplexArray]:
+        # Of every run, per unit of each drive's recorded value.
+        given = self._values
+        b, k = len(given.mass), len(given.stiffness)
+        change = np.exp(np.clip(sets.thetas, -20.0, 20.0))
+        forces = self._forces * change[b + 2 * k : b + 2 * k + len(self._forces)]
+        values = replace(
+            given, mass=given.mass * change[:b] * np.exp(sets.mass), damping=given.damping * change[b + k : b + 2 * k],
+            stiffness=given.stiffness * change[b : b + k] * np.exp(sets.stiffness),
+        )  # fmt: skip
+        drives = np.exp(sets.drives)
         for spectrum in self._spectra:
             rig = self._rigs[spectrum.run.configuration]
-            omega = spectrum.omega / factor[0] if explanation.kind == "rate" else spectrum.omega
+            omega = spectrum.omega / np.exp(sets.rates)[:, None] if sets.rates.any() else spectrum.omega
             free = rig.free_motion(omega, values)
             rubs = dampers(free, values, spectrum, forces, drives, self._rubs.get(spectrum.run.id))
             # The next ones are similar.
@@ -310,11 +352,25 @@ class _Compared:
             yield rig.responses(omega, replace(values, friction=rubs), free) * drives[:, :, None]
 
 
-def _factor(explanation: _Explanation, thetas: FloatArray) -> FloatArray:
-    # Of each set of parameters.
-    if explanation.factor is not None:
-        return np.full(thetas.shape[1], explanation.factor)
-    return np.asarray(np.exp(np.clip(thetas[-1], -50.0, 50.0)))
+@dataclass(frozen=True, kw_only=True)
+class _Sets:
+    # Sets of parameters in columns: logarithms of the changes of given values, and of the factors of an explanation on masses,
+    # stiffnesses, drives, records and the sample rate.
+    thetas: FloatArray
+    mass: FloatArray
+    stiffness: FloatArray
+    drives: FloatArray
+    sensors: FloatArray
+    rates: FloatArray
+
+    @property
+    def count(self) -> int:
+        return len(self.rates)
+
+    @classmethod
+    def joined(cls, several: Sequence[_Sets]) -> _Sets:
+        names = [field.name for field in fields(cls)]
+        return cls(**{name: np.concatenate([getattr(each, name) for each in several], axis=-1) for name in names})
 
 
 def _levels(spectrum: Spectrum, known: BoolArray, power: FloatArray) -> FloatArray:

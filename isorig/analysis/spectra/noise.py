@@ -102,7 +102,7 @@ def noise_levels(campaign: Campaign, drives: tuple[str, ...] = (), longest: int 
             level = _level(run, name, values, related)
             if level is not None:
                 levels[name] = min(level, levels.get(name, np.inf))
-                counts[name] = max(rounding(run.channel(name).read(0, longest)), counts.get(name, 0.0))
+                counts[name] = max(rounding(values), counts.get(name, 0.0))
     return {name: max(level, counts[name]) for name, level in levels.items()}
 
 
