@@ -156,9 +156,9 @@ def worst(score_: Score, floors: FloatArray) -> float:
     return float(np.max(score_.error / floors))
 
 
-def adequate(score_: Score, floors: FloatArray, enough: float = ADEQUATE) -> bool:
+def adequate(score_: Score, floors: FloatArray) -> bool:
     """Whether every run and channel is explained to the allowed error."""
-    return is_adequate(score_.error, floors, enough)
+    return is_adequate(score_.error, floors, ADEQUATE)
 
 
 def share_interval(

@@ -83,10 +83,10 @@ class Prospect:
             return self
         return replace(self, run=replace(self.run, seconds=seconds), drive=self.drive[: round(seconds * self.sample_rate)])
 
-    def excitation(self, *, whole: bool = False, grid: int = POLICY.steps_per_sample) -> Excitation:
+    def excitation(self, *, whole: bool = False) -> Excitation:
         """The prepared drive: the part needed for comparisons, or the whole."""
         n = len(self.drive) if whole or self.run.excitation == "sweep" else round(POLICY.simulated_seconds * self.sample_rate)
-        return Excitation.prepare(self.drive[:n], self.sample_rate, oversample=grid)
+        return Excitation.prepare(self.drive[:n], self.sample_rate, oversample=POLICY.steps_per_sample)
 
 
 @dataclass(frozen=True, kw_only=True)

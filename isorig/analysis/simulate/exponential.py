@@ -10,7 +10,7 @@ from isorig.analysis.campaign import FloatArray
 TERMS = 14
 
 
-def exponentials(matrices: FloatArray, power: int = 1) -> FloatArray:
+def exponentials(matrices: FloatArray) -> FloatArray:
     """exp of each matrix, shape (..., n, n), by scaling and squaring a Taylor series.
 
     Much faster for stacks of small matrices than a library function called for each. No balancing is needed, because the
@@ -20,13 +20,10 @@ def exponentials(matrices: FloatArray, power: int = 1) -> FloatArray:
     ----------
     matrices
         Shape (..., n, n).
-    power
-        Factor on the exponents.
     """
-    scaled = np.asarray(matrices) * float(power)
-    norm = float(np.abs(scaled).sum(axis=-1).max(initial=0.0))
+    norm = float(np.abs(matrices).sum(axis=-1).max(initial=0.0))
     squarings = max(0, int(np.ceil(np.log2(max(norm, 1e-300) / 0.5))))
-    scaled = scaled / 2.0**squarings
+    scaled = matrices / 2.0**squarings
     # Without the identity, so that small increments keep their precision in the squarings.
     term = scaled.copy()
     total = scaled.copy()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -92,7 +92,6 @@ def explanations(
     *,
     today: Mapping[str, float] | None = None,
     suspected: Collection[str] = (),
-    progress: Callable[[str], None] = lambda text: None,
 ) -> tuple[CauseOfChange, ...]:
     """Possible changes between an earlier fit and a campaign, best first; empty if scatter alone explains the campaign.
 
@@ -112,8 +111,6 @@ def explanations(
     suspected
         Paths of parameters that have changed according to more campaigns than this one: each is an explanation even if this
         campaign alone would not show it.
-    progress
-        Called with a line for each stage.
 
     Raises
     ------
@@ -125,18 +122,15 @@ def explanations(
     free = base_parameters(earlier)
     known = [(f, f.encode(earlier.get(f.path)), _deviation(f, scatter)) for f in free]
     whole = ProblemWithPriors(short, known)
-    progress("fitting the scatter")
     still = fit(earlier.replace(today or {}), free, whole, iterations=STEPS)
     found = []
     for one in known:
-        progress(f"trying {one[0].path}")
         freed = ProblemWithPriors(short, [k for k in known if k is not one])
         found.append(_of_parameter(one[0].path, earlier, fit(still.model, free, freed, iterations=STEPS), freed))
     evidence = observe(campaign, still.model, trials, earlier, earlier)
     with np.errstate(all="ignore"):  # a cause that does not fit may diverge
         screened = Screen(still, whole).ranked([c for cause in CATALOGUE for c in cause.candidates(still.model, evidence)])
     for item in _distinct(screened)[: POLICY.fitted_causes]:
-        progress(f"trying {item.candidate.cause} ({item.candidate.location})")
         done = _fitted(item, earlier, item.candidate.parameters(still.model, free), whole)
         if done is None:
             continue

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
 import msgspec
 
@@ -12,6 +12,7 @@ from isorig.rig.errors import PlanError
 from isorig.rig.files.inputs import content_of
 from isorig.rig.files.output import write_json
 
+T = TypeVar("T", bound=msgspec.Struct)
 NAME = "findings.json"
 AGAIN = "diagnose the recording again with this version of the program"
 
@@ -284,10 +285,23 @@ def read_findings(folder: Path) -> Findings:
     PlanError
         The folder contains no findings, damaged ones, or those of another version.
     """
-    path = folder / NAME
+    return read_answer(folder, NAME, Findings)
+
+
+def read_answer(folder: Path, name: str, kind: type[T]) -> T:
+    """Read a file of a diagnosis as a type.
+
+    Raises
+    ------
+    PlanError
+        The folder does not contain it, or it is damaged or of another version.
+    """
+    path = folder / name
     try:
-        return msgspec.json.decode(content_of(path), type=Findings)
+        return msgspec.json.decode(content_of(path), type=kind)
     except FileNotFoundError:
+        if name != NAME and (folder / NAME).is_file():
+            raise PlanError(f"{folder} has {NAME} but no {name}; {AGAIN}") from None
         raise PlanError(f"{folder} contains no diagnosis; give the folder that rig diagnose -o wrote") from None
     except NotADirectoryError:
         raise PlanError(f"{folder} is not a folder; give the folder that rig diagnose -o wrote") from None

@@ -20,14 +20,13 @@ from isorig.analysis.proposals.prediction import Variant
 from isorig.analysis.spectra.noise import noise_levels
 from isorig.analysis.spectra.welch import estimate
 from isorig.rig.errors import PlanError
-from isorig.rig.files.inputs import content_of
+from isorig.rig.files.findings import AGAIN, read_answer
 from isorig.rig.files.models import free_of, free_tree
 from isorig.rig.files.output import write_json
 
 NAME = "rivals.json"
 #: Number of causes compared if none is named: the best ones, at most one of each kind and place.
 UNDECIDED = 3
-AGAIN = "diagnose the recording again with this version of the program"
 
 
 class ExistingRun(msgspec.Struct, frozen=True, kw_only=True):
@@ -120,21 +119,12 @@ def read_rivals(folder: Path) -> Rivals:
     PlanError
         The folder contains no diagnosis, or one of an older version.
     """
-    path = folder / NAME
+    found = read_answer(folder, NAME, Rivals)
     try:
-        found = msgspec.json.decode(content_of(path), type=Rivals)
         for each in (found.explains, *(model for one in found.open for model in one.models)):
             each.variant()
-    except FileNotFoundError:
-        if (folder / "findings.json").is_file():
-            raise PlanError(f"{folder} has findings.json but no {NAME}; {AGAIN}") from None
-        raise PlanError(f"{folder} contains no diagnosis; give the folder that rig diagnose -o wrote") from None
-    except NotADirectoryError:
-        raise PlanError(f"{folder} is not a folder; give the folder that rig diagnose -o wrote") from None
-    except OSError as error:
-        raise PlanError(f"{path} cannot be read ({error.strerror}); give the folder that rig diagnose -o wrote") from None
-    except (msgspec.MsgspecError, ModelError, TypeError, ValueError, UnicodeDecodeError, RecursionError):
-        raise PlanError(f"{path} is damaged or of another version; {AGAIN}") from None
+    except (msgspec.MsgspecError, ModelError, TypeError, ValueError, RecursionError) as error:
+        raise PlanError(f"{folder / NAME} is damaged or of another version ({error}); {AGAIN}") from None
     return found
 
 
