@@ -5,15 +5,23 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from typing import Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+
+import numpy as np
 
 from isorig.drivers.answers import WordKind, parse
 from isorig.drivers.block import Shows
 from isorig.drivers.errors import DriverError, InstrumentError, ProtocolError, SettingError
+from isorig.drivers.kinds import DrivenRig
 from isorig.drivers.link import linked
 from isorig.drivers.waits import WAITS, Waits
 
+if TYPE_CHECKING:
+    from isorig.drivers.simulated.analyzers import Curve
+
 T = TypeVar("T")
+#: Points and rate (Hz) of a simulated time record, and number of averages of a coherence.
+RECORD, RECORD_RATE, RECORDS = 2048, 256.0, 16
 #: Maximum level of the source, V, and allowed relative difference of the level read back.
 LOUDEST, STEP = 5.0, 0.01
 
@@ -100,3 +108,9 @@ class Analyzer:
         if first != second:
             raise ProtocolError(f"{self._link.name} gave two different answers to {command}; check the cable, measure again")
         return first
+
+
+def displayed(rig: DrivenRig) -> tuple[Curve, Curve]:
+    """Traces of a simulated analyzer: a coherence of the last channel with the drive, and a time record of it in V."""
+    volts = rig.volts(RECORD, RECORD_RATE)[:, -1]
+    return rig.coherence(RECORDS * RECORD, RECORD_RATE), (np.arange(RECORD) / RECORD_RATE, volts)

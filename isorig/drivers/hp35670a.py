@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from isorig.drivers.analyzer import Analyzer
+from isorig.drivers.analyzer import Analyzer, displayed
 from isorig.drivers.answers import number, text, whole
 from isorig.drivers.block import FloatArray, InstrumentRecord, Shows, Status
 from isorig.drivers.errors import InstrumentError, ProtocolError
@@ -132,7 +132,7 @@ class Hp35670aInstrument(Analyzer):
 
 
 def _far_end(rig: DrivenRig, asked: Simulation) -> Peer:
-    from isorig.drivers.simulated.analyzers import Simulated35670a, displayed
+    from isorig.drivers.simulated.analyzers import Simulated35670a
 
     asked.faults.only((), "a 35670a")
     coherence, time_record = displayed(rig)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from isorig.drivers.analyzer import Analyzer
+from isorig.drivers.analyzer import Analyzer, displayed
 from isorig.drivers.answers import number, parse, text, whole
 from isorig.drivers.block import FloatArray, InstrumentRecord, Shows, Status
 from isorig.drivers.errors import InstrumentError, ProtocolError, SettingError
@@ -111,7 +111,7 @@ class Sr785Instrument(Analyzer):
 
 
 def _far_end(rig: DrivenRig, asked: Simulation) -> Peer:
-    from isorig.drivers.simulated.analyzers import SimulatedSr785, displayed
+    from isorig.drivers.simulated.analyzers import SimulatedSr785
 
     faults = asked.faults.only(("overload",), "an sr785")
     coherence, time_record = displayed(rig)

@@ -7,21 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from isorig.drivers.block import FloatArray
-from isorig.drivers.kinds import DrivenRig
 from isorig.drivers.simulated.commanded import Commanded
 
 #: x and values of a trace.
 Curve = tuple[FloatArray, FloatArray]
-
-
-#: Points and rate (Hz) of a simulated time record, and number of averages of a coherence.
-RECORD, RECORD_RATE, RECORDS = 2048, 256.0, 16
-
-
-def displayed(rig: DrivenRig) -> tuple[Curve, Curve]:
-    """A coherence of the last channel with the drive, and a time record of the last channel in V."""
-    volts = rig.volts(RECORD, RECORD_RATE)[:, -1]
-    return rig.coherence(RECORDS * RECORD, RECORD_RATE), (np.arange(RECORD) / RECORD_RATE, volts)
 
 
 class SimulatedSr785(Commanded):
