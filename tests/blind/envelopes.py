@@ -9,9 +9,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose.kinds import kind_of
-from isorig.rig.wire_bonder.effects import CAUSES, KINDS, OUTSIDE, drawing, drawn_effect, drawn_rig, played
+from isorig.analysis.model.rig_model import RigModel
+from isorig.rig.wire_bonder.description import THESIS, wire_bonder
+from isorig.rig.wire_bonder.effects import CAUSES, KINDS, OUTSIDE, drawing, drawn_effect, played
 from isorig.rig.wire_bonder.session import LATER, SESSION, VirtualRun
 
 __all__ = ["CAUSES", "KINDS", "OUTSIDE", "Envelope", "Place", "draw_envelope", "drawn_rig", "is_right"]
@@ -33,6 +37,18 @@ class Envelope:
     parameters: Mapping[str, float]
     campaign: Campaign
     later: Campaign
+
+
+def drawn_rig(draw: np.random.Generator) -> RigModel:
+    """A wire bonder similar to the thesis's."""
+    spread = {
+        "head_mass": 0.15, "table_mass": 0.15, "table_frequency": 0.08, "table_damping": 0.5, "heatblock_mass": 0.2,
+        "heatblock_frequency": 0.05, "heatblock_damping": 0.4, "motor_mass": 0.1, "motor_frequency": 0.12, "motor_damping": 0.3,
+    }  # fmt: skip
+    values = {**THESIS, "friction_force": draw.uniform(5.0, 18.0)}
+    for name, share in spread.items():
+        values[name] *= 1.0 + share * draw.uniform(-1.0, 1.0)
+    return wire_bonder(values)
 
 
 def draw_envelope(kind: str, size: float, seed: int, takes: Sequence[VirtualRun] = SESSION) -> Envelope:

@@ -11,6 +11,7 @@ from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
+from envelopes import drawn_rig
 from foreign.instrument import converted
 from other_envelopes import hide_other
 from scipy.signal import resample
@@ -26,7 +27,7 @@ from isorig.rig.files.recording import read, write
 from isorig.rig.files.rigtext import description_text
 from isorig.rig.next.investigation import Measured
 from isorig.rig.virtual.levels import BEGIN, BITS, FULL_SCALE, HEAD_PER_GAIN, VIRTUAL
-from isorig.rig.wire_bonder.effects import Hidden, amplitudes_of, drawing, drawn_effect, drawn_rig
+from isorig.rig.wire_bonder.effects import Hidden, amplitudes_of, drawing, drawn_effect
 from isorig.rig.wire_bonder.session import known_of
 
 RATE, NOISE = 1024.0, 1e-3

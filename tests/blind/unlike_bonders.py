@@ -12,6 +12,7 @@ from datetime import timedelta
 import msgspec
 import numpy as np
 import other_envelopes as forms
+from envelopes import drawn_rig
 from other_envelopes import OtherEnvelope
 
 from isorig.analysis import laws
@@ -20,7 +21,7 @@ from isorig.analysis.diagnose.causes.base import Amplitudes, exchange
 from isorig.analysis.diagnose.kinds import kind_of
 from isorig.analysis.model.rig_model import Body, Link, RigModel
 from isorig.rig.virtual.levels import BEGIN
-from isorig.rig.wire_bonder.effects import CAUSES, CHANNELS, Hidden, amplitudes_of, drawing, drawn_effect, drawn_rig
+from isorig.rig.wire_bonder.effects import CAUSES, CHANNELS, Hidden, amplitudes_of, drawing, drawn_effect
 from isorig.rig.wire_bonder.session import VirtualRun, head_of, known_of
 
 Draw = np.random.Generator

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -34,15 +34,6 @@ class Arctan(ContactLaw, frozen=True, kw_only=True, tag="arctan"):
         "exponent": Parameter("1", 0.5, 2.0, above=0.0),
         "viscous_coefficient": Parameter("N s/m", 0.0, 20.0, least=0.0),
     }
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        force = float(draw.uniform(1.0, 12.0))
-        return cls(
-            friction_force=force, smoothing_velocity=float(draw.uniform(5e-3, 0.05)),
-            static_force=force * float(draw.uniform(1.0, 1.6)), stribeck_velocity=float(draw.uniform(0.02, 0.1)),
-            exponent=float(draw.uniform(1.0, 2.0)), viscous_coefficient=float(draw.uniform(0.0, 20.0)),
-        )  # fmt: skip
 
     def element(self, link: LinkConstants) -> Element:
         top = self._static

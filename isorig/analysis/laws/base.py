@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import msgspec
 import numpy as np
@@ -69,15 +69,6 @@ class Law(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
                 raise ModelError(f"{name} is {value:g}, which must be greater than {parameter.above:g}; correct it")
             if parameter.least is not None and value < parameter.least:
                 raise ModelError(f"{name} is {value:g}, which must be at least {parameter.least:g}; correct it")
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """A law with parameters from the envelope, log-uniform if the range is above zero."""
-        values = {}
-        for name, p in cls.parameters.items():
-            even = float(draw.uniform(0.0, 1.0))
-            values[name] = p.low * (p.high / p.low) ** even if p.low > 0.0 else p.low + (p.high - p.low) * even
-        return cls(**values)
 
     def element(self, link: LinkConstants) -> Element | None:
         """The law in the form for the engine, on a link with these constants; None if its parameters make it zero."""

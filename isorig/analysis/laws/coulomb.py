@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -20,11 +20,6 @@ class Coulomb(ContactLaw, frozen=True, kw_only=True, tag="coulomb"):
         "friction_force": Parameter("N", 1.0, 12.0, least=0.0),
         "static_force": Parameter("N", 1.0, 20.0),
     }
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        force = float(draw.uniform(1.0, 12.0))
-        return cls(friction_force=force, static_force=force * float(draw.uniform(1.0, 1.6)))
 
     def element(self, link: LinkConstants) -> Element | None:
         static = self.friction_force if self.static_force is None else self.static_force

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal, Self
-
-import numpy as np
+from typing import ClassVar, Literal
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.jit import kernel
@@ -29,12 +27,6 @@ class Curve(SpringLaw, frozen=True, kw_only=True, tag="curve"):
     def __post_init__(self) -> None:
         super().__post_init__()
         table(self.at, self.values)
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        at = np.linspace(-1.0, 1.0, 9) * draw.uniform(0.01, 0.02)
-        values = np.sort(draw.uniform(-5.0, 5.0, 9))
-        return cls(over="deflection", at=tuple(at.tolist()), values=tuple((values - values[4]).tolist()))
 
     def element(self, link: LinkConstants) -> Element:
         params, slope = spline(self.at, self.values)

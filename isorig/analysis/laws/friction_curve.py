@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -44,11 +44,6 @@ class FrictionCurve(ContactLaw, frozen=True, kw_only=True, tag="friction_curve")
         lowest = min((*self.levels, *self.backward))
         if lowest < 0.0:
             raise ModelError(f"a friction level is {lowest:g} N; give levels of zero or more")
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        at = tuple((np.linspace(-0.02, 0.02, 7)).tolist())
-        return cls(over="position", at=at, levels=tuple(draw.uniform(3.0, 8.0, 7).tolist()))
 
     def element(self, link: LinkConstants) -> Element:
         params, slope = spline(self.at, self.levels)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -36,15 +36,6 @@ class Karnopp(ContactLaw, frozen=True, kw_only=True, tag="karnopp"):
         "exponent": Parameter("1", 0.5, 2.0, above=0.0),
         "viscous_coefficient": Parameter("N s/m", 0.0, 20.0, least=0.0),
     }
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        force = float(draw.uniform(1.0, 12.0))
-        return cls(
-            friction_force=force, static_force=force * float(draw.uniform(1.0, 1.6)), band=float(draw.uniform(1e-3, 0.03)),
-            stribeck_velocity=float(draw.uniform(0.02, 0.1)), exponent=float(draw.uniform(1.0, 2.0)),
-            viscous_coefficient=float(draw.uniform(0.0, 20.0)),
-        )  # fmt: skip
 
     def element(self, link: LinkConstants) -> Element:
         # Sticking within the band, moving through it in either direction, sliding in either direction.

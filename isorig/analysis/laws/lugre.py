@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -37,15 +37,6 @@ class LuGre(ContactLaw, frozen=True, kw_only=True, tag="lugre"):
         "exponent": Parameter("1", 1.0, 2.0, above=0.0),
     }
     remembers: ClassVar[bool] = True
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        force = float(draw.uniform(1.0, 12.0))
-        return cls(
-            bristle_stiffness=float(draw.uniform(1e3, 1e4)), friction_force=force,
-            static_force=force * float(draw.uniform(1.0, 1.6)), stribeck_velocity=float(draw.uniform(0.02, 0.1)),
-            bristle_damping=float(draw.uniform(0.0, 20.0)), viscous_coefficient=float(draw.uniform(0.0, 20.0)),
-        )  # fmt: skip
 
     def element(self, link: LinkConstants) -> Element:
         return Element(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -42,12 +42,6 @@ class MaxwellSlip(ContactLaw, frozen=True, kw_only=True, tag="maxwell_slip"):
         lowest = min((*self.stiffnesses, *self.slip_forces))
         if not (lowest > 0.0 and np.isfinite([*self.stiffnesses, *self.slip_forces]).all()):
             raise ModelError(f"a spring's stiffness or slip force is {lowest:g}; give finite numbers above zero")
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        count = int(draw.integers(1, 7))
-        stiffnesses, forces = draw.uniform(2e2, 3e3, count), draw.uniform(0.3, 3.0, count)
-        return cls(stiffnesses=tuple(stiffnesses.tolist()), slip_forces=tuple(forces.tolist()))
 
     def element(self, link: LinkConstants) -> Element:
         pairs = [value for pair in zip(self.stiffnesses, self.slip_forces, strict=True) for value in pair]

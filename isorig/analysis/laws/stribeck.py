@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -29,14 +29,6 @@ class Stribeck(ContactLaw, frozen=True, kw_only=True, tag="stribeck"):
         "stribeck_velocity": Parameter("m/s", 5e-3, 0.1, above=0.0),
         "exponent": Parameter("1", 0.5, 2.0, above=0.0),
     }
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        force = float(draw.uniform(1.0, 12.0))
-        return cls(
-            friction_force=force, static_force=force * float(draw.uniform(1.1, 1.6)),
-            stribeck_velocity=float(draw.uniform(0.02, 0.1)), exponent=float(draw.uniform(1.0, 2.0)),
-        )  # fmt: skip
 
     def element(self, link: LinkConstants) -> Element | None:
         if self.static_force == 0.0:

@@ -18,7 +18,7 @@ from isorig.analysis.errors import ModelError
 from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel, Sensor
 from isorig.analysis.simulate import Excitation, record, simulate
 from isorig.rig.errors import RigError
-from isorig.rig.wire_bonder.description import FRICTION, THESIS, wire_bonder
+from isorig.rig.wire_bonder.description import FRICTION, wire_bonder
 from isorig.rig.wire_bonder.session import VirtualRun, head_of, known_of, virtual_campaign, without_faults
 
 Draw = np.random.Generator
@@ -73,18 +73,6 @@ class Hidden:
         seen = simulate(without_faults(model), excitation, configuration=configuration, start_time=start_time).channels
         found = record(model, {name: drive, **seen}, sample_rate)
         return found if self.wire is None else self.wire(played, found)
-
-
-def drawn_rig(draw: Draw) -> RigModel:
-    """A wire bonder similar to the thesis's."""
-    spread = {
-        "head_mass": 0.15, "table_mass": 0.15, "table_frequency": 0.08, "table_damping": 0.5, "heatblock_mass": 0.2,
-        "heatblock_frequency": 0.05, "heatblock_damping": 0.4, "motor_mass": 0.1, "motor_frequency": 0.12, "motor_damping": 0.3,
-    }  # fmt: skip
-    values = {**THESIS, "friction_force": draw.uniform(5.0, 18.0)}
-    for name, share in spread.items():
-        values[name] *= 1.0 + share * draw.uniform(-1.0, 1.0)
-    return wire_bonder(values)
 
 
 def amplitudes_of(model: RigModel) -> Amplitudes:
