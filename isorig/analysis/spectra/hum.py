@@ -46,13 +46,6 @@ def hum(samples: FloatArray, rate: float, frequency: float, length: int | None =
     return np.asarray(waves @ weights)
 
 
-def amplitude(samples: FloatArray, rate: float, frequency: float) -> float:
-    """Amplitude of the hum in a record: the largest of its multiples'."""
-    wave = hum(samples, rate, frequency)
-    spectrum = np.abs(np.fft.rfft(wave * np.hanning(len(wave)))) * 4.0 / len(wave)
-    return float(spectrum.max())
-
-
 def mains_in(samples: FloatArray, rate: float) -> float | None:
     """The mains frequency in Hz if a record has a spectral line there that exceeds its surroundings, otherwise None."""
     n = len(samples)
