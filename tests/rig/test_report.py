@@ -16,14 +16,13 @@ from headless_page import CHROMIUM, told_by
 from isorig.analysis.diagnose.misfit import Discrepancy
 from isorig.analysis.model.rig_model import Configuration
 from isorig.analysis.parameters.joint_fit import Characterization
-from isorig.analysis.spectra.quality import Fault
+from isorig.analysis.spectra.quality import Fault, fault_sentences
 from isorig.rig.files.parameter_table import ParameterFile, characterize_campaign
 from isorig.rig.report.charts import MOST_POINTS, SERIES, Chart, ChartTrace, Panel, spread_over
 from isorig.rig.report.first import _model
 from isorig.rig.report.frequency import frequency_sections
 from isorig.rig.report.measurement import measurement_page
 from isorig.rig.report.page import Report, Section, Table, build_report, wrapping
-from isorig.rig.report.sections import fault_sentences
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 from isorig.rig.wire_bonder.session import SESSION, virtual_campaign
 

@@ -52,6 +52,19 @@ class Fault:
     text: str
 
 
+def fault_sentences(faults: Sequence[Fault]) -> list[str]:
+    """The sentences of faults in records; what applies to several runs is stated once."""
+    alike: dict[str, list[Fault]] = {}
+    for fault in faults:
+        alike.setdefault(fault.text.replace(repr(fault.run), "", 1), []).append(fault)
+    said = []
+    for first, *others in alike.values():
+        runs = " and ".join(repr(each.run) for each in others)
+        also = f" The same applies to run{'s' if len(others) > 1 else ''} {runs}." if others else ""
+        said.append(f"{first.text[0].upper()}{first.text[1:]}{also}")
+    return said
+
+
 @once
 def faults(campaign: Campaign, *, reference: str) -> tuple[Fault, ...]:
     """All faults of a campaign's records.

@@ -34,6 +34,7 @@ def characterize(
     """
     from rich.console import Console
 
+    from isorig.analysis.spectra.quality import fault_sentences
     from isorig.analysis.wording import of_signal
     from isorig.rig.files.output import write_text
     from isorig.rig.files.parameter_table import characterize_campaign, drive_levels, write_characterization
@@ -41,7 +42,7 @@ def characterize(
     from isorig.rig.files.rigfile import read_rig
     from isorig.rig.process.terminal import show_table
     from isorig.rig.report.fits import fits_page
-    from isorig.rig.report.sections import fault_sentences, number
+    from isorig.rig.report.sections import number
     from isorig.rig.wire_bonder.set_ups_page import about, write_set_ups
 
     measured = read(campaign)

@@ -6,11 +6,12 @@ from pathlib import Path
 
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.parameters.joint_fit import Characterization
+from isorig.analysis.spectra.quality import fault_sentences
 from isorig.analysis.wording import of_signal
 from isorig.rig.report.charts import Role
 from isorig.rig.report.misfit import misfit_charts, simulated, time_charts
 from isorig.rig.report.page import Report, Section, build_report
-from isorig.rig.report.sections import entries_table, fault_sentences, provenance_section
+from isorig.rig.report.sections import entries_table, provenance_section
 
 JOINT: tuple[str, Role] = ("joint fit", "simulated")
 

@@ -13,6 +13,7 @@ from isorig.analysis.diagnose.estimate_pairs import doubles
 from isorig.analysis.diagnose.misfit import discrepancies
 from isorig.analysis.fitting.uncertainty import CALIBRATION
 from isorig.analysis.parameters.joint_fit import WEIGHED, Characterization, Entry
+from isorig.analysis.spectra.quality import fault_sentences
 from isorig.rig.files.parameter_table import ParameterFile
 from isorig.rig.report.advice import advice
 from isorig.rig.report.charts import Role
@@ -21,7 +22,7 @@ from isorig.rig.report.frequency import isolation_of, transfer_section
 from isorig.rig.report.history import history_sections
 from isorig.rig.report.misfit import misfit_charts, scores_chart, simulated, time_charts
 from isorig.rig.report.page import Report, Section, Table, build_report
-from isorig.rig.report.sections import entries_table, fault_sentences, number, provenance_section, runs_section, words
+from isorig.rig.report.sections import entries_table, number, provenance_section, runs_section, words
 from isorig.rig.wire_bonder.description import THESIS
 from isorig.rig.wire_bonder.isolation import isolation_sentences
 

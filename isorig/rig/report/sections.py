@@ -6,7 +6,7 @@ import hashlib
 import math
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,7 +18,6 @@ from isorig.rig.wire_bonder.description import SUMMARY
 
 if TYPE_CHECKING:
     from isorig.analysis.parameters.joint_fit import Entry
-    from isorig.analysis.spectra.quality import Fault
     from isorig.rig.files.findings import Value
 
 #: Text for missing information of a recording.
@@ -36,19 +35,6 @@ def words(name: str) -> str:
 def unbroken(text: str) -> str:
     """A sentence whose numbers stay with their uncertainties and units when it wraps."""
     return re.sub(r"(?<=[\d±]) (?=[±\d%]|[a-zA-Zµ]{1,2}(?:[ ,;.)/²³]|$))", "\u00a0", text)
-
-
-def fault_sentences(faults: Sequence[Fault]) -> list[str]:
-    """The sentences of faults in records; what applies to several runs is stated once."""
-    alike: dict[str, list[Fault]] = {}
-    for fault in faults:
-        alike.setdefault(fault.text.replace(repr(fault.run), "", 1), []).append(fault)
-    said = []
-    for first, *others in alike.values():
-        runs = " and ".join(repr(each.run) for each in others)
-        also = f" The same applies to run{'s' if len(others) > 1 else ''} {runs}." if others else ""
-        said.append(f"{first.text[0].upper()}{first.text[1:]}{also}")
-    return said
 
 
 def label(run: Run, alone: bool = False) -> str:

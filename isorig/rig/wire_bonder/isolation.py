@@ -25,13 +25,12 @@ from isorig.analysis.isolation.ratio import (
 )
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.spectra.gain_levels import by_level, changes
-from isorig.analysis.spectra.quality import Fault, faults, without
+from isorig.analysis.spectra.quality import Fault, fault_sentences, faults, without
 from isorig.analysis.wording import by_factor
 from isorig.rig.errors import PlanError, RecordingError
 from isorig.rig.files.models import read_model
 from isorig.rig.model.baseline import baseline_model
 from isorig.rig.model.prediction import predicted
-from isorig.rig.report.sections import fault_sentences
 from isorig.rig.wire_bonder.four_set_ups import classic, rig_of_set_ups
 from isorig.rig.wire_bonder.parameters import CALLED, Method, read_rig_values
 from isorig.rig.wire_bonder.peak_offset import PeakOffset, peak_offset

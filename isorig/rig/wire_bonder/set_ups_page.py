@@ -11,7 +11,7 @@ from isorig.analysis.campaign import Campaign
 from isorig.analysis.fitting.uncertainty import CALIBRATION
 from isorig.analysis.parameters.joint_fit import Characterization
 from isorig.analysis.spectra.modes import Mode
-from isorig.analysis.spectra.quality import without
+from isorig.analysis.spectra.quality import fault_sentences, without
 from isorig.analysis.wording import of_signal
 from isorig.rig.files.output import write_text
 from isorig.rig.frf.figures import save
@@ -19,7 +19,7 @@ from isorig.rig.model.baseline import baseline_model
 from isorig.rig.report.charts import Chart, ChartTrace, Panel, Role
 from isorig.rig.report.misfit import misfit_charts, simulated, time_charts
 from isorig.rig.report.page import Report, Section, Table, build_report
-from isorig.rig.report.sections import fault_sentences, number, provenance_section, words
+from isorig.rig.report.sections import number, provenance_section, words
 from isorig.rig.wire_bonder.figures import set_ups_figure, surface_figure
 from isorig.rig.wire_bonder.four_set_ups import ErrorSurface, FourSetUps, SetUp, classic
 
