@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,12 +28,18 @@ def check(*files: Path) -> None:
         Recordings to check, sample by sample.
     """
     from isorig.rig.errors import RecordingError
+    from isorig.rig.files.hdf import start_checks
+
+    if not files:
+        raise RecordingError("no file was given; give at least one recording")
+    start_checks()
+    # Meanwhile this process imports, also what it needs after the check.
     from isorig.rig.files.output import displayable
     from isorig.rig.files.recording import open_recording
     from isorig.rig.process.terminal import show_table
 
-    if not files:
-        raise RecordingError("no file was given; give at least one recording")
+    for later in ("isorig.rig.acquire.run_check", "isorig.rig.model.baseline", "rich.table"):
+        import_module(later)
     for file in files:
         with open_recording(file) as campaign:
             names = list(dict.fromkeys(name for run in campaign.runs for name in run.sensors))

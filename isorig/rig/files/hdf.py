@@ -16,13 +16,14 @@ from collections import OrderedDict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Literal
-
-import h5py
+from typing import IO, TYPE_CHECKING, Literal
 
 from isorig.rig.errors import RecordingError
 from isorig.rig.files.inputs import import_first
 from isorig.rig.files.output import reason
+
+if TYPE_CHECKING:
+    import h5py
 
 #: Seconds of a processor within which the other process has to show progress; seconds of the clock within which it has to start,
 #: and after which it is taken for one that waits forever: on a busy host it may have no processor for long.
@@ -52,11 +53,19 @@ class _Walker:
         self._lines: queue.Queue[str | None] = queue.Queue()
         assert self._process.stdout is not None
         threading.Thread(target=self._listen, args=(self._process.stdout,), daemon=True).start()
-        if self._answer(START) is None:
-            raise RecordingError(f"{sys.executable} could not be started to check a file; check the installation")
+        self._started = False
 
     def ask(self, kind: Kind, path: Path, patience: float) -> dict[str, str] | None:
-        """The answer for a file; None if the process crashed or hung on it."""
+        """The answer for a file; None if the process crashed or hung on it.
+
+        Raises
+        ------
+        RecordingError
+            The process does not start.
+        """
+        if not self._started and self._answer(START) is None:
+            raise RecordingError(f"{sys.executable} could not be started to check a file; check the installation")
+        self._started = True
         assert self._process.stdin is not None
         try:
             self._process.stdin.write(json.dumps([kind, os.fsdecode(path), patience]) + "\n")
@@ -93,6 +102,12 @@ _walker: list[_Walker] = []
 _walked: OrderedDict[tuple[int, int, int, int], None] = OrderedDict()
 
 
+def start_checks() -> None:
+    """Start the other process, which takes as long as importing the libraries for a recording here; files are checked later."""
+    with _lock:
+        _started()
+
+
 def survived(path: Path) -> None:
     """Reject a file of MATLAB's version 5 whose reading crashes or hangs a process.
 
@@ -107,13 +122,21 @@ def survived(path: Path) -> None:
         raise RecordingError(f"{path}: {answer['refused']}")
 
 
-def _asked(kind: Kind, path: Path, patience: float) -> dict[str, str]:
+def _started() -> _Walker:
     # A forked process shares its parent's pipes, so it starts another checking process.
     if _walker and _walker[0].pid != os.getpid():
         _walker.clear()
     if not _walker:
         _walker.append(_Walker())
-    answer = _walker[0].ask(kind, path.absolute(), patience)
+    return _walker[0]
+
+
+def _asked(kind: Kind, path: Path, patience: float) -> dict[str, str]:
+    try:
+        answer = _started().ask(kind, path.absolute(), patience)
+    except RecordingError:
+        _walker.pop().end()
+        raise
     if answer is None:
         _walker.pop().end()
         raise RecordingError(f"{path} is damaged so that reading it never ends; copy it again from its source")
@@ -139,6 +162,8 @@ def opened(path: Path) -> Iterator[h5py.File]:
     RecordingError
         In one sentence: what is wrong with the file, and what to do.
     """
+    import h5py
+
     begin, identity = _begin(path)
     with _lock:
         if identity not in _walked:

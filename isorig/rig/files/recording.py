@@ -261,14 +261,15 @@ def _run(group: Any, name: str, where: str) -> Run:
 
 
 def _channels(group: h5py.Group, here: str) -> dict[str, Channel]:
-    for key, item in group.items():
+    items = dict(group.items())
+    for key, item in items.items():
         if item is None:
             raise RecordingError(f"{here}: {key!r} links to data that are not in the file; copy it again with its data")
         if key in SENSORS and not isinstance(item, h5py.Dataset):
             raise RecordingError(f"{here}: {key!r} is a group; a channel is a dataset of numbers, so write it again")
     channels = {
         key: _channel(item, key, here)
-        for key, item in group.items()
+        for key, item in items.items()
         if key not in NOT_CHANNELS and isinstance(item, h5py.Dataset)
     }
     if not channels.keys() - {GAIN}:
@@ -293,7 +294,8 @@ def _channel(dataset: h5py.Dataset, name: str, where: str) -> Channel:
 
 def _attributes(item: Any, kind: type[T], here: str, usual: Mapping[str, str] | None = None) -> T:
     # The attributes of an object, checked by their types; `usual` are those that it need not have.
-    given = {key: _plain(value, f"{here}: {key}") for key, value in item.attrs.items() if key in kind.__struct_fields__}
+    held = item.attrs
+    given = {key: _plain(held[key], f"{here}: {key}") for key in kind.__struct_fields__ if key in held}
     if isinstance(started := given.get("started"), str):
         with suppress(ValueError):
             given["started"] = datetime.fromisoformat(started)
