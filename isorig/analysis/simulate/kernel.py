@@ -56,14 +56,20 @@ def ahead(columns: FloatArray, blocks: int, y: FloatArray, first: int, last: int
         out[b, 4], out[b, 5], out[b, 6], out[b, 7] = a4, a5, a6, a7
 
 
-@kernel
-def read_out(record: Record, y: FloatArray, n: int, at: int, mode: int) -> None:
-    """Record the sensors' values, and if requested the curved forces and the mode, at a grid point."""
+@inlined
+def read_sensors(record: Record, y: FloatArray, at: int) -> None:
+    """Record the sensors' values at a grid point."""
     for r in range(len(record.filled)):
         acc = 0.0
         for k in range(record.filled[r]):
             acc += record.weights[r, k] * y[record.places[r, k]]
         record.out[r, at] = acc
+
+
+@kernel
+def read_out(record: Record, y: FloatArray, n: int, at: int, mode: int) -> None:
+    """Record the sensors' values, and if requested the curved forces and the mode, at a grid point."""
+    read_sensors(record, y, at)
     if len(record.modes) > 0:
         record.modes[at] = mode
         for c in range(len(record.curved)):
@@ -89,12 +95,8 @@ def march(
         d0[c], v0[c] = along(rig.directions[c], y, n, step)
     while at < len(u) - 1:
         if cut == 0:
-            # As in `read_out`, inlined: a call takes as long as the step.
-            for r in range(len(record.filled)):
-                acc = 0.0
-                for k in range(record.filled[r]):
-                    acc += record.weights[r, k] * y[record.places[r, k]]
-                record.out[r, at] = acc
+            # The first part of `read_out`, inlined: a call takes as long as the step.
+            read_sensors(record, y, at)
             if len(record.modes) > 0:
                 read_out(record, y, n, at, mode)
         slope = (u[at + 1] - u[at]) * share
