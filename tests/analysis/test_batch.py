@@ -10,8 +10,8 @@ from isorig.analysis.diagnose.causes.at_link import added
 from isorig.analysis.errors import SimulationError
 from isorig.analysis.model.rig_model import Configuration
 from isorig.analysis.simulate import Excitation, scan, simulate, simulate_many
+from isorig.analysis.simulate.batch import exponentials
 from isorig.analysis.simulate.excitation import moves, random
-from isorig.analysis.simulate.exponential import exponentials
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 
 RATE = 2048.0

@@ -71,8 +71,6 @@ class ShapedMode(ModeShape):
 
     Parameters
     ----------
-    participation
-        Complex, shape (references,): excitation of the mode by each reference, the largest magnitude 1.
     constants
         Modal constants, shape (responses, references): products of the mass-normalized shape at response and reference if the
         references are forces (1/kg).
@@ -80,7 +78,6 @@ class ShapedMode(ModeShape):
         Frequency bins in the bandwidth 2 zeta f.
     """
 
-    participation: ComplexArray
     constants: ComplexArray
     lines: float
 
@@ -94,7 +91,7 @@ class ModalModel(Viewed):
     modes
         Ascending in frequency.
     responses, references
-        Channel names, in the order of shapes and participations.
+        Channel names, in the order of shapes and modal constants.
     frequency
         Frequency bins of the band, Hz, shape (bins,).
     measured, fitted
@@ -250,11 +247,9 @@ class _Grid:
         # The residue of a normal mode's receptance is phi phi / (2 i omega_d m).
         constants = self.matrix(solved.residues[:, m, None])[:, :, 0] / pole**data.power * 2j * pole.imag
         shape = as_real(np.linalg.svd(constants, full_matrices=False)[0][:, 0])
-        driven: ComplexArray = np.asarray(constants.T @ np.conj(shape))
-        participation: ComplexArray = np.asarray(driven / max(float(np.abs(driven).max()), np.finfo(float).tiny))
         return ShapedMode(
             frequency=f, frequency_std=f * float(relative[0]), damping=zeta, damping_std=zeta * float(relative[1]), shape=shape,
-            participation=participation, constants=constants, collinearity=collinearity(shape),
+            constants=constants, collinearity=collinearity(shape),
             lines=2.0 * zeta * f / self.frfs[0].resolution,
         )  # fmt: skip
 

@@ -110,7 +110,6 @@ class ParameterDesign:
     """The result: what was asked, the search's result, a sweep for each parameter, and targets of the drawn rigs."""
 
     rig: RigModel
-    varied: tuple[Varied, ...]
     target: Target
     limits: Limits
     found: Optimum
@@ -188,9 +187,7 @@ def designed_parameters(
         values = [each.value for each in outcomes([with_values(d, found.values) for d in drawn], target, limits, drive)]
         low, high = np.quantile(values, DRAWN)
         spread = float(low), float(high)
-    return ParameterDesign(
-        rig=rig, varied=varied, target=target, limits=limits, found=found, sweeps=sweeps, spread=spread, run=run
-    )  # fmt: skip
+    return ParameterDesign(rig=rig, target=target, limits=limits, found=found, sweeps=sweeps, spread=spread, run=run)
 
 
 def _varied(rig: RigModel, plan: VariedPlan) -> Varied:

@@ -9,8 +9,11 @@ import numpy as np
 
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose.diagnosis import Diagnosis
+from isorig.analysis.diagnose.estimate_pairs import Doubles
+from isorig.analysis.diagnose.evidence import surfaces
 from isorig.analysis.diagnose.step import Curve, Step
 from isorig.analysis.fitting.score import Score
+from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.wording import state, with_article
 from isorig.rig.files.findings import Findings, HeldValue
 from isorig.rig.report.before_after import BASELINE, EXTENDED, bars_chart, force_chart, residual_chart, second_chart
@@ -22,7 +25,6 @@ from isorig.rig.report.page import First, Report, Section, Table, build_report
 from isorig.rig.report.place import OVER, held_out_records, joint_of, marks, place_force, residuals
 from isorig.rig.report.sections import number, parameters_table, provenance_section, runs_section, unbroken, words
 from isorig.rig.report.sketch import sketch
-from isorig.rig.report.surface import surface_charts
 
 EVIDENCE = (
     "Every figure is computed in the same way from the record and from the simulation with the same drive, so that "
@@ -63,7 +65,7 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, findings: Findings)
         Section(
             title="Evidence from the records before a cause is fitted",
             text=[EVIDENCE, *(sign.text for sign in diagnosis.signs)],
-            charts=surface_charts(diagnosis.baseline.model, diagnosis.compared),
+            charts=_surface_charts(diagnosis.baseline.model, diagnosis.compared),
         ),
         *(
             _named(step, share, own.held)
@@ -132,6 +134,27 @@ def _force(diagnosis: Diagnosis, models: Mapping[tuple[str, Role], Simulated]) -
         return None if at is None else force_chart(at, OVER.get(kind, "deflection"))
     found = [at for link in before[0].links if (at := place_force(link, diagnosis.trials, before, None)) is not None]
     return force_chart(max(found, key=lambda at: at.misfit), "deflection") if found else None
+
+
+def _surface_charts(model: RigModel, compared: Doubles) -> list[Chart]:
+    # Two for every observable link, measured points and simulated ones: the force, and that without the spring's.
+    charts = []
+    for seen in surfaces(model, compared):
+        spring = model.link(seen.link).stiffness * seen.displacement
+        for name, note, label, x, without in (
+            ("force", "", "deflection, mm", 1e3 * seen.displacement, np.zeros(1)),
+            ("friction", ", without the baseline's spring", "relative velocity, m/s", seen.velocity, spring),
+        ):
+            traces = [
+                ChartTrace(name="baseline", x=x, y=seen.simulated - without, role="simulated", style="markers"),
+                ChartTrace(name="measured", x=x, y=seen.force - without, role="measured", style="markers"),
+            ]
+            caption = f"{seen.run}: the force in {with_article(seen.link)}{note}."
+            panels = [Panel(label="force, N")]
+            charts.append(
+                Chart(name=f"{name}-{seen.link}", caption=caption, panels=panels, traces=traces, x_label=label, x_log=False)
+            )
+    return charts
 
 
 def _errors_chart(diagnosis: Diagnosis, scores: Mapping[tuple[str, Role], Score]) -> Chart:

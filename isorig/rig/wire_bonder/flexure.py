@@ -7,7 +7,6 @@ motor's weight bends it in its stiff direction and does not buckle it. With leng
     s = 3 E t d / L^2                        largest bending stress at a deflection d
     f_up = f (b / t)                         vertical natural frequency of the motor, by the same formula with b and t exchanged
     f_leaf = 22.37 / (2 pi L^2) sqrt(E t^2 / (12 rho))   first bending mode of a leaf alone
-    u = 3 d^2 / (5 L)                        sideways shift of one-sided leaves; opposite pairs stretch instead
     P = 4.013 sqrt(E I G J) / (L / 2)^2      lateral buckling load of a leaf, I = b t^3 / 12, J = b t^3 / 3
 
 The last one treats each half of a leaf as a cantilever loaded at the middle of the leaf, where the moment is zero. Leaves that
@@ -62,8 +61,6 @@ class Flexure:
         Natural frequencies of the motor in the vertical direction and of a leaf alone, Hz.
     sag
         Vertical deflection of the leaves due to the motor's weight, m.
-    sideways
-        Lateral shift of one-sided leaves at the stroke, m.
     buckling
         Lateral buckling load of a leaf, divided by its share of the motor's weight.
     """
@@ -78,7 +75,6 @@ class Flexure:
     upright: float
     leaf: float
     sag: float
-    sideways: float
     buckling: float
 
 
@@ -117,7 +113,7 @@ def flexure(
         leaves=leaves, length=length, width=width, thickness=thickness, stiffness=stiffness, frequency=frequency,
         stress=3.0 * material.modulus * thickness * stroke / length**2, upright=frequency * width / thickness,
         leaf=CLAMPED / (2.0 * pi * length**2) * sqrt(material.modulus * thickness**2 / (12.0 * material.density)),
-        sag=mass * GRAVITY / upright, sideways=0.6 * stroke**2 / length, buckling=load / (mass * GRAVITY / leaves),
+        sag=mass * GRAVITY / upright, buckling=load / (mass * GRAVITY / leaves),
     )  # fmt: skip
 
 
