@@ -13,16 +13,16 @@ import json
 import os
 import platform
 import re
-import resource
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-import psutil
+from others import OtherPrograms
 from table import Row
 
 HERE = Path(__file__).parent
@@ -38,6 +38,9 @@ NAMES = {
     "diagnose": "Diagnoses: time",
     "fleet": "A fleet: time",
 }
+#: Benchmarks that measure processor time, which does not contain what a hypervisor takes: 5 to 15 % of a processor while
+#: recordings wake a virtual computer a thousand times a second.
+PROCESSOR_TIME = ("acquire", "view")
 #: What README.md shows: benchmark, quantity and other package or method as in its table, and the quantity in words.
 SHOWN = (
     ("simulate", "time of one simulated second", "scipy RK45, thesis's law, force straight", "time of a simulation"),
@@ -52,6 +55,8 @@ MARKS = "<!-- ratios of docs/bench.md -->\n", "<!-- end -->"
 #: Share of one processor that other programs may use before and during a benchmark; seconds of each look, and longest wait in s.
 #: Chosen: the services of a computer at rest take less than 2 %; a program that takes 5 % shifts medians by as much.
 QUIET, LOOK, PATIENCE = 0.05, 5.0, 600.0
+#: Seconds between two looks at other programs while a benchmark runs: a look takes a hundredth of a second.
+EVERY = 2.0
 #: Runs of a benchmark that is disturbed.
 ATTEMPTS = 2
 #: Time limit of a benchmark in s: three times the duration of the longest one on two processors.
@@ -65,68 +70,63 @@ the other package or method takes longer or has the larger error. Times depend o
 """
 
 
-def busy() -> float:
-    """Processor time that all programs of this computer have used since its start, in s.
-
-    User time and time taken by a hypervisor: the kernel also works for the benchmarks, when it writes their files.
-    """
-    spent = psutil.cpu_times()
-    return float(spent.user + getattr(spent, "nice", 0.0) + getattr(spent, "steal", 0.0))
-
-
-def own() -> float:
-    """User time of this program and of those that it has started and that have ended, in s."""
-    return sum(each.ru_utime for each in map(resource.getrusage, (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)))
-
-
-def wait_until_quiet(look: float = LOOK, patience: float = PATIENCE) -> str:
+def wait_until_quiet(look: float = LOOK, patience: float = PATIENCE, *, hypervisor: bool = True) -> str:
     """Wait until no other program uses the processors; why it was in vain, or nothing.
 
     Parameters
     ----------
     look, patience
         Seconds of each look, and the longest wait.
+    hypervisor
+        Whether the time that a hypervisor takes counts.
     """
     began = time.monotonic()
     while True:
-        before = busy() - own()
+        others = OtherPrograms(hypervisor=hypervisor)
         time.sleep(look)
-        share = (busy() - own() - before) / look
+        share = others.look() / look
         if share <= QUIET:
             return ""
+        used = f"{100.0 * share:.0f} % of a processor, most of it {others.most}"
         if time.monotonic() - began > patience:
-            return f"Not measured: other programs used {100.0 * share:.0f} % of a processor for {patience:.0f} s."
-        print(f"waiting: other programs use {100.0 * share:.0f} % of a processor", flush=True)
+            return f"Not measured: for {patience:.0f} s other programs used {used}."
+        print(f"waiting: other programs use {used}", flush=True)
 
 
 def undisturbed(name: str, quick: bool) -> tuple[list[Row], str]:
     """Run a benchmark alone on the computer, again if it was disturbed; its rows, and why it failed or was disturbed."""
-    wrong = ""
+    wrong, hypervisor = "", name not in PROCESSOR_TIME
     for _ in range(ATTEMPTS):
-        waited = wait_until_quiet()
+        waited = wait_until_quiet(hypervisor=hypervisor)
         if waited:
             return [], waited
-        began, before = time.monotonic(), busy() - own()
-        rows, failed = measure(name, quick)
-        share = (busy() - own() - before) / (time.monotonic() - began)
+        began, others = time.monotonic(), OtherPrograms(hypervisor=hypervisor)
+        rows, failed = measure(name, quick, others)
+        share = others.look() / (time.monotonic() - began)
         if failed or share <= QUIET:
             return rows, failed
-        wrong = f"Not measured: other programs used {100.0 * share:.0f} % of a processor meanwhile; end them and run it again."
+        used = f"{100.0 * share:.0f} % of a processor meanwhile, most of it {others.most}"
+        wrong = f"Not measured: other programs used {used}; end them and run it again."
         print(wrong, flush=True)
     return [], wrong
 
 
-def measure(name: str, quick: bool) -> tuple[list[Row], str]:
-    """Run a benchmark; return its rows, and the reason if it failed."""
+def measure(name: str, quick: bool, others: OtherPrograms) -> tuple[list[Row], str]:
+    """Run a benchmark while looking at other programs; return its rows, and the reason if it failed."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "rows.json"
         call = [sys.executable, str(HERE / f"{name}.py"), "--rows", str(path), *(["--quick"] if quick else [])]
-        try:
-            done = subprocess.run(call, check=False, timeout=LONGEST)
-        except subprocess.TimeoutExpired:
-            return [], f"`bench/{name}.py` was stopped after {LONGEST:g} s."
-        if done.returncode or not path.exists():
-            return [], f"`bench/{name}.py` ended with status {done.returncode}."
+        end = time.monotonic() + LONGEST
+        with subprocess.Popen(call) as process:
+            while process.poll() is None:
+                if time.monotonic() > end:
+                    process.kill()
+                    return [], f"`bench/{name}.py` was stopped after {LONGEST:g} s."
+                with suppress(subprocess.TimeoutExpired):
+                    process.wait(EVERY)
+                others.look()
+        if process.returncode or not path.exists():
+            return [], f"`bench/{name}.py` ended with status {process.returncode}."
         return [Row(**row) for row in json.loads(path.read_text(encoding="utf-8"))], ""
 
 
