@@ -8,9 +8,10 @@ import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
+from isorig.analysis.simulate.move_profile import Move
 from isorig.rig.wire_bonder.description import THESIS
 from isorig.rig.wire_bonder.design_figures import history_figure, offset_figure, stroke_figure
-from isorig.rig.wire_bonder.design_study import RATE, Designed, DesignPlan, HeadPlan, MovePlan, designed, rigs_of
+from isorig.rig.wire_bonder.design_study import RATE, Designed, DesignPlan, HeadPlan, designed, rigs_of
 from isorig.rig.wire_bonder.figures import isolation_figure
 from isorig.rig.wire_bonder.flexure import SPRING_STEEL, thinnest
 from isorig.rig.wire_bonder.parameters import OF_THESIS
@@ -22,7 +23,7 @@ from thesis.step import Step, judged, plain
 SOFT = 0.6
 #: Consecutive moves of 3 mm at 17 g with pauses of 50 ms; +-5 mm. The head and the number of moves are assumed.
 PLAN = DesignPlan(
-    moves=(MovePlan(distance=3e-3, acceleration=166.7, pause=0.05, repeat=10),),
+    moves=(Move(distance=3e-3, acceleration=166.7, pause=0.05, repeat=10),),
     limit=5e-3, head=HeadPlan(mass=6.5, std=0.2), after=False, shown=SOFT,
 )  # fmt: skip
 HEADS, REPEATS = (5.5, 6.0, 7.0, 7.5), (5, 7, 20, 40)

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import isfinite, pi, sqrt
 from typing import Literal
 
+import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import DataError
 
 Shape = Literal["sine", "constant"]
-#: Minimum number of samples of a move: its acceleration has two halves of opposite sign.
-SAMPLES = 4
+#: Minimum number of samples of a move: its acceleration has two halves of opposite sign. Largest number of moves.
+SAMPLES, MOST = 4, 1000
 
 
-@dataclass(frozen=True, kw_only=True)
-class Move:
-    """A move from rest to rest, and the pause after it.
+class Move(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A move from rest to rest, and the pause after it; both are repeated.
 
     Parameters
     ----------
@@ -32,12 +31,15 @@ class Move:
     shape
         "sine": one period of a sine, lasting T = sqrt(2 pi |d| / a); "constant": forward for the first half, backward for the
         second, lasting T = sqrt(4 |d| / a).
+    repeat
+        Number of such moves.
     """
 
     distance: float
     acceleration: float
     pause: float
     shape: Shape = "sine"
+    repeat: int = 1
 
     def __post_init__(self) -> None:
         if not (isfinite(self.distance) and self.distance != 0.0):
@@ -46,6 +48,8 @@ class Move:
             raise DataError(f"a move has acceleration {self.acceleration:g} m/s^2; it must be positive and finite")
         if not 0.0 <= self.pause < np.inf:
             raise DataError(f"a move has a pause of {self.pause:g} s; it must be zero or more")
+        if self.repeat < 1:
+            raise DataError(f"a move is repeated {self.repeat} times; give 1 or more moves")
 
     @property
     def duration(self) -> float:
@@ -79,10 +83,12 @@ def head_acceleration(moves: Sequence[Move], sample_rate: float, *, lead: float 
     Raises
     ------
     DataError
-        If there are no moves, or one is shorter than `SAMPLES`.
+        If there are no moves or more than `MOST`, or one is shorter than `SAMPLES`.
     """
-    if not moves:
-        raise DataError("the profile has no moves; give at least one")
+    count = sum(move.repeat for move in moves)
+    if not 1 <= count <= MOST:
+        raise DataError(f"the profile has {count or 'no'} moves; give 1 to {MOST}")
+    moves = [move for move in moves for _ in range(move.repeat)]
     shortest = min(move.duration for move in moves)
     if shortest * sample_rate < SAMPLES:
         raise DataError(

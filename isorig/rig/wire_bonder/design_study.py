@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import msgspec
 import numpy as np
@@ -32,23 +31,13 @@ TAIL = 0.6
 LEVELS = np.geomspace(8.0, 208.0, 16)
 #: Frequency bins for the drive offset, Hz.
 LINES = np.geomspace(0.5, 100.0, 1500)
-#: Allowed isolation frequencies, and the band in which a drive offset is judged, Hz; largest number of moves.
-TRIED, ISOLATED, MOVES_MOST = (0.05, 100.0), (5.0, 50.0), 1000
+#: Allowed isolation frequencies, and the band in which a drive offset is judged, Hz.
+TRIED, ISOLATED = (0.05, 100.0), (5.0, 50.0)
 TAKES = tuple(
     VirtualRun(id=f"{c[0]}{g:g}", configuration=c, gain=g, seconds=40.0, start=0.0, band=(0.5, top))
     for c in ("unlocked", "locked")
     for g, top in ((70.0, 20.0), (7.0, 400.0))
 )
-
-
-class MovePlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Equal moves: distance in m, peak acceleration in m/s^2, pause in s, number."""
-
-    distance: float
-    acceleration: float
-    pause: float
-    shape: Literal["sine", "constant"] = "sine"
-    repeat: int = 1
 
 
 class HeadPlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -93,7 +82,7 @@ class DesignPlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         The isolation frequency whose curves are shown, Hz; by default the recommended one.
     """
 
-    moves: tuple[MovePlan, ...]
+    moves: tuple[Move, ...]
     limit: float
     safety: float = 1.0
     frequencies: tuple[float, float] = (0.3, 6.0)
@@ -104,12 +93,7 @@ class DesignPlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     def drive(self) -> FloatArray:
         """The head's acceleration at `RATE`."""
-        moves = [
-            Move(distance=m.distance, acceleration=m.acceleration, pause=m.pause, shape=m.shape)
-            for m in self.moves
-            for _ in range(m.repeat)
-        ]
-        return head_acceleration(moves, RATE, tail=TAIL / self.frequencies[0] if self.after else 0.0)
+        return head_acceleration(self.moves, RATE, tail=TAIL / self.frequencies[0] if self.after else 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,9 +171,6 @@ def read_design(path: Path) -> DesignPlan:
         raise PlanError(
             f"{path}: frequencies are {low:g} to {high:g} Hz; give low < high between {TRIED[0]:g} and {TRIED[1]:g} Hz"
         )
-    repeats = [move.repeat for move in plan.moves]
-    if not plan.moves or min(repeats) < 1 or sum(repeats) > MOVES_MOST:
-        raise PlanError(f"{path}: there are {sum(repeats)} moves; give 1 to {MOVES_MOST}, each repeated at least once")
     if plan.shown is not None and not low <= plan.shown <= high:
         raise PlanError(f"{path}: shown is {plan.shown:g} Hz; give a frequency within the tried range, {low:g} to {high:g} Hz")
     bond = plan.bond

@@ -11,7 +11,7 @@ from scipy import signal
 from isorig.analysis.errors import DataError
 from isorig.analysis.isolation.optimum import isolated
 from isorig.analysis.model.rig_model import matrices
-from isorig.analysis.simulate.move_profile import Move, Shape, head_acceleration
+from isorig.analysis.simulate.move_profile import MOST, Move, Shape, head_acceleration
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 from isorig.rig.wire_bonder.stroke import (
     frictionless,
@@ -33,9 +33,9 @@ MOVES = [Move(distance=3e-3, acceleration=166.7, pause=0.05)] * 6
     shape=st.sampled_from(["sine", "constant"]), repeat=st.integers(1, 5),
 )  # fmt: skip
 def test_profile_moves_exactly_so_far(distance: float, acceleration: float, pause: float, shape: Shape, repeat: int) -> None:
-    move = Move(distance=distance, acceleration=acceleration, pause=pause, shape=shape)
+    move = Move(distance=distance, acceleration=acceleration, pause=pause, shape=shape, repeat=repeat)
     rate = max(RATE, 20.0 / move.duration)
-    head = head_acceleration([move] * repeat, rate, tail=0.1)
+    head = head_acceleration([move], rate, tail=0.1)
     speed = np.cumsum(head) / rate
     assert abs(speed[-1]) < 1e-9
     assert np.sum(speed) / rate == pytest.approx(repeat * distance, rel=0.02)
@@ -137,11 +137,15 @@ def test_softer_springs_isolate_better_and_rocking_needs_an_offset() -> None:
 
 
 def test_refusals() -> None:
-    for bad in ({"distance": 0.0}, {"acceleration": -1.0}, {"pause": float("nan")}):
+    for bad in ({"distance": 0.0}, {"acceleration": -1.0}, {"pause": float("nan")}, {"repeat": 0}):
         with pytest.raises(DataError):
             Move(**{"distance": 1e-3, "acceleration": 10.0, "pause": 0.1, **bad})
     with pytest.raises(DataError, match="no moves"):
         head_acceleration([], RATE)
+    most = Move(distance=1e-3, acceleration=10.0, pause=0.0, repeat=MOST)
+    assert np.abs(np.sum(head_acceleration([most], RATE))) < 1e-6
+    with pytest.raises(DataError, match=f"{MOST + 1} moves"):
+        head_acceleration([most, MOVES[0]], RATE)
     with pytest.raises(DataError, match="fewer than 4 samples"):
         head_acceleration(MOVES, 100.0)
     with pytest.raises(DataError, match="safety"):
