@@ -28,8 +28,7 @@ ACCURACY, STEPS = 1e-4, 120
 AT_BOUND = 1e-3
 
 
-@dataclass(frozen=True, kw_only=True)
-class Varied:
+class Varied(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A parameter that may vary, between two positive bounds.
 
     `parameter` is its path in the description; `links.NAME.frequency` is sqrt(k / m) / 2 pi of the link's body `a`, Hz, with

@@ -51,14 +51,6 @@ DRAWN = (0.05, 0.95)
 WITHIN = f"{100.0 * (DRAWN[1] - DRAWN[0]):g} %"
 
 
-class VariedPlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A parameter that may vary: its path in the description, or `links.NAME.frequency`, and its bounds, SI."""
-
-    parameter: str
-    low: float
-    high: float
-
-
 class TargetPlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What is to be small; channels and configurations default to those of the description."""
 
@@ -88,7 +80,7 @@ class ParameterPlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
         Instead of it moves, for a drive whose channel is an acceleration.
     """
 
-    vary: tuple[VariedPlan, ...]
+    vary: tuple[Varied, ...]
     target: TargetPlan = TargetPlan()
     limits: Limits = Limits()
     safety: float = 1.0
@@ -168,17 +160,18 @@ def designed_parameters(
         The plan names something that the rig does not have.
     """
     rig = given.model
-    varied = tuple(_varied(rig, each) for each in plan.vary)
+    for each in plan.vary:
+        _check(rig, each)
     run = _run(plan, given, seed)
     target = _target(rig, plan.target, run)
     limits = _limits(rig, plan)
     drive = excitation_of(rig, run, oversample=1 if plan.moves else 4)
     try:
-        found = optimum(rig, varied, target, limits, drive, points=points, seed=seed)
+        found = optimum(rig, plan.vary, target, limits, drive, points=points, seed=seed)
     except DataError as error:
         raise PlanError(str(error)) from None
-    drawn = [] if parameters is None else _drawn(rig, parameters, {v.parameter for v in varied}, draws, seed)
-    sweeps = {v.parameter: _sweep(found, drawn, v, target, limits, drive, points) for v in varied}
+    drawn = [] if parameters is None else _drawn(rig, parameters, {v.parameter for v in plan.vary}, draws, seed)
+    sweeps = {v.parameter: _sweep(found, drawn, v, target, limits, drive, points) for v in plan.vary}
     spread = None
     if drawn:
         values = [each.value for each in outcomes([with_values(d, found.values) for d in drawn], target, limits, drive)]
@@ -187,19 +180,18 @@ def designed_parameters(
     return ParameterDesign(rig=rig, target=target, limits=limits, found=found, sweeps=sweeps, spread=spread, run=run)
 
 
-def _varied(rig: RigModel, plan: VariedPlan) -> Varied:
-    here = f"vary: {plan.parameter}"
+def _check(rig: RigModel, varied: Varied) -> None:
+    here = f"vary: {varied.parameter}"
     try:
-        present = value_of(rig, plan.parameter)
-        if not 0.0 < plan.low < plan.high < math.inf:
-            raise PlanError(f"{here} may vary from {plan.low:g} to {plan.high:g}; give 0 < low < high")
-        for value in (plan.low, plan.high):
-            with_values(rig, {plan.parameter: value})
+        present = value_of(rig, varied.parameter)
+        if not 0.0 < varied.low < varied.high < math.inf:
+            raise PlanError(f"{here} may vary from {varied.low:g} to {varied.high:g}; give 0 < low < high")
+        for value in (varied.low, varied.high):
+            with_values(rig, {varied.parameter: value})
     except (ModelError, DataError) as error:
         raise PlanError(f"{here}: {error}") from None
-    if plan.parameter.startswith(("sensors.", "drive.chain", "more_drives.")) or not math.isfinite(present):
+    if varied.parameter.startswith(("sensors.", "drive.chain", "more_drives.")) or not math.isfinite(present):
         raise PlanError(f"{here} is not a property of the rig; give a mass, a stiffness, a damping or a parameter of a law")
-    return Varied(parameter=plan.parameter, low=plan.low, high=plan.high)
 
 
 def _run(plan: ParameterPlan, given: GivenRig, seed: int) -> Run:
