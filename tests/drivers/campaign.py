@@ -541,7 +541,7 @@ def spoiled(draw: random.Random, data: bytes) -> bytes:
     return bytes(wire)
 
 
-def at_a_wire(draw: random.Random, answers: dict[str, bytes | Callable[[str], bytes]]) -> tuple[LinesFar, Callable[[], str]]:
+def at_a_wire(draw: random.Random, answers: Answers) -> tuple[LinesFar, Callable[[], str]]:
     """A far end on one of the wires that an analyzer is reached by, and the name that it has in a plan once it is served."""
     wire = draw.choice(["line", "resource", "adapter"])
     if wire == "resource":
@@ -566,28 +566,42 @@ def once(draw: random.Random, answer: bytes | Callable[[str], bytes]) -> Callabl
     return told
 
 
-def sr785_answer(draw: random.Random) -> tuple[str, Callable[[], str]]:
-    answers: dict[str, bytes | Callable[[str], bytes]] = {
-        "*ESR?": b"0\n", "INPS?": b"0\n", "DSPS?": b"1\n", "NAVG?": b"10\n", "DSPN?": b"64\n",
-        "DBIN?": lambda c: b"%.9g\n" % PLACES[int(c.split(",")[1])], "DSPB?": VALUES.tobytes(),
-        "DSPY?": lambda c: b"%.9g\n" % VALUES[int(c.split(",")[1])],
-    }  # fmt: skip
+Answers = dict[str, bytes | Callable[[str], bytes]]
+
+
+def analyzer_answer(
+    draw: random.Random,
+    answers: Answers,
+    kind: Callable[..., Sr785Instrument | Hp35670aInstrument],
+    trace: str,
+    averages: int | None,
+) -> tuple[str, Callable[[], str]]:
+    """One answer of an analyzer, spoiled; `averages` are those that it reports."""
     word = draw.choice(list(answers))
     answers[word] = once(draw, answers[word])
     far, name = at_a_wire(draw, answers)
 
     def attempt() -> str:
         with far:
-            instrument = Sr785Instrument(name(), [Shows(trace="0", kind="time", unit="V")], waits=SHORT)
+            instrument = kind(name(), [Shows(trace=trace, kind="time", unit="V")], waits=SHORT)
             try:
                 instrument.measure(1.0)
                 (record,) = instrument.records()
             finally:
                 instrument.close()
-        same = np.array_equal(record.values, VALUES) and np.allclose(record.x, PLACES) and record.averages == 10
+        same = np.array_equal(record.values, VALUES) and np.allclose(record.x, PLACES) and record.averages == averages
         return judged(int(not same), bool(record.status))
 
     return f"{word} at {type(far).__name__}", attempt
+
+
+def sr785_answer(draw: random.Random) -> tuple[str, Callable[[], str]]:
+    answers: Answers = {
+        "*ESR?": b"0\n", "INPS?": b"0\n", "DSPS?": b"1\n", "NAVG?": b"10\n", "DSPN?": b"64\n",
+        "DBIN?": lambda c: b"%.9g\n" % PLACES[int(c.split(",")[1])], "DSPB?": VALUES.tobytes(),
+        "DSPY?": lambda c: b"%.9g\n" % VALUES[int(c.split(",")[1])],
+    }  # fmt: skip
+    return analyzer_answer(draw, answers, Sr785Instrument, "0", 10)
 
 
 def hp35670a_answer(draw: random.Random) -> tuple[str, Callable[[], str]]:
@@ -595,25 +609,10 @@ def hp35670a_answer(draw: random.Random) -> tuple[str, Callable[[], str]]:
         data = struct.pack(f">{len(values)}f", *values)
         return b"#3%03d" % len(data) + data + b"\n"
 
-    answers: dict[str, bytes | Callable[[str], bytes]] = {
+    answers: Answers = {
         "*STB?": b"+32\n", "SYST:ERR?": b'+0,"No Error"\n', "CALC1:X:DATA?": block(PLACES), "CALC1:DATA?": block(VALUES),
     }  # fmt: skip
-    word = draw.choice(list(answers))
-    answers[word] = once(draw, answers[word])
-    far, name = at_a_wire(draw, answers)
-
-    def attempt() -> str:
-        with far:
-            instrument = Hp35670aInstrument(name(), [Shows(trace="XTIM:VOLT 1", kind="time", unit="V")], waits=SHORT)
-            try:
-                instrument.measure(1.0)
-                (record,) = instrument.records()
-            finally:
-                instrument.close()
-        same = np.array_equal(record.values, VALUES) and np.allclose(record.x, PLACES)
-        return judged(int(not same), bool(record.status))
-
-    return f"{word} at {type(far).__name__}", attempt
+    return analyzer_answer(draw, answers, Hp35670aInstrument, "XTIM:VOLT 1", None)
 
 
 Attempt = tuple[str, Callable[[], str]]

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import subprocess
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from isorig.drivers.simulated.faults import Faults
 from isorig.drivers.simulated.framed import SimulatedFramed
@@ -25,6 +29,32 @@ CHANNELS = ("head", "motor", "table", "heatblock")
 #: A wire that is gone stays gone here: it is waited for as long as it takes to see that.
 SHORT = SessionWaits(reconnection=0.8, drivers=Waits(adapter=0.0))
 acquire = partial(session.acquire, waits=SHORT)
+
+
+@dataclass(frozen=True)
+class SmallDisk:
+    """A disk of a few bytes, which exists within one script only."""
+
+    folder: Path
+    mount: str
+
+    def run(self, script: str) -> subprocess.CompletedProcess[str]:
+        """Run a script with the disk in its folder."""
+        return _alone(f"{self.mount} && {script}", timeout=60)
+
+
+def small_disk(tmp_path: Path, size: str) -> SmallDisk:
+    """A disk of that size; the test is skipped where none can be mounted."""
+    disk = SmallDisk(tmp_path / "disk", f"mount -t tmpfs -o size={size} none {tmp_path}/disk")
+    disk.folder.mkdir()
+    if _alone(disk.mount, timeout=20).returncode:
+        pytest.skip("a small disk cannot be mounted here")
+    return disk
+
+
+def _alone(script: str, timeout: float) -> subprocess.CompletedProcess[str]:
+    call = ["unshare", "-Urm", "sh", "-c", script]
+    return subprocess.run(call, capture_output=True, text=True, timeout=timeout, check=False)
 
 
 class RampPlant:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
-import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -16,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plans import plan_text
-from ramps import CHANNELS, Watcher, acquire, plan_of, ramp_instrument, ticks_of
+from ramps import CHANNELS, Watcher, acquire, plan_of, ramp_instrument, small_disk, ticks_of
 
 from isorig.drivers.errors import ConnectionLostError
 from isorig.drivers.simulated.faults import Faults
@@ -137,18 +136,14 @@ def test_ctrl_c_stops_the_drive_and_keeps_the_run(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_is_said_in_a_sentence_and_what_fitted_is_kept(tmp_path: Path) -> None:
-    disk = tmp_path / "disk"
-    disk.mkdir()
-    small = f"mount -t tmpfs -o size=24m none {disk}"
-    if subprocess.run(["unshare", "-Urm", "sh", "-c", small], capture_output=True, timeout=20, check=False).returncode:
-        pytest.skip("a small disk cannot be mounted here")
+    disk = small_disk(tmp_path, "24m")
     plan = tmp_path / "plan.toml"
     plan.write_text(PLAN)
     with ramp_instrument(rows=1024) as (port, _):
-        call = f"{sys.executable} -m isorig acquire {plan} --port {port} --force --yes -o {disk}/c.h5"
-        save = f"{sys.executable} -m isorig recover {disk}/c.h5.partial -o {tmp_path}/saved.h5"
-        script = f"{small} && {call}; echo status $?; {save}"
-        ended = subprocess.run(["unshare", "-Urm", "sh", "-c", script], capture_output=True, text=True, timeout=60, check=False)
+        call = f"{sys.executable} -m isorig acquire {plan} --port {port} --force --yes -o {disk.folder}/c.h5"
+        save = f"{sys.executable} -m isorig recover {disk.folder}/c.h5.partial -o {tmp_path}/saved.h5"
+        script = f"{call}; echo status $?; {save}"
+        ended = disk.run(script)
     assert "status 2" in ended.stdout
     assert "the disk is nearly full: the measured data are in" in ended.stderr
     assert "Traceback" not in ended.stderr

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ramps import CHANNELS, Watcher, acquire, plan_of, ramp_instrument, ticks_of
+from ramps import CHANNELS, Watcher, acquire, plan_of, ramp_instrument, small_disk, ticks_of
 from test_crash import PLAN
 
 from isorig.analysis.campaign import Run
@@ -60,15 +60,11 @@ def test_a_limit_on_the_size_of_files_ends_the_session_in_a_sentence(tmp_path: P
 
 
 def test_a_recording_onto_a_full_disk_is_refused_in_a_sentence(tmp_path: Path) -> None:
-    disk = tmp_path / "disk"
-    disk.mkdir()
-    small = f"mount -t tmpfs -o size=64k none {disk}"
-    if subprocess.run(["unshare", "-Urm", "sh", "-c", small], capture_output=True, timeout=20, check=False).returncode:
-        pytest.skip("a small disk cannot be mounted here")
+    disk = small_disk(tmp_path, "64k")
     partial = tmp_path / "c.partial"
     measured(partial, 40_000)
-    call = f"{small} && {sys.executable} -m isorig recover {partial} -o {disk}/saved.h5; echo status $?; ls -A {disk}"
-    ended = subprocess.run(["unshare", "-Urm", "sh", "-c", call], capture_output=True, text=True, timeout=60, check=False)
+    call = f"{sys.executable} -m isorig recover {partial} -o {disk.folder}/saved.h5; echo status $?; ls -A {disk.folder}"
+    ended = disk.run(call)
     assert ended.stdout.splitlines() == ["status 2"]
     assert "No space left on device" in ended.stderr
     assert ended.stderr.count("\n") == 1
@@ -85,19 +81,15 @@ def measured(path: Path, ticks: int, *, rows: int = 1000) -> None:
 
 
 def test_another_program_that_fills_the_disk_ends_the_session_and_costs_nothing(tmp_path: Path) -> None:
-    disk = tmp_path / "disk"
-    disk.mkdir()
-    small = f"mount -t tmpfs -o size=48m none {disk}"
-    if subprocess.run(["unshare", "-Urm", "sh", "-c", small], capture_output=True, timeout=20, check=False).returncode:
-        pytest.skip("a small disk cannot be mounted here")
+    disk = small_disk(tmp_path, "48m")
     (tmp_path / "plan.toml").write_text(PLAN)
     with ramp_instrument(rows=256, speed=400.0) as (port, _):
-        call = f"{sys.executable} -m isorig acquire {tmp_path}/plan.toml --port {port} --force --yes -o {disk}/c.h5"
-        begun = f"[ $(stat -c %s {disk}/c.h5.partial || echo 0) -gt 300000 ]"
-        fill = f"(until {begun}; do sleep 0.05; done; head -c 100m /dev/zero > {disk}/other) 2>/dev/null &"
-        save = f"{sys.executable} -m isorig recover {disk}/c.h5.partial -o {tmp_path}/saved.h5"
-        script = f"{small} && {fill} {call}; echo status $?; {save}"
-        ended = subprocess.run(["unshare", "-Urm", "sh", "-c", script], capture_output=True, text=True, timeout=60, check=False)
+        call = f"{sys.executable} -m isorig acquire {tmp_path}/plan.toml --port {port} --force --yes -o {disk.folder}/c.h5"
+        begun = f"[ $(stat -c %s {disk.folder}/c.h5.partial || echo 0) -gt 300000 ]"
+        fill = f"(until {begun}; do sleep 0.05; done; head -c 100m /dev/zero > {disk.folder}/other) 2>/dev/null &"
+        save = f"{sys.executable} -m isorig recover {disk.folder}/c.h5.partial -o {tmp_path}/saved.h5"
+        script = f"{fill} {call}; echo status $?; {save}"
+        ended = disk.run(script)
     assert "status 2" in ended.stdout, ended.stderr
     assert "Traceback" not in ended.stderr
     assert "the measured data are in" in ended.stderr

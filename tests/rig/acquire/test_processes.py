@@ -9,8 +9,6 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +18,7 @@ from isorig.drivers.simulated.served import served
 from isorig.drivers.simulated.streams import SimulatedDataq
 from isorig.rig.cli import main
 from isorig.rig.files.recording import read
+from isorig.rig.virtual.demo import virtual_instrument
 
 RIG = (sys.executable, "-m", "isorig")
 FRAMED = """
@@ -55,19 +54,6 @@ seconds = 2.0
 """
 
 
-@contextmanager
-def instrument(*options: str) -> Iterator[str]:
-    """The port of `rig virtual instrument`."""
-    with subprocess.Popen(
-        [*RIG, "virtual", "instrument", "--seconds", "60", *options], stdout=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stdout is not None
-        try:
-            yield process.stdout.readline().strip()
-        finally:
-            process.kill()
-
-
 def session(folder: Path, plan: str, port: str, *options: str) -> subprocess.Popen[str]:
     """`rig acquire`, begun."""
     (folder / "plan.toml").write_text(plan)
@@ -84,7 +70,7 @@ def appears(path: Path) -> None:
 
 def test_a_recording_is_followed_over_tcp_and_stopped_and_resumed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     output = tmp_path / "c.h5"
-    with instrument("--tcp", "--speed", "4") as port:
+    with virtual_instrument(0, "--tcp", "--speed", "4") as port:
         number = int(port.removeprefix("socket://127.0.0.1:"))
         if sys.platform == "linux":
             # All of 127/8 is this machine; what listens on every address would answer here.
@@ -114,7 +100,7 @@ def test_a_recording_is_followed_over_tcp_and_stopped_and_resumed(tmp_path: Path
 
 
 def test_can_over_a_serial_line_between_processes_asked_and_answered_in_json(tmp_path: Path) -> None:
-    with instrument("--kind", "mti600", "--drop", "0.01", "--first-tick", "65400") as port:
+    with virtual_instrument(0, "--kind", "mti600", "--drop", "0.01", "--first-tick", "65400") as port:
         assert Path(port).resolve().parent == Path("/dev/pts")
         taken = session(tmp_path, ON_CAN, port, "--json")
         assert taken.stdout is not None

@@ -4,10 +4,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import subprocess
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,21 +19,10 @@ from isorig.rig.view.equations_process import FIRST, LONGEST, told
 from isorig.rig.view.messages import SessionState
 from isorig.rig.view.snapshot import Snapshot
 from isorig.rig.view.state import Subject, state_of
+from isorig.rig.virtual.demo import virtual_instrument
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 
 PLAN = plan_text({"id": "a", "excitation": "random", "band": [0.5, 40.0], "seconds": 300.0}, sensitivity=0.2)
-
-
-@contextmanager
-def instrument(*arguments: str) -> Iterator[str]:
-    """A simulated instrument in another process; yields its port."""
-    command = [sys.executable, "-P", "-m", "isorig", "virtual", "instrument", "--seconds", "600", *arguments]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        try:
-            yield process.stdout.readline().strip()
-        finally:
-            process.kill()
 
 
 def test_a_run_ends_when_its_equations_name_a_cause(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -46,7 +31,7 @@ def test_a_run_ends_when_its_equations_name_a_cause(tmp_path: Path, capfd: pytes
     output = tmp_path / "c.h5"
     # In real time: the equations are computed beside the run, also on a busy machine.
     rig = write_model(tmp_path / "rig.json", wire_bonder({**THESIS, "friction_force": 9.0}))
-    with instrument("--model", str(rig), "--hide", "backlash", "--seed", "5", "--speed", "1") as port:
+    with virtual_instrument(5, "--model", str(rig), "--hide", "backlash", "--speed", "1") as port:
         arguments = ["acquire", str(tmp_path / "plan.toml"), "--port", port, "--yes", "--json", "--until-known", "--force"]
         assert main([*arguments, "-o", str(output)]) == 0
     events = [json.loads(line) for line in capfd.readouterr().out.splitlines()]

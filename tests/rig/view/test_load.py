@@ -25,6 +25,7 @@ from isorig.rig.files.recording import read
 from isorig.rig.view.process import SessionScreen
 from isorig.rig.view.requests import Desk
 from isorig.rig.view.run_list import planned_by
+from isorig.rig.virtual.demo import virtual_instrument
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "acquire"))
 from ramps import Watcher, plan_of, ramp_instrument
@@ -104,11 +105,7 @@ RUN = {"id": "a", "excitation": "random", "band": [0.5, 20.0]}
 def test_a_killed_session_is_reported_and_its_notes_are_recovered(tmp_path: Path) -> None:
     (tmp_path / "plan.toml").write_text(plan_text({**RUN, "seconds": 30.0}, channels={"head": 0}, sensitivity=0.2))
     output = tmp_path / "c.h5"
-    with subprocess.Popen(
-        [*RIG, "virtual", "instrument", "--speed", "2", "--seconds", "60"], stdout=subprocess.PIPE, text=True
-    ) as far_end:
-        assert far_end.stdout is not None
-        port = far_end.stdout.readline().strip()
+    with virtual_instrument(0, "--speed", "2") as port:
         call = [*RIG, "acquire", str(tmp_path / "plan.toml"), "--port", port, "-o", str(output), "--view", "--yes", "--json"]
         with subprocess.Popen(call, stdout=subprocess.PIPE, text=True) as session:
             assert session.stdout is not None
@@ -137,7 +134,6 @@ def test_a_killed_session_is_reported_and_its_notes_are_recovered(tmp_path: Path
                 pass
             assert "rig recover" in state["text"]
             until(lambda: not beside.is_running() or beside.status() == psutil.STATUS_ZOMBIE)
-        far_end.kill()
     assert main(["recover", f"{output}.partial", "-o", str(tmp_path / "saved.h5")]) == 0
     from isorig.rig.acquire.notes import notes_in
 
