@@ -13,8 +13,10 @@ from isorig.analysis.simulate import Excitation, simulate
 from isorig.analysis.simulate.excitation import multisine, random
 from isorig.analysis.spectra.welch import Frf
 from isorig.rig.cli import main
+from isorig.rig.errors import OutputError
 from isorig.rig.files.recording import write
 from isorig.rig.files.rivals import _existing_run
+from isorig.rig.frf.drawing import Drawing, Job, drawn_elsewhere
 from isorig.rig.frf.figures import frf_figure, gridded
 from isorig.rig.frf.transfer import transfer_functions
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
@@ -122,3 +124,30 @@ def test_logarithmic_axes_have_plain_values(decades: float, labelled: bool) -> N
     assert not any("$" in text for text in every)
     assert ("1.2" if decades < 1.0 else "20") in minor or not labelled
     assert (minor == {""}) is not labelled
+
+
+def test_a_figure_that_cannot_be_written_is_one_sentence(rubbing: Campaign, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    curves = {item.label: item.within_band() for item in transfer_functions(rubbing, reference="head", responses=["table"])}
+    with drawn_elsewhere() as drawing:
+        drawing.draw(Job(path=tmp_path / "file" / "a.png", curves=curves, band=(1.0, 60.0)))
+        with pytest.raises(OutputError, match="choose another place with -o"):
+            drawing.wait()
+
+
+def test_a_process_that_ends_while_it_draws_is_one_sentence(tmp_path: Path) -> None:
+    with drawn_elsewhere() as drawing:
+        drawing._process.kill()
+        drawing.draw(Job(path=tmp_path / "a.png"))
+        with pytest.raises(OutputError, match=r"a\.png was not drawn because its process ended"):
+            drawing.wait()
+
+
+def test_the_process_that_draws_ends_with_the_command(tmp_path: Path) -> None:
+    with drawn_elsewhere() as drawing:
+        pass
+    assert drawing._process.poll() is not None
+    # Also if the command is killed: then its standard input ends.
+    alone = Drawing()
+    alone._input.close()
+    assert alone._process.wait(60) == 0

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from importlib import import_module
+from collections.abc import Iterator, Mapping, Sequence
 from math import log10
 from pathlib import Path
-from threading import Thread
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
@@ -14,6 +12,8 @@ from cyclopts import Parameter
 if TYPE_CHECKING:
     from isorig.analysis.campaign import Campaign
     from isorig.analysis.spectra.welch import Frf
+    from isorig.rig.frf.drawing import Drawing, Job
+    from isorig.rig.frf.figures import View
     from isorig.rig.frf.transfer import Transfer
 
     #: Transfer functions, sentences on faulty records, and remarks.
@@ -83,74 +83,91 @@ def frf(
         For a recording that is being written: estimate repeatedly from the available data until it is finished.
     """
     from isorig.analysis.errors import DataError
-    from isorig.rig.acquire.run_check import incoherences
-    from isorig.rig.exchange.formats import FORMATS
-    from isorig.rig.exchange.responses import read_responses
-    from isorig.rig.files.output import write_text
-    from isorig.rig.files.recording import open_recording
-    from isorig.rig.files.rigfile import references_of
-    from isorig.rig.frf.transfer import faults_in, limits_in_words, transfer_functions, unnamed_excitation
-    from isorig.rig.report.frequency import frf_page
-
-    if band is not None and not 0.0 <= band[0] < band[1]:
-        raise DataError(f"the band {band[0]:g} to {band[1]:g} Hz has no width; give the lower frequency first")
-
-    def found_in(measured: Campaign) -> Found:
-        drives = reference or references_of(measured)
-        wrong = faults_in(measured, drives[0])
-        found = transfer_functions(
-            measured, reference=drives, responses=response, resolution=resolution, estimator=estimator, window=window,
-            overlap=overlap, found=wrong, jackknife=False,
-        )  # fmt: skip
-        why = [reason.text for reason in incoherences(measured, drives, _incoherent(found))]
-        return found, [*(fault.text for fault in wrong), *unnamed_excitation(found, measured)], [*why, *limits_in_words(found)]
-
-    def foreign(path: Path) -> bool:
-        return path.suffix.lower() in FORMATS and path.suffix.lower() not in HDF5
-
-    def found_of(path: Path) -> Found:
-        if foreign(path):
-            read = _chosen(read_responses(path), path, reference, response)
-            return read, (), (AS_THEY_ARE, *limits_in_words(read))
-        with open_recording(path) as measured:
-            return found_in(measured)
-
-    def write(found: Mapping[str, Found], name: str) -> None:
-        several = len(found) > 1
-        shown = [(f"{stem}: {item.label}" if several else item.label, item) for stem, each in found.items() for item in each[0]]
-        _pictures(shown, output, view, band)
-        for stem, each in found.items():
-            _write_tables(*each, output / stem if several else output, f"{stem}.h5" if several else name)
-        remarks = [
-            f"{stem}: {text}" if several else text for stem, each in found.items() for text in (*each[1], *each[2])
-        ]  # fmt: skip
-        page = frf_page(shown, name, remarks)
-        write_text(output / "frf.html", page)
+    from isorig.rig.files.hdf import start_checks
+    from isorig.rig.frf.drawing import drawn_elsewhere
 
     paths = (campaign, *others)
+    if band is not None and not 0.0 <= band[0] < band[1]:
+        raise DataError(f"the band {band[0]:g} to {band[1]:g} Hz has no width; give the lower frequency first")
     if follow and others:
         raise DataError("--follow reads one recording that is being written; give one")
     if len({path.stem for path in paths}) < len(paths):
         raise DataError("two recordings have the same name; rename one, because the curves and folders are named after them")
-    # The library of the figures takes longest to import: meanwhile another process checks the recording.
-    Thread(target=import_module, args=("isorig.rig.frf.figures",)).start()
-    if not follow or foreign(campaign):
-        write({path.stem: found_of(path) for path in paths}, " and ".join(path.name for path in paths))
-        print(output)
-        return
-    from isorig.rig.acquire.follow import follow as followed
+    start_checks()
+    with drawn_elsewhere() as drawing:
+        # Meanwhile this process imports what it needs until the figures are drawn.
+        from isorig.rig.acquire.run_check import incoherences
+        from isorig.rig.files.recording import open_recording
+        from isorig.rig.files.rigfile import references_of
+        from isorig.rig.frf.transfer import faults_in, transfer_functions, unnamed_excitation
 
-    for measured, finished in followed(campaign, every=LOOK, shortest=2.0 / resolution):
-        try:
-            found = found_in(measured)
-        except DataError:
-            if finished:
-                raise
-            # There is no broad-band run yet.
-            continue
-        seconds = sum(run.duration for run in measured.runs)
-        write({campaign.stem: found}, f"{campaign.name}, {seconds:.0f} s" + (" in all" if finished else " so far"))
-    print(output)
+        def found_in(measured: Campaign) -> Found:
+            drives = reference or references_of(measured)
+            wrong = faults_in(measured, drives[0])
+            found = transfer_functions(
+                measured, reference=drives, responses=response, resolution=resolution, estimator=estimator, window=window,
+                overlap=overlap, found=wrong, jackknife=False,
+            )  # fmt: skip
+            why = [reason.text for reason in incoherences(measured, drives, _incoherent(found))]
+            return found, [*(fault.text for fault in wrong), *unnamed_excitation(found, measured)], why
+
+        def foreign(path: Path) -> bool:
+            if path.suffix.lower() in HDF5:
+                return False
+            from isorig.rig.exchange.formats import FORMATS
+
+            return path.suffix.lower() in FORMATS
+
+        def found_of(path: Path) -> Found:
+            if foreign(path):
+                from isorig.rig.exchange.responses import read_responses
+
+                return _chosen(read_responses(path), path, reference, response), (), (AS_THEY_ARE,)
+            with open_recording(path) as measured:
+                return found_in(measured)
+
+        if not follow or foreign(campaign):
+            found = {path.stem: found_of(path) for path in paths}
+            _write(found, " and ".join(path.name for path in paths), output, drawing, view, band)
+            print(output)
+            return
+        from isorig.rig.acquire.follow import follow as followed
+
+        for measured, finished in followed(campaign, every=LOOK, shortest=2.0 / resolution):
+            try:
+                found = {campaign.stem: found_in(measured)}
+            except DataError:
+                if finished:
+                    raise
+                # There is no broad-band run yet.
+                continue
+            seconds = sum(run.duration for run in measured.runs)
+            name = f"{campaign.name}, {seconds:.0f} s" + (" in all" if finished else " so far")
+            _write(found, name, output, drawing, view, band)
+        print(output)
+
+
+def _write(
+    found: Mapping[str, Found], name: str, output: Path, drawing: Drawing, view: Sequence[View], band: tuple[float, float] | None
+) -> None:
+    several = len(found) > 1
+    shown = [
+        (f"{stem}: {item.label}" if several else item.label, item) for stem, (items, _, _) in found.items() for item in items
+    ]  # fmt: skip
+    for job in _figures(shown, output, view, band):
+        drawing.draw(job)
+    # Meanwhile this process does the rest.
+    from isorig.rig.files.output import write_text
+    from isorig.rig.frf.transfer import limits_in_words
+    from isorig.rig.report.frequency import frf_page
+
+    remarks = []
+    for stem, (items, wrong, why) in found.items():
+        said = [*why, *limits_in_words(items)]
+        _write_tables(items, wrong, said, output / stem if several else output, f"{stem}.h5" if several else name)
+        remarks += [f"{stem}: {text}" if several else text for text in (*wrong, *said)]
+    write_text(output / "frf.html", frf_page(shown, name, remarks))
+    drawing.wait()
 
 
 def _incoherent(found: Sequence[Transfer]) -> list[str]:
@@ -173,23 +190,21 @@ def _chosen(frfs: list[Frf], path: Path, reference: Sequence[str], response: Seq
     return imported(found, path.stem)
 
 
-def _pictures(
-    found: Sequence[tuple[str, Transfer]],
-    output: Path,
-    views: Sequence[Literal["bode", "parts", "nyquist"]],
-    band: tuple[float, float] | None,
-) -> None:
-    from isorig.rig.frf.figures import frf_view, periods_figure, save
+def _figures(
+    found: Sequence[tuple[str, Transfer]], output: Path, views: Sequence[View], band: tuple[float, float] | None
+) -> Iterator[Job]:
+    from isorig.rig.frf.drawing import Job
 
     for response, reference in dict.fromkeys((item.response, item.reference) for _, item in found):
         same = {label: item for label, item in found if (item.response, item.reference) == (response, reference)}
         reached = min(item.band[0] for item in same.values()), max(item.band[1] for item in same.values())
         for view in dict.fromkeys(views):
-            figure = frf_view({label: item.within_band() for label, item in same.items()}, band or reached, view)
-            save(figure, output / (f"{response}-over-{reference}" + ("" if view == "bode" else f"-{view}") + ".png"))
-        if any(item.periods is not None for item in same.values()):
-            periods = {label: item.periods for label, item in same.items() if item.periods is not None}
-            save(periods_figure(periods), output / f"{response}-over-{reference}-periods.png")
+            path = output / (f"{response}-over-{reference}" + ("" if view == "bode" else f"-{view}") + ".png")
+            curves = {label: item.within_band() for label, item in same.items()}
+            yield Job(path=path, curves=curves, band=band or reached, view=view)
+        periods = {label: item.periods for label, item in same.items() if item.periods is not None}
+        if periods:
+            yield Job(path=output / f"{response}-over-{reference}-periods.png", periods=periods)
 
 
 def _write_tables(found: Sequence[Transfer], wrong: Sequence[str], remarks: Sequence[str], output: Path, name: str) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from matplotlib.figure import Figure as MatplotlibFigure
@@ -31,6 +31,8 @@ View = Literal["bode", "parts", "nyquist"]
 COLUMNS = 1500
 #: Ratio of the ends of a logarithmic axis up to which its minor ticks have values: more of them would touch.
 LABELLED = 1e4
+#: How much pictures are compressed, of 9.
+COMPRESSED = 3
 #: How curves are drawn that may lie on one another.
 DASHES = ("-", "--", ":", "-.")
 
@@ -46,8 +48,11 @@ class Figure(MatplotlibFigure):
 
 def save(figure: MatplotlibFigure, path: str | Path) -> None:
     """Write a figure atomically, in the format of its extension."""
+    kind = str(path).rsplit(".", 1)[-1]
+    # Half the time for a seventh more bytes.
+    how: dict[str, Any] = {"pil_kwargs": {"compress_level": COMPRESSED}} if kind == "png" else {}
     with replaced(path) as temporary:
-        figure.savefig(temporary, format=str(path).rsplit(".", 1)[-1], dpi=150)
+        figure.savefig(temporary, format=kind, dpi=150, **how)
 
 
 def frf_view(frfs: Mapping[str, Frf], band: tuple[float, float], view: View = "bode") -> Figure:
