@@ -16,7 +16,7 @@ from isorig.rig.cli import main
 from isorig.rig.errors import OutputError
 from isorig.rig.files.recording import write
 from isorig.rig.files.rivals import _existing_run
-from isorig.rig.frf.drawing import Drawing, Job, drawn_elsewhere
+from isorig.rig.frf.drawing import FigureProcess, FrfPicture, drawn_elsewhere
 from isorig.rig.frf.figures import frf_figure, gridded
 from isorig.rig.frf.transfer import transfer_functions
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
@@ -130,7 +130,7 @@ def test_a_figure_that_cannot_be_written_is_one_sentence(rubbing: Campaign, tmp_
     (tmp_path / "file").write_text("")
     curves = {item.label: item.within_band() for item in transfer_functions(rubbing, reference="head", responses=["table"])}
     with drawn_elsewhere() as drawing:
-        drawing.draw(Job(path=tmp_path / "file" / "a.png", curves=curves, band=(1.0, 60.0)))
+        drawing.draw(FrfPicture(path=tmp_path / "file" / "a.png", curves=curves, band=(1.0, 60.0)))
         with pytest.raises(OutputError, match="choose another place with -o"):
             drawing.wait()
 
@@ -138,7 +138,7 @@ def test_a_figure_that_cannot_be_written_is_one_sentence(rubbing: Campaign, tmp_
 def test_a_process_that_ends_while_it_draws_is_one_sentence(tmp_path: Path) -> None:
     with drawn_elsewhere() as drawing:
         drawing._process.kill()
-        drawing.draw(Job(path=tmp_path / "a.png"))
+        drawing.draw(FrfPicture(path=tmp_path / "a.png"))
         with pytest.raises(OutputError, match=r"a\.png was not drawn because its process ended"):
             drawing.wait()
 
@@ -148,6 +148,6 @@ def test_the_process_that_draws_ends_with_the_command(tmp_path: Path) -> None:
         pass
     assert drawing._process.poll() is not None
     # Also if the command is killed: then its standard input ends.
-    alone = Drawing()
+    alone = FigureProcess()
     alone._input.close()
     assert alone._process.wait(60) == 0

@@ -12,7 +12,7 @@ from cyclopts import Parameter
 if TYPE_CHECKING:
     from isorig.analysis.campaign import Campaign
     from isorig.analysis.spectra.welch import Frf
-    from isorig.rig.frf.drawing import Drawing, Job
+    from isorig.rig.frf.drawing import FigureProcess, FrfPicture
     from isorig.rig.frf.figures import View
     from isorig.rig.frf.transfer import Transfer
 
@@ -148,7 +148,12 @@ def frf(
 
 
 def _write(
-    found: Mapping[str, Found], name: str, output: Path, drawing: Drawing, view: Sequence[View], band: tuple[float, float] | None
+    found: Mapping[str, Found],
+    name: str,
+    output: Path,
+    drawing: FigureProcess,
+    view: Sequence[View],
+    band: tuple[float, float] | None,
 ) -> None:
     several = len(found) > 1
     shown = [
@@ -192,8 +197,8 @@ def _chosen(frfs: list[Frf], path: Path, reference: Sequence[str], response: Seq
 
 def _figures(
     found: Sequence[tuple[str, Transfer]], output: Path, views: Sequence[View], band: tuple[float, float] | None
-) -> Iterator[Job]:
-    from isorig.rig.frf.drawing import Job
+) -> Iterator[FrfPicture]:
+    from isorig.rig.frf.drawing import FrfPicture
 
     for response, reference in dict.fromkeys((item.response, item.reference) for _, item in found):
         same = {label: item for label, item in found if (item.response, item.reference) == (response, reference)}
@@ -201,10 +206,10 @@ def _figures(
         for view in dict.fromkeys(views):
             path = output / (f"{response}-over-{reference}" + ("" if view == "bode" else f"-{view}") + ".png")
             curves = {label: item.within_band() for label, item in same.items()}
-            yield Job(path=path, curves=curves, band=band or reached, view=view)
+            yield FrfPicture(path=path, curves=curves, band=band or reached, view=view)
         periods = {label: item.periods for label, item in same.items() if item.periods is not None}
         if periods:
-            yield Job(path=output / f"{response}-over-{reference}-periods.png", periods=periods)
+            yield FrfPicture(path=output / f"{response}-over-{reference}-periods.png", periods=periods)
 
 
 def _write_tables(found: Sequence[Transfer], wrong: Sequence[str], remarks: Sequence[str], output: Path, name: str) -> None:

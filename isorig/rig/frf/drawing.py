@@ -1,6 +1,6 @@
 """Figures of transfer functions, drawn by another process while this one computes the rest.
 
-Importing the library of the figures and drawing take as long as everything else of `rig frf`. The process reads `Job`s from its
+Importing the library of the figures and drawing take as long as everything else of `rig frf`. The process reads `FrfPicture`s from its
 standard input and answers each on its standard output, pickled; it ends when its standard input is closed.
 """
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Job:
+class FrfPicture:
     """A figure to draw.
 
     Parameters
@@ -51,7 +51,7 @@ class Job:
     periods: Mapping[str, PeriodicFrf] = field(default_factory=dict)
 
 
-class Drawing:
+class FigureProcess:
     """The other process, to which figures are sent."""
 
     def __init__(self) -> None:
@@ -66,7 +66,7 @@ class Drawing:
         self._sender = ThreadPoolExecutor(1, "to the figures")
         self._sent: list[Future[None]] = []
 
-    def draw(self, job: Job) -> None:
+    def draw(self, job: FrfPicture) -> None:
         """Send a figure."""
         self._sent.append(self._sender.submit(self._drawn, job))
 
@@ -91,7 +91,7 @@ class Drawing:
         self._output.close()
         self._process.wait()
 
-    def _drawn(self, job: Job) -> None:
+    def _drawn(self, job: FrfPicture) -> None:
         try:
             pickle.dump(job, self._input)
             self._input.flush()
@@ -103,9 +103,9 @@ class Drawing:
 
 
 @contextmanager
-def drawn_elsewhere() -> Iterator[Drawing]:
+def drawn_elsewhere() -> Iterator[FigureProcess]:
     """Another process that draws figures during the block."""
-    drawing = Drawing()
+    drawing = FigureProcess()
     try:
         yield drawing
     finally:
@@ -119,7 +119,7 @@ def main() -> None:
     jobs, answers = sys.stdin.buffer, sys.stdout.buffer
     while True:
         try:
-            job: Job = pickle.load(jobs)
+            job: FrfPicture = pickle.load(jobs)
         except EOFError:
             return
         wrong: Exception | None = None
