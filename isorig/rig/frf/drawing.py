@@ -1,7 +1,7 @@
 """Figures of transfer functions, drawn by another process while this one computes the rest.
 
-Importing the library of the figures and drawing take as long as everything else of `rig frf`. The process reads `FrfPicture`s from its
-standard input and answers each on its standard output, pickled; it ends when its standard input is closed.
+Importing the library of the figures and drawing take as long as everything else of `rig frf`. The process reads each
+`FrfPicture` from its standard input and answers on its standard output, pickled; it ends when its standard input is closed.
 """
 
 from __future__ import annotations
