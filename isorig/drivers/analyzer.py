@@ -12,7 +12,7 @@ import numpy as np
 from isorig.drivers.answers import WordKind, parse
 from isorig.drivers.block import Shows
 from isorig.drivers.errors import DriverError, InstrumentError, ProtocolError, SettingError
-from isorig.drivers.kinds import DrivenRig
+from isorig.drivers.kinds import CHANNELS, DrivenRig
 from isorig.drivers.link import linked
 from isorig.drivers.waits import WAITS, Waits
 
@@ -114,3 +114,20 @@ def displayed(rig: DrivenRig) -> tuple[Curve, Curve]:
     """Traces of a simulated analyzer: a coherence of the last channel with the drive, and a time record of it in V."""
     volts = rig.volts(RECORD, RECORD_RATE)[:, -1]
     return rig.coherence(RECORDS * RECORD, RECORD_RATE), (np.arange(RECORD) / RECORD_RATE, volts)
+
+
+def example(coherence: str, record: str) -> str:
+    """Example of entries in a plan that show what `displayed` gives, by the names of the two traces."""
+    return f"""
+sample_rate = {RECORD_RATE}
+[[instrument.shows]]
+trace = "{coherence}"
+kind = "coherence"
+channel = "motor"
+reference = "head"
+[[instrument.shows]]
+trace = "{record}"
+kind = "time"
+channel = "motor"
+unit = "V"
+{CHANNELS}"""

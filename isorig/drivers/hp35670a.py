@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from isorig.drivers.analyzer import Analyzer, displayed
+from isorig.drivers.analyzer import Analyzer, displayed, example
 from isorig.drivers.answers import number, text, whole
 from isorig.drivers.block import FloatArray, InstrumentRecord, Shows, Status
 from isorig.drivers.errors import InstrumentError, ProtocolError
-from isorig.drivers.kinds import CHANNELS, DrivenRig, RecordsKind, Simulation
+from isorig.drivers.kinds import DrivenRig, RecordsKind, Simulation
 
 if TYPE_CHECKING:
     from isorig.drivers.simulated.served import Peer
@@ -139,24 +139,11 @@ def _far_end(rig: DrivenRig, asked: Simulation) -> Peer:
     return Simulated35670a({"XFR:POW:COH 1,2": coherence, "XTIM:VOLT 1": time_record})
 
 
-EXAMPLE = """
-sample_rate = 256.0
-[[instrument.shows]]
-trace = "XFR:POW:COH 1,2"
-kind = "coherence"
-channel = "motor"
-reference = "head"
-[[instrument.shows]]
-trace = "XTIM:VOLT 1"
-kind = "time"
-channel = "motor"
-unit = "V"
-"""
 KIND = RecordsKind(
     name="35670a",
     open=Hp35670aInstrument,
     trace=(r"[A-Z0-9:]+( \d(,\d)?)?", "a feed, for example XTIM:VOLT 1"),
-    example=EXAMPLE + CHANNELS,
+    example=example("XFR:POW:COH 1,2", "XTIM:VOLT 1"),
     far_end=_far_end,
     recognized="35670A",
 )

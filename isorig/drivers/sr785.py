@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from isorig.drivers.analyzer import Analyzer, displayed
+from isorig.drivers.analyzer import Analyzer, displayed, example
 from isorig.drivers.answers import number, parse, text, whole
 from isorig.drivers.block import FloatArray, InstrumentRecord, Shows, Status
 from isorig.drivers.errors import InstrumentError, ProtocolError, SettingError
-from isorig.drivers.kinds import CHANNELS, DrivenRig, RecordsKind, Simulation
+from isorig.drivers.kinds import DrivenRig, RecordsKind, Simulation
 
 if TYPE_CHECKING:
     from isorig.drivers.simulated.served import Peer
@@ -118,24 +118,11 @@ def _far_end(rig: DrivenRig, asked: Simulation) -> Peer:
     return SimulatedSr785({0: coherence, 1: time_record}, overload=faults.overload > 0.0)
 
 
-EXAMPLE = """
-sample_rate = 256.0
-[[instrument.shows]]
-trace = "0"
-kind = "coherence"
-channel = "motor"
-reference = "head"
-[[instrument.shows]]
-trace = "1"
-kind = "time"
-channel = "motor"
-unit = "V"
-"""
 KIND = RecordsKind(
     name="sr785",
     open=Sr785Instrument,
     trace=(r"[01]", "a display, 0 or 1"),
-    example=EXAMPLE + CHANNELS,
+    example=example("0", "1"),
     far_end=_far_end,
     recognized="SR78[05]",
 )

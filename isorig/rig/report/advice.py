@@ -38,8 +38,7 @@ def advice(campaign: Campaign, found: Characterization) -> list[str]:
     if peak is not None and len({run.gain for run in broad(campaign.runs) if _reaches(run, peak)}) < 2:
         notes.append(
             f"Only one gain excites the heatblock's peak at {peak:.4g} Hz: measure this band at a second gain, locked and "
-            "unlocked, to "
-            "distinguish mass loading from friction and other nonlinearities."
+            "unlocked, to distinguish mass loading from friction and other nonlinearities."
         )
     return notes + _holdout(campaign)
 
@@ -58,9 +57,8 @@ def _stuck(found: Characterization, run: Run, friction: float) -> str:
     band = "" if run.band is None else f" from {run.band[0]:g} to {run.band[1]:g} Hz"
     return (
         f"At gain {run.gain:g}{band} the head's rms force is {force:.2g} N and friction is {friction:.3g} N, so that "
-        "the motor is "
-        f"stuck {100 * share:.0f} % of the time and the rig behaves like a locked one: use a narrower band and a drive about "
-        f"{max(SLIDES * friction / force, 1.5):.2g} times stronger to measure the isolation there."
+        f"the motor is stuck {100 * share:.0f} % of the time and the rig behaves like a locked one: use a narrower band and a "
+        f"drive about {max(SLIDES * friction / force, 1.5):.2g} times stronger to measure the isolation there."
     )
 
 
