@@ -8,7 +8,7 @@ lever arms by which an element acts on further coordinates, for example for a ro
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, reduce
 from itertools import pairwise
 from typing import Any, Literal, NoReturn, cast
 
@@ -282,6 +282,21 @@ class RigModel(Part, frozen=True, kw_only=True, dict=True):  # dict: for the cac
     def channels(self) -> tuple[str, ...]:
         """The channels that a run of this rig has: its drives, then its sensors."""
         return (*(drive.channel for drive in self.drives), *(sensor.channel for sensor in self.sensors))
+
+    def limits_within(self, *others: Limits) -> Limits:
+        """Its limits and others, the tightest of each.
+
+        Raises
+        ------
+        ModelError
+            Two exclude each other, or one is for a link or channel that the rig does not have.
+        """
+        limits = reduce(Limits.within, others, self.limits)
+        links = [link.name for link in self.links]
+        for key, names, known in (("stroke", limits.stroke, links), ("channels", limits.channels, self.channels)):
+            if unknown := [name for name in names if name not in known]:
+                raise ModelError(f"limits.{key} names {unknown[0]!r}, which the rig does not have; it has {', '.join(known)}")
+        return limits
 
     @cached_property
     def moving_parts(self) -> bytes:

@@ -33,18 +33,7 @@ def limits_of(model: RigModel, plan: Plan | None, file: Path | None) -> Limits:
     PlanError
         Two limits exclude each other, or one is for a link or channel that the rig does not have.
     """
-    stated = model.limits
     try:
-        if plan is not None:
-            stated = stated.within(plan.limits)
-        if file is not None:
-            stated = stated.within(read_limits(file))
+        return model.limits_within(*([] if plan is None else [plan.limits]), *([] if file is None else [read_limits(file)]))
     except ModelError as error:
         raise PlanError(str(error)) from None
-    links = [link.name for link in model.links]
-    channels = [model.drive.channel, *(sensor.channel for sensor in model.sensors)]
-    for key, names, known in (("stroke", stated.stroke, links), ("channels", stated.channels, channels)):
-        unknown = next((name for name in names if name not in known), None)
-        if unknown is not None:
-            raise PlanError(f"limits.{key} names {unknown!r}, which the rig does not have; it has {', '.join(known)}")
-    return stated
