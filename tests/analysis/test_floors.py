@@ -101,6 +101,48 @@ def test_draws_that_disagree_are_followed_by_more_and_the_largest_is_allowed(mon
     assert scores.noise_floor(RIG, [trial], 1.0)[0, 0] == pytest.approx(0.05 / size)
 
 
+def stepped(jump: float, beside: float, distance: int) -> FloatArray:
+    # A drive with a range of one that jumps between samples 50 and 51, rises by `beside` between two samples nearby, and rises
+    # slowly to its range before.
+    drive = np.concatenate([np.linspace(0.0, 1.0, 20), np.linspace(1.0, 0.0, 20), np.zeros(60)])
+    drive[51:] += jump
+    drive[51 + distance :] += beside
+    return drive
+
+
+@pytest.mark.parametrize(
+    ("jump", "beside", "distance", "moves"),
+    [
+        (0.19, 0.0, 1, False),
+        (0.21, 0.0, 1, True),
+        (0.5, 0.014, 1, True),
+        (0.5, 0.016, 1, False),
+        (0.5, 0.016, 3, False),
+        (0.5, 0.016, 4, True),
+    ],
+)
+def test_a_drive_that_jumps_between_two_samples(jump: float, beside: float, distance: int, moves: bool) -> None:
+    later, earlier = scores.moved_jumps(stepped(jump, beside, distance))
+    expected = np.zeros((2, 100))
+    if moves:
+        # Half of the jump is missing in the sample after it, or is there in the one before.
+        expected[0, 51], expected[1, 50] = -0.5 * jump, 0.5 * jump
+    np.testing.assert_allclose([later, earlier], expected)
+
+
+def test_a_jump_between_two_samples_adds_to_the_floor(monkeypatch: pytest.MonkeyPatch) -> None:
+    drive = np.where(np.arange(N) < 3000, 1.0, 0.0)
+    trial = replace(trial_of(SIGNAL, 0.0), excitation=Excitation.prepare(drive, RATE, oversample=1))
+    monkeypatch.setattr(
+        trials, "simulate", lambda model, excitation, **more: SimpleNamespace(channels={"m": np.resize(excitation.recorded, N)})
+    )
+    half = 0.5 / np.sqrt(N - N // 2)
+    size = float(np.sqrt(np.mean(SIGNAL[N // 2 :] ** 2)))
+    assert scores.noise_floor(RIG, [trial], 0.0)[0, 0] == pytest.approx(half / size)
+    held = replace(trial, excitation=replace(trial.excitation, held=True))
+    assert scores.noise_floor(RIG, [held], 0.0)[0, 0] == pytest.approx(0.0, abs=1e-9)
+
+
 def test_half_overlapping_hann_segments_share_a_sixth() -> None:
     window = HANN.samples(4096)
     assert pytest.approx(float(window[:2048] @ window[2048:] / (window @ window)), rel=1e-6) == HANN.autocorrelation(0.5)

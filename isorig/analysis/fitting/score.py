@@ -27,6 +27,9 @@ RUNS = 5
 RESAMPLED = 400
 #: Draws of the drive's noise, and the ratio of two draws' powers above which more than two are needed.
 DRAWS, SENSITIVE = 8, 1.3
+#: A jump of a recorded drive, as a share of its range, the largest difference of neighbouring samples beside it, as a share of
+#: the jump, and the number of these differences on either side. Chosen: a step through a converter's filter rings by 9 %.
+JUMP, FLAT, AROUND = 0.2, 0.03, 3
 #: A block's error is at least this share of the allowed error: below it two models do not differ.
 LEAST_BLOCK = 1e-4
 #: Share of a record's rms that counts as noise in comparisons block by block. Chosen: just below `SIMULATION_LIMIT`, so that
@@ -100,7 +103,7 @@ def noise_floor(model: RigModel, trials: Sequence[Trial], drive_noise: float) ->
 
     The responses' own noise, and the drive channel's propagated through the model: the change of the simulation due to noise of
     its size, added to the recorded drive. If two draws of it disagree, the motion is sensitive, and the largest of more draws is
-    used.
+    used. A recorded drive that jumps between two samples, e.g. at a release, acts at an unknown moment between them.
     """
     generator = np.random.default_rng(7)
 
@@ -115,15 +118,40 @@ def noise_floor(model: RigModel, trials: Sequence[Trial], drive_noise: float) ->
         others = [true_motion(model, other) for other in shaken]
         return np.array([[np.mean((clean[n] - other[n])[part] ** 2) for n in trial.channels] for other in others])
 
+    def between_samples(trial: Trial) -> FloatArray | float:
+        changes = moved_jumps(trial.excitation.recorded)
+        if trial.motion is not None or trial.excitation.held or not changes[0].any():
+            return 0.0
+        return np.asarray(through(trial, changes).max(axis=0))
+
     def one(job: tuple[Trial, FloatArray, FloatArray]) -> FloatArray:
         trial, noises, signal = job
         power = through(trial, list(noises[:2]))
         if np.any(power.max(axis=0) > SENSITIVE * power.min(axis=0)):
             power = np.concatenate([power, through(trial, list(noises[2:]))])
-        return np.asarray(np.sqrt((trial.usable_noise**2 + power.max(axis=0)) / signal))
+        return np.asarray(np.sqrt((trial.usable_noise**2 + power.max(axis=0) + between_samples(trial)) / signal))
 
     noises = [generator.normal(0.0, drive_noise, (DRAWS, len(trial.excitation.recorded))) for trial in trials]
     return np.stack(side_by_side(one, list(zip(trials, noises, signal_powers(trials), strict=True))))
+
+
+def moved_jumps(drive: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The changes of a recorded drive, each shape (n,), if its jumps between two samples act half a sample later, and earlier.
+
+    A jump is a difference of neighbouring samples of at least `JUMP` of the drive's range, between samples that differ
+    by less than `FLAT` of it.
+    """
+    steps = np.diff(drive)
+    size = np.abs(steps)
+    # The largest difference of the `AROUND` pairs of samples on either side.
+    padded = np.pad(size, AROUND, mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * AROUND + 1) if len(size) else np.zeros((0, 2 * AROUND + 1))
+    beside = np.delete(windows, AROUND, axis=1).max(axis=1)
+    jumps = np.flatnonzero((size > 0.0) & (size >= JUMP * float(np.ptp(drive))) & (beside < FLAT * size))
+    later, earlier = np.zeros(len(drive)), np.zeros(len(drive))
+    later[jumps + 1] = -0.5 * steps[jumps]
+    earlier[jumps] = 0.5 * steps[jumps]
+    return later, earlier
 
 
 def confidence(best: Score, rivals: Sequence[Score], *, draws: int = RESAMPLED) -> float:
