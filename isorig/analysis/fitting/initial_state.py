@@ -86,7 +86,7 @@ class MovingStart:
     measured
         The first records, shape (channels, n); the first `TAPS` of them are not compared: they depend on the motion before.
     sigma, offset
-        Allowed error of each channel and its largest offset, shape (channels,).
+        Allowed error of each channel and magnitude of its mean over the run, shape (channels,).
     sizes
         Rms of position and velocity of each body in this run.
     near
@@ -224,7 +224,7 @@ def moving_start(model: RigModel, run: PreparedRun, allowed: float) -> MovingSta
     linear = msgspec.structs.replace(
         model, contacts=(), links=tuple(msgspec.structs.replace(link, laws=()) for link in model.links), free=()
     )
-    rms, offset = run.measured.std(axis=1), _offset(run.measured)
+    rms, offset = run.measured.std(axis=1), np.abs(run.measured.mean(axis=1))
     sigma = np.hypot(run.noise, allowed * rms)
     try:
         begun = MovingStart(
@@ -234,11 +234,6 @@ def moving_start(model: RigModel, run: PreparedRun, allowed: float) -> MovingSta
         return replace(begun, near=begun.state(linear, run.excitation))
     except (SimulationError, ModelError):
         return None
-
-
-def _offset(measured: FloatArray) -> FloatArray:
-    # Largest offset of each sensor: the mean of a motion that decays, e.g. after a release, is mostly the motion's.
-    return np.minimum(np.abs(measured.mean(axis=1)), np.abs(np.median(measured, axis=1)))
 
 
 def begins_in_motion(model: RigModel, run: PreparedRun) -> bool:
