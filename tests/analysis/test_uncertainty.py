@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,13 @@ import pytest
 from strange_rigs import StrangeRig, campaign
 
 import isorig as iso
+from isorig.analysis.fitting import uncertainty
+from isorig.analysis.fitting.drive_noise import DriveNoise
+from isorig.analysis.fitting.score import Score
 from isorig.analysis.fitting.solve import Fit, Free
+from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.fitting.uncertainty import Known
+from isorig.analysis.model.rig_model import RigModel
 from isorig.rig.cli import main
 from isorig.rig.files.rigtext import description_text
 from isorig.rig.wire_bonder.description import wire_bonder
@@ -74,6 +80,23 @@ def test_the_largest_part_counts(parts: dict[str, float], whole: float) -> None:
     # Draws of a fit share the errors of the known values.
     drawn = whole if "given" not in parts else parts["bins"]
     assert np.sqrt(each.covariance[0, 0]) == pytest.approx(drawn, rel=2e-3)
+
+
+@pytest.mark.parametrize(("ratio", "kept"), [(1.09, True), (1.11, False)])
+def test_a_correction_that_makes_the_errors_larger_is_dropped(ratio: float, kept: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, bias = "bodies.motor.mass", 0.5
+    free = Free(path=path, low=1e-3, high=1e3, log=True, step=1e-4)
+    done = Fit(model=wire_bonder(), free=(free,), covariance=np.eye(1), cost=1.0, evaluations=0)
+    mass = done.model.get(path)
+
+    def judged(model: RigModel, trials: Sequence[Trial]) -> Score:
+        error = np.full((1, 1), 0.01 if model.get(path) == mass else 0.01 * ratio)
+        return Score(error=error, blocks=error[..., None], power=error[..., None])
+
+    monkeypatch.setattr(uncertainty, "score", judged)
+    fitted, scored = uncertainty._corrected(done, DriveNoise(np.array([bias]), np.eye(1)), [])
+    assert fitted.model.get(path) == pytest.approx(mass - bias if kept else mass)
+    assert scored.figure == pytest.approx(0.01 * ratio if kept else 0.01)
 
 
 def test_the_sampling_filter_counts_for_values() -> None:
