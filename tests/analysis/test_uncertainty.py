@@ -94,7 +94,7 @@ def test_a_correction_that_makes_the_errors_larger_is_dropped(ratio: float, kept
         return Score(error=error, blocks=error[..., None], power=error[..., None])
 
     monkeypatch.setattr(uncertainty, "score", judged)
-    fitted, scored = uncertainty._corrected(done, DriveNoise(np.array([bias]), np.eye(1)), [])
+    fitted, scored = uncertainty._corrected(done, judged(done.model, []), DriveNoise(np.array([bias]), np.eye(1)), [])
     assert fitted.model.get(path) == pytest.approx(mass - bias if kept else mass)
     assert scored.figure == pytest.approx(0.01 * ratio if kept else 0.01)
 

@@ -74,24 +74,10 @@ class LinkForce:
     others: Mapping[str, float]
 
 
-def outboard(model: RigModel, link: Link) -> tuple[str, ...]:
-    """The bodies connected by this link only; empty if another path leads from them to ground."""
-    joins = [(other.a, other.b) for other in model.links if other.name != link.name]
-    reached = {GROUND}
-    while True:
-        grown = reached | {b for a, b in joins if a in reached} | {a for a, b in joins if b in reached}
-        if grown == reached:
-            break
-        reached = grown
-    if link.arms or (link.a in reached) == (link.b in reached):
-        return ()
-    return tuple(body.name for body in model.bodies if body.name not in reached)
-
-
 def link_record(model: RigModel, link: Link, run: Run) -> LinkRecord | None:
     """Motion and free body of a link; None if not all bodies beyond it are measured, or if something else acts on them."""
     sensors = [s for s in model.sensors if s.relative_to == GROUND and s.force_in is None and not s.arms]
-    beyond = outboard(model, link)
+    beyond = _outboard(model, link)
     ends = [end for end in (link.a, link.b) if end != GROUND]
     if not beyond or len(model.drives) > 1 or model.imposed or {*beyond, *ends} - {s.body for s in sensors}:
         return None
@@ -159,3 +145,17 @@ def _solved(model: RigModel, seen: LinkRecord, at: FloatArray, terms: Mapping[st
         at=at, values=solution[first + 2 :], damping=float(solution[first]), friction=float(solution[first + 1]),
         others=dict(zip(unknown, solution[:first].tolist(), strict=True)),
     )  # fmt: skip
+
+
+def _outboard(model: RigModel, link: Link) -> tuple[str, ...]:
+    # The bodies connected by this link only; empty if another path leads from them to ground.
+    joins = [(other.a, other.b) for other in model.links if other.name != link.name]
+    reached = {GROUND}
+    while True:
+        grown = reached | {b for a, b in joins if a in reached} | {a for a, b in joins if b in reached}
+        if grown == reached:
+            break
+        reached = grown
+    if link.arms or (link.a in reached) == (link.b in reached):
+        return ()
+    return tuple(body.name for body in model.bodies if body.name not in reached)

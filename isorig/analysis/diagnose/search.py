@@ -51,7 +51,6 @@ from isorig.analysis.fitting.ladder import (
     ladder,
     misfit,
     unrolled,
-    values_at,
     verified,
     with_more_points,
     without,
@@ -470,7 +469,7 @@ class Suspected:
             for candidate in (c for cause in CATALOGUE for c in cause.candidates(current.model, self.job.evidence)):
                 if candidate.key == nearest.key:
                     free = candidate.parameters(current.model, current.free)
-                    found.append((candidate, free, candidate.starts[0].replace(values_at(pair, [f.path for f in free]))))
+                    found.append((candidate, free, candidate.starts[0].replace(_values_at(pair, [f.path for f in free]))))
                     break
         return found
 
@@ -559,7 +558,7 @@ class Screened:
             for candidate, free, model in tuple(starts):
                 paths = [f.path for f in free if f not in candidate.free and f.path in job.guess.free]
                 with suppress(ModelError):  # values that exclude the candidate's own
-                    starts.append((candidate, free, model.replace(values_at(job.guess, paths))))
+                    starts.append((candidate, free, model.replace(_values_at(job.guess, paths))))
         return followed(starts, job.rungs, job.current, job.progress, job.promising)
 
     @property
@@ -763,3 +762,8 @@ def _together(
     curves = [curve_of(e.candidate, e.fit, job.evidence) for e in (last, entry)]
     then = found_step(last, [last], entry.score, of_last, sure, curve=curves[0])
     return replace(found_step(entry, [*forms, entry], job.now, of_first, sure, curve=curves[1]), then=then)
+
+
+def _values_at(model: RigModel, paths: Sequence[str]) -> dict[str, float]:
+    # A model's values by path.
+    return {path: model.get(path) for path in paths}

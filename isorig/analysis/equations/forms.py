@@ -268,7 +268,8 @@ def start_values(equations: Equations, explanation: Explanation | None = None) -
 
 def fit_start(equations: Equations) -> RigModel:
     """The rig with the start values of its free parameters for a fit; as described where no equation holds sample by sample."""
-    return equations.model.replace(start_values(equations)) if equations.residuals() else equations.model
+    known = equations.prepared or equations.sliding
+    return equations.model.replace(start_values(equations)) if known else equations.model
 
 
 def _values_of(equations: Equations, balance: Balance, explanation: Explanation | None) -> dict[str, float]:

@@ -79,11 +79,6 @@ def fit_again(campaign: Campaign, model: RigModel, free: Sequence[Free], later: 
     return fit(model, free, Problem(fine, share=SIMULATION_LIMIT), iterations=LAST_STEPS, tolerance=1e-3), fine
 
 
-def values_at(model: RigModel, paths: Sequence[str]) -> dict[str, float]:
-    """A model's values at these paths."""
-    return {path: model.get(path) for path in paths}
-
-
 def baseline_fit(starts: Sequence[RigModel], trials: Sequence[Trial], *, misfits: bool = False) -> Fit:
     """The rig's own free parameters fitted to all runs, from the best of several starting points, the most trusted first.
 

@@ -154,8 +154,10 @@ def assessed(
     judged = score(done.model, trials)
     biased = _excess(judged, floors) >= BIASED and not _noisy(done, judged, trials)
     done = polished(done, trials, steps=1 if biased else STEPS)
-    shaken = no_noise(done) if biased else drive_noise_effect(done, trials)
-    done, judged = _corrected(done, shaken, trials)
+    judged, shaken = score(done.model, trials), no_noise(done)
+    if not biased:
+        shaken = drive_noise_effect(done, trials)
+        done, judged = _corrected(done, judged, shaken, trials)
     explained = adequate(judged, np.hypot(floors, SIMULATION_LIMIT))
     noise = ""
     if not explained and _noisy(done, judged, trials):
@@ -181,11 +183,11 @@ def assessed(
     )  # fmt: skip
 
 
-def _corrected(done: Fit, shaken: DriveNoise, trials: Sequence[Trial]) -> tuple[Fit, Score]:
+def _corrected(done: Fit, judged: Score, shaken: DriveNoise, trials: Sequence[Trial]) -> tuple[Fit, Score]:
     # The fit without its bias by noise in the drive, and its errors; with its bias where the correction makes them larger.
-    plain, corrected = score(done.model, trials), without_bias(done, shaken)
-    judged = score(corrected.model, trials)
-    return (done, plain) if judged.figure >= HARMS * plain.figure else (corrected, judged)
+    corrected = without_bias(done, shaken)
+    after = score(corrected.model, trials)
+    return (done, judged) if after.figure >= HARMS * judged.figure else (corrected, after)
 
 
 def _excess(judged: Score, floors: FloatArray) -> float:
