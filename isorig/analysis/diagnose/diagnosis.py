@@ -184,6 +184,9 @@ def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, pro
     if found.verdict == "adequate" or found.cut_short or out_of_time() or guided is model or _ends_well(found):
         return found
     progress("no described place explains the whole error; looking for friction on the ground where nothing joins a body to it")
+    extended = [with_guides(found.extended.model)] if found.steps else []
+    if not any(_rubs_at_a_guide(campaign, each, model) for each in (guided, *extended)):
+        return found
     again = _at_described_places(campaign, guided, tolerance, progress)
     added = {link.name for link in guided.links} - {link.name for link in model.links}
     there = [step.location for step in again.steps if step.location in added and step.kind == "friction_shape"]
@@ -191,6 +194,15 @@ def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, pro
         return found
     text = "Places: the description has no {}, but friction there, on the ground, explains the records; add this link."
     return replace(again, signs=(Sign(text=text.format(" and the ".join(there))), *again.signs))
+
+
+def _rubs_at_a_guide(campaign: Campaign, guided: RigModel, model: RigModel) -> bool:
+    # Whether the equations of motion show friction at a guide that the rig's description does not have, or cannot tell.
+    equations = equations_of(campaign, guided)
+    found = suspects(equations)
+    added = {link.name for link in guided.links} - {link.name for link in model.links}
+    rubs = found is not None and any(found.includes("coulomb_friction", name) for name in added)
+    return rubs or bool(equations.hidden)
 
 
 def _ends_well(found: Diagnosis) -> bool:

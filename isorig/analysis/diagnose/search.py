@@ -70,6 +70,9 @@ PROMISING_LATER = 0.25
 SCREENED = 6
 #: Misfit, in allowed errors, above which even the best fit may have lost the motion. Chosen: a fifth of the signal.
 LOST = (0.2 / SIGNAL_SHARE) ** 2
+#: Kinds of causes whose force depends on more than the motion at its moment, so that regressions on the records do not show all of
+#: it.
+UNSEEN: frozenset[Kind] = frozenset({"memory", "friction_shape"})
 #: Families that can make bodies stick: no small step shows the effect of a larger force, so they count place by place.
 STICKING = ("friction", "memory")
 
@@ -266,6 +269,7 @@ def next_step(job: Job) -> Found | None:
     forms: list[Entry] = []
     shapes: list[Entry] = []
     whole = job.left >= POLICY.rest and not job.forms_only
+    shaped = False
     for each in sources(job):
         rough = job.entries(each.forms[:FINALISTS])
         if whole and job.steps > 1 and not any(adequate(entry.score, job.floors) or job.nearly(entry) for entry in rough):
@@ -277,7 +281,8 @@ def next_step(job: Job) -> Found | None:
         forms = job.better([*forms, *(entry for entry in more if job.explains(entry) or each.allows(entry))])
         if more and not each.doubtful(forms):
             break
-        shapes = _without_forms(job, each) if whole and each.leads and not more else shapes
+        if whole and each.leads and not more:
+            shapes, shaped = _without_forms(job, each), True
         if any(job.explains(entry) and each.shown(*entry.candidate.key) for entry in shapes):
             break
     if source is None:
@@ -288,7 +293,7 @@ def next_step(job: Job) -> Found | None:
     alone = any(adequate(entry.score, job.floors) for entry in forms) or (nearly is not None and nearly.kind not in SHAPED)
     try:
         if whole and not alone and not (job.helps(forms) and source.suffices(forms)):
-            if forms or not shapes:
+            if not shaped:
                 job.progress("no form makes the model adequate; fitting free shapes")
                 shapes = job.finished(job.entries(contenders(source.shapes(forms), source.forms, nearly)))
             if shapes or nearly is None:
@@ -331,8 +336,10 @@ def sources(job: Job) -> Iterator[Source]:
     # Where all equations hold, only a simulation shows what they leave out: effects of friction near reversals, scales.
     hold = equations.complete and max(equations.residuals().values(), default=0.0) < HOLDS
     if job.left >= 1.0 or job.judged_by_drive or hold or not equations.residuals():
-        # A whole motion shows smaller effects than its single moments.
-        yield Screened(job=job, strict=hold or refuted, tried=possible)
+        # A whole motion shows smaller effects than its single moments; but where complete equations do not hold, they show the
+        # place and kind of all causes without a memory.
+        kinds = UNSEEN if refuted and equations.complete and not job.judged_by_drive else None
+        yield Screened(job=job, strict=hold or refuted, tried=possible, kinds=kinds)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -440,14 +447,16 @@ class Suspected:
 
     def _after(self, begun: Start, *, curves: bool = True) -> tuple[Starts, Suspects | None]:
         # Starting points of a second cause by the equations with the first one in place, and what these point to; none if they
-        # hold. What replaces the first cause is no second one.
+        # hold. What replaces the first cause, or is of a kind there that the equations cannot distinguish from it, is no second
+        # one.
         job, (first, free, model) = self.job, begun
         then = suspects(equations_of(job.campaign, model), further=True)
         if then is None or not then.broken:
             return [], None
         extended = replace(job.current, model=model, free=free)
         evidence = job.evidence if len(model.links) == len(job.current.model.links) else job.evidence_of(model)
-        candidates = [c for c in then.candidates(extended, evidence) if c.cause not in ALWAYS]
+        proposed = (c for c in then.candidates(extended, evidence) if c.cause not in ALWAYS)
+        candidates = [c for c in proposed if not then.alike(c.key, first.key)]
         own = {f.path for f in first.free}
         starts = _started(candidates, then, extended)
         starts = _with_curve(starts, then, extended, evidence) if curves else starts

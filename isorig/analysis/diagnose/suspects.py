@@ -107,6 +107,11 @@ class Suspects:
         kind = kind_of(cause)
         return _alike(kind, explanation.kind)
 
+    def alike(self, one: tuple[str, str], other: tuple[str, str]) -> bool:
+        """Whether two causes, each with its location, are at one place and of kinds that the equations cannot distinguish."""
+        here, there = (self.places.get(location, frozenset({location})) for _, location in (one, other))
+        return bool(here & there) and _alike(kind_of(one[0]), kind_of(other[0]))
+
     def score_of(self, cause: str, location: str) -> float:
         """Score of the explanation of which a cause at a place is a form; 0 if there is none."""
         return max((item.score for item in self.chosen if self._is(item, cause, location)), default=0.0)

@@ -270,8 +270,8 @@ def fit(
         so small that it holds only what the data do not determine.
     coarse
         The same residuals from coarser simulations, for the first derivatives of a fit that is to be exact. Then derivatives are
-        used for as many steps as reduce the cost as they predict, and the last ones are those within one standard uncertainty
-        (`NEAR`) of the end.
+        used for as many steps as reduce the cost as they predict, up to the number of simulations that new ones take; the last
+        ones are those within one standard uncertainty (`NEAR`) of the end.
 
     Raises
     ------
@@ -307,7 +307,7 @@ def fit(
         raise FitError(f"the model {model.name!r} cannot be simulated at its starting values; correct its parameters")
     evaluations, damping = 1, 1e-3
     jacobian = np.zeros((len(residual), len(free)))
-    taken, fresh, rough, at = 0, True, coarse, theta
+    taken, steps, fresh, rough, at = 0, 0, True, coarse, theta
     while taken < iterations or not fresh:
         if fresh:
             rough, at = coarse if taken == 0 else None, theta
@@ -315,7 +315,8 @@ def fit(
             jacobian = jacobian_of(rough or problem, build, theta, free, here)
             normal = jacobian.T @ jacobian + ties.T @ ties
             evaluations += len(free)
-            taken += 1
+            taken, steps = taken + 1, 0
+        steps += 1
         gradient = jacobian.T @ residual + ties.T @ (ties @ theta - ties_at)
         before = foretold = cost
         for _ in range(6 if fresh else 1):
@@ -335,7 +336,8 @@ def fit(
         moved = before - linear > tolerance * before if coarse is None else _size(jacobian @ (theta - at)) > NEAR
         if small and rough is None and (fresh or not moved):
             break
-        fresh = small or (not fresh and coarse is None) or before - cost < FORETOLD * (before - foretold)
+        reused = not fresh and (coarse is None or steps > len(free))
+        fresh = small or reused or before - cost < FORETOLD * (before - foretold)
     fitted = build(theta)
     return Fit(
         model=fitted, free=free, covariance=_covariance(jacobian, residual, theta, free), cost=cost / problem.size,

@@ -29,8 +29,11 @@ def test_only_bodies_with_a_measured_position_and_no_joint_to_the_ground_get_a_g
     assert with_guides(chain()) == chain()
 
 
-@pytest.mark.parametrize(("share", "passes"), [(0.99, 1), (1.01, 2)])
-def test_guides_are_tried_where_causes_leave_a_visible_error(share: float, passes: int, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("share", "force", "passes"), [(0.99, 0.5, 1), (1.01, 0.5, 2), (1.01, 0.0, 1)])
+def test_guides_are_tried_where_causes_leave_a_visible_error_and_the_equations_show_friction_there(
+    share: float, force: float, passes: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    truth = rubbing(with_guides(carts()), guide_of("second"), force) if force else carts()
     tried: list[RigModel] = []
 
     def explained(campaign: Campaign, model: RigModel, *_: object) -> SimpleNamespace:
@@ -39,5 +42,5 @@ def test_guides_are_tried_where_causes_leave_a_visible_error(share: float, passe
         return SimpleNamespace(verdict="explained", baseline_error=0.4, extended_error=left, cut_short=False, steps=())
 
     monkeypatch.setattr(diagnosis, "_at_described_places", explained)
-    diagnose(Campaign(runs=(), source="none"), guessed(carts(), 11))
+    diagnose(played(truth, seed=11), guessed(carts(), 11))
     assert len(tried) == passes
