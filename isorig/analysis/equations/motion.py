@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.fft import prev_fast_len
 
 from isorig.analysis.campaign import MOTION, FloatArray, Run
 from isorig.analysis.lowpass import about_line, lowpass_gain
@@ -176,5 +177,10 @@ def estimate_of(body: str) -> str:
 
 
 def usable_stop(run: Run) -> int:
-    """Number of samples before a run's first gap: the motion across a gap is unknown."""
-    return min((gap.first_tick for gap in run.gaps), default=len(run))
+    """Number of samples before a run's first gap: the motion across a gap is unknown.
+
+    Less those of the last per cent that would make the Fourier transform of the mirrored record slow: its length is twice that of
+    the record less one sample, and a large prime factor in it takes several times the time.
+    """
+    stop = min((gap.first_tick for gap in run.gaps), default=len(run))
+    return prev_fast_len(stop - 1) + 1 if stop > 1 else stop
