@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.fft import next_fast_len
 
 from isorig.analysis.campaign import FloatArray
 
@@ -28,7 +29,7 @@ def low_passed(values: FloatArray, rate: float, corner: float) -> FloatArray:
     if not np.isfinite(corner):
         return values
     n = len(values)
-    whole = np.concatenate([values, values[-2:0:-1]])
+    whole = mirrored(values)
     gain = lowpass_gain(np.asarray(np.fft.rfftfreq(len(whole), 1.0 / rate), dtype=np.float64), corner)
     return np.fft.irfft(np.fft.rfft(whole, axis=0) * gain.reshape(-1, *([1] * (values.ndim - 1))), len(whole), axis=0)[:n]
 
@@ -41,10 +42,24 @@ def smoothed(values: FloatArray, rate: float, corner: float) -> FloatArray:
 
 
 def about_line(values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """A record, shape (n,), minus the line between its ends and its odd mirror image, shape (2 n - 2,), and that line."""
+    """A record, shape (n,), minus the line between its ends, with its odd mirror image (`mirrored`), and that line."""
     line = np.linspace(values[0], values[-1], len(values))
     odd = values - line
-    return np.concatenate([odd, -odd[-2:0:-1]]), line
+    return mirrored(odd, -1.0), line
+
+
+def mirrored(values: FloatArray, sign: float = 1.0) -> FloatArray:
+    """Records, shape (n, ...), that continue as their mirror images, times `sign`, beyond both ends of a period.
+
+    The period is the next length above 2 n - 3 with a fast Fourier transform; a large prime factor takes several times the time.
+    What is mirrored about the two ends meets half a record away from both.
+    """
+    n = len(values)
+    if n < 3:
+        return values
+    beyond = next_fast_len(2 * n - 2, real=True) - n
+    after = beyond // 2
+    return np.concatenate([values, sign * values[n - 1 - after : n - 1][::-1], sign * values[1 : beyond - after + 1][::-1]])
 
 
 def signal_edge(values: FloatArray, rate: float) -> float:

@@ -70,8 +70,7 @@ PROMISING_LATER = 0.25
 SCREENED = 6
 #: Misfit, in allowed errors, above which even the best fit may have lost the motion. Chosen: a fifth of the signal.
 LOST = (0.2 / SIGNAL_SHARE) ** 2
-#: Kinds of causes whose force depends on more than the motion at its moment, so that regressions on the records do not show all of
-#: it.
+#: Kinds of causes whose force depends on more than the motion at its moment: regressions on the records do not show all of it.
 UNSEEN: frozenset[Kind] = frozenset({"memory", "friction_shape"})
 #: Families that can make bodies stick: no small step shows the effect of a larger force, so they count place by place.
 STICKING = ("friction", "memory")
@@ -267,9 +266,8 @@ def next_step(job: Job) -> Found | None:
     job.progress("looking for the equations of motion that do not hold")
     source: Source | None = None
     forms: list[Entry] = []
-    shapes: list[Entry] = []
+    shapes: list[Entry] | None = None
     whole = job.left >= POLICY.rest and not job.forms_only
-    shaped = False
     for each in sources(job):
         rough = job.entries(each.forms[:FINALISTS])
         if whole and job.steps > 1 and not any(adequate(entry.score, job.floors) or job.nearly(entry) for entry in rough):
@@ -281,9 +279,8 @@ def next_step(job: Job) -> Found | None:
         forms = job.better([*forms, *(entry for entry in more if job.explains(entry) or each.allows(entry))])
         if more and not each.doubtful(forms):
             break
-        if whole and each.leads and not more:
-            shapes, shaped = _without_forms(job, each), True
-        if any(job.explains(entry) and each.shown(*entry.candidate.key) for entry in shapes):
+        shapes = _without_forms(job, each) if whole and each.leads and not more else shapes
+        if any(job.explains(entry) and each.shown(*entry.candidate.key) for entry in shapes or ()):
             break
     if source is None:
         return None
@@ -293,7 +290,7 @@ def next_step(job: Job) -> Found | None:
     alone = any(adequate(entry.score, job.floors) for entry in forms) or (nearly is not None and nearly.kind not in SHAPED)
     try:
         if whole and not alone and not (job.helps(forms) and source.suffices(forms)):
-            if not shaped:
+            if shapes is None:
                 job.progress("no form makes the model adequate; fitting free shapes")
                 shapes = job.finished(job.entries(contenders(source.shapes(forms), source.forms, nearly)))
             if shapes or nearly is None:

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.fft import prev_fast_len
 
 from isorig.analysis.campaign import MOTION, FloatArray, Run
-from isorig.analysis.lowpass import about_line, lowpass_gain
+from isorig.analysis.lowpass import about_line, lowpass_gain, mirrored
 from isorig.analysis.model.rig_model import RigModel, direction
 
 #: Residual of a body's motion as a combination of sensors above which the sensors do not determine it (rounding).
@@ -78,7 +77,7 @@ def _integral(values: FloatArray, rate: float) -> FloatArray:
 def _high_passed(values: FloatArray, rate: float, low: float, sign: float) -> FloatArray:
     # A record that continues beyond its ends as its mirror image, times `sign`: -1 for the derivative of such a record.
     n = len(values)
-    whole = np.concatenate([values, sign * values[-2:0:-1]])
+    whole = mirrored(values, sign)
     gain = highpass_gain(np.asarray(np.fft.rfftfreq(len(whole), 1.0 / rate)), low)
     return np.asarray(np.fft.irfft(np.fft.rfft(whole) * gain, len(whole))[:n])
 
@@ -177,10 +176,5 @@ def estimate_of(body: str) -> str:
 
 
 def usable_stop(run: Run) -> int:
-    """Number of samples before a run's first gap: the motion across a gap is unknown.
-
-    Less those of the last per cent that would make the Fourier transform of the mirrored record slow: its length is twice that of
-    the record less one sample, and a large prime factor in it takes several times the time.
-    """
-    stop = min((gap.first_tick for gap in run.gaps), default=len(run))
-    return prev_fast_len(stop - 1) + 1 if stop > 1 else stop
+    """Number of samples before a run's first gap: the motion across a gap is unknown."""
+    return min((gap.first_tick for gap in run.gaps), default=len(run))
