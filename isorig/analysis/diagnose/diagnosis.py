@@ -124,6 +124,8 @@ class Diagnosis:
         Whether the time limit ended the search for causes.
     pointed
         Kind and place to which the equations of motion point, if no simulation confirms any cause.
+    spread
+        The largest contributions to an unexplained error by the equations of motion, as a sentence; empty if one stands out.
     doubts
         Implausible fitted values: check units and given values first.
     """
@@ -152,6 +154,7 @@ class Diagnosis:
     tolerance: float
     cut_short: bool
     pointed: tuple[str, str] | None
+    spread: str
     doubts: tuple[Doubt, ...]
 
 
@@ -283,7 +286,7 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
         ),
         searched=tuple((before, tuple(_lean(entry) for entry in entries)) for before, entries in search.entries),
         tolerance=tolerance, cut_short=search.cut_short,
-        pointed=shown_by_equations,
+        pointed=shown_by_equations, spread=blamed.spread if blamed is not None else "",
         doubts=_standing(doubts(model, _credible(found), campaign), model, equations),
     )  # fmt: skip
 

@@ -23,6 +23,7 @@ from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.solve import Fit, Free
 from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.wording import in_per_cent
 
 #: Score below which the best explanation removes nothing worth mentioning: a tenth of the excess removed has a score of 0.05.
 LEAST_SCORE = 0.05
@@ -42,6 +43,8 @@ OWN = POLICY.main
 #: Score from which the equations show a kind and place alone, and its distance from the next: half of the excess, and twice less
 #: of it left than by any other.
 SHOWN, APART = 0.3, 0.3
+#: Share of the equations' excess residuals from which a contribution is told. Chosen: a tenth, as `LEAST_SCORE`.
+CONTRIBUTES = 0.1
 #: Share of the best score from which an explanation's free shapes are fitted.
 NEARLY = 0.8
 #: Share of what the best candidate removes from the misfit of a link's recorded force that another one must remove to be
@@ -165,6 +168,21 @@ class Suspects:
             f"{best.what} ({best.place}) reduces the largest residual, that of {worst}, from {before[worst]:.3g} to "
             f"{best.residuals[worst]:.3g} times the noise."
         )
+
+    @property
+    def spread(self) -> str:
+        """A sentence on the largest contributions where no single one explains most of the residuals; empty where one does."""
+        before = self.ranking.residuals
+        whole = sum(max(value, 1.0) - 1.0 for value in before.values())
+        parts: dict[tuple[str, str], float] = {}
+        for item in self.ranking.explanations:
+            left = sum(max(item.residuals[name], 1.0) - 1.0 for name in before)
+            parts.setdefault((item.what, item.place), 1.0 - left / whole if whole > 0.0 else 0.0)
+        largest = sorted(((share, *key) for key, share in parts.items() if share >= CONTRIBUTES), reverse=True)[:MOST]
+        if not self.broken or self.shows or not largest:
+            return ""
+        listed = ", ".join(f"{what} ({place}) {in_per_cent(share)}" for share, what, place in largest)
+        return f"No single cause explains the residuals of the equations of motion; the largest contributions: {listed}."
 
     def leaves_another(self, current: Fit, evidence: Evidence) -> bool:
         """Whether the best explanation is one of several: it shows, but leaves an equation broken.

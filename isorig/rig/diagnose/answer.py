@@ -55,7 +55,11 @@ def findings_of(
             extended=stored.FittedExtension(parameters=parameters(diagnosis.extended)),
             discrepancies=[msgspec.convert(found, stored.Misfit, from_attributes=True) for found in diagnosis.discrepancies],
             evidence=[sign.text for sign in diagnosis.signs],
-            remarks=[*missing(campaign, diagnosis.baseline.model), *_rough(diagnosis.extended)],
+            remarks=[
+                *([diagnosis.spread] if diagnosis.spread else []),
+                *missing(campaign, diagnosis.baseline.model),
+                *_rough(diagnosis.extended),
+            ],
             adequacy=stored.Adequacy(
                 worst=diagnosis.worst,
                 threshold=diagnosis.enough,

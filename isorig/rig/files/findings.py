@@ -216,7 +216,7 @@ class Findings(msgspec.Struct, frozen=True, kw_only=True, tag_field="format", ta
     evidence
         Signs in the records, before any cause is fitted, as sentences.
     remarks
-        What the recording lacks, as sentences.
+        What an unexplained error consists of, and what the recording lacks, as sentences.
     adequacy
         How the baseline was judged.
     tolerance

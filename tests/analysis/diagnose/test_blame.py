@@ -15,7 +15,7 @@ from isorig.analysis.diagnose.diagnosis import diagnose
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.search import Job, Suspected
 from isorig.analysis.diagnose.step import Entry
-from isorig.analysis.diagnose.suspects import APART, BROKEN, NEARLY, OWN, REPAIRED, SHOWN, Suspects, suspects
+from isorig.analysis.diagnose.suspects import APART, BROKEN, CONTRIBUTES, NEARLY, OWN, REPAIRED, SHOWN, Suspects, suspects
 from isorig.analysis.equations.forms import ElementForce
 from isorig.analysis.equations.ranking import Explanation, Ranking
 from isorig.analysis.equations.system import Equations
@@ -163,3 +163,20 @@ def test_the_best_explanation_of_a_place_gives_its_motion() -> None:
     campaign, guess = played(stage(), seed=7), guessed(stage(), 7)
     seen = observe(campaign, guess, prepare(campaign, guess), guess, guess)
     assert found._located(seen).deflection["l0"] == 0.03
+
+
+@pytest.mark.parametrize(
+    ("share", "worst", "score", "said"),
+    [
+        (CONTRIBUTES + 1e-9, 21.0, SHOWN - 1e-9, "the largest contributions: slip (motor) 10 %."),
+        (CONTRIBUTES - 1e-9, 21.0, SHOWN - 1e-9, ""),
+        (CONTRIBUTES + 1e-9, BROKEN - 1e-9, SHOWN - 1e-9, ""),
+        (CONTRIBUTES + 1e-9, 21.0, SHOWN, ""),
+    ],
+)
+def test_the_largest_contributions_are_told_where_no_cause_stands_out(
+    share: float, worst: float, score: float, said: str
+) -> None:
+    found = blaming(("sensor", "motor", score), worst=worst, after=1.0 + (1.0 - share) * (worst - 1.0))
+    assert found.spread.endswith(said)
+    assert bool(found.spread) == bool(said)
