@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -122,6 +122,8 @@ class Diagnosis:
         Error that counts as adequate, as a share of the signal.
     cut_short
         Whether the time limit ended the search for causes.
+    residuals
+        Residual over noise of each equation of motion of the records, for the rig as described; empty without equations.
     pointed
         Kind and place to which the equations of motion point, if no simulation confirms any cause.
     spread
@@ -153,6 +155,7 @@ class Diagnosis:
     searched: tuple[tuple[Score, tuple[Entry, ...]], ...]
     tolerance: float
     cut_short: bool
+    residuals: Mapping[str, float]
     pointed: tuple[str, str] | None
     spread: str
     doubts: tuple[Doubt, ...]
@@ -286,7 +289,7 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
         ),
         searched=tuple((before, tuple(_lean(entry) for entry in entries)) for before, entries in search.entries),
         tolerance=tolerance, cut_short=search.cut_short,
-        pointed=shown_by_equations, spread=blamed.spread if blamed is not None else "",
+        residuals=residuals, pointed=shown_by_equations, spread=blamed.spread if blamed is not None else "",
         doubts=_standing(doubts(model, _credible(found), campaign), model, equations),
     )  # fmt: skip
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.optimize import minimize_scalar
-from scipy.signal import lombscargle
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.equations.sliding import Columns, Sliding, SlidingFit
@@ -41,6 +40,8 @@ def pitch_of(sliding: Sliding, base: SlidingFit, columns: Columns) -> float | No
     there = np.flatnonzero(count)
     if len(there) < 2 * FEWEST * STEPS:
         return None
+    from scipy.signal import lombscargle  # imports half of scipy
+
     at = (there + 0.5) / CELLS  # as shares of the range
     mean = np.bincount(cell, left, minlength=CELLS)[there] / count[there]
     weights = count[there] / count.sum()

@@ -12,6 +12,7 @@ from isorig.analysis.diagnose.diagnosis import Diagnosis
 from isorig.analysis.diagnose.estimate_pairs import Doubles
 from isorig.analysis.diagnose.evidence import surfaces
 from isorig.analysis.diagnose.step import Curve, Step
+from isorig.analysis.equations.system import equations_of
 from isorig.analysis.fitting.score import Score
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.wording import state, with_article
@@ -22,7 +23,7 @@ from isorig.rig.report.conclusion import KINDS, Conclusion, conclude
 from isorig.rig.report.frequency import frequency_sections
 from isorig.rig.report.misfit import Simulated, misfit_charts, scores_chart, simulated, time_charts
 from isorig.rig.report.page import First, Report, Section, Table, build_report
-from isorig.rig.report.place import OVER, held_out_records, joint_of, marks, place_force, residuals
+from isorig.rig.report.place import OVER, held_out_records, joint_of, marks, place_force
 from isorig.rig.report.sections import number, parameters_table, provenance_section, runs_section, unbroken, words
 from isorig.rig.report.sketch import sketch
 
@@ -101,9 +102,8 @@ def _first(
         second_chart(held_out_records(diagnosis.trials, diagnosis.division.judged, models)),
         _errors_chart(diagnosis, scores),
     )
-    equations = residual_chart(
-        residuals(campaign, model), residuals(campaign, diagnosis.extended.model) if diagnosis.steps else None
-    )
+    after = equations_of(campaign, diagnosis.extended.model).residuals() if diagnosis.steps else None
+    equations = residual_chart(diagnosis.residuals, after)
     # Charts of half the page's width in pairs.
     pairs = force is not None and equations is not None
     pictures = [force, equations, second, errors] if pairs else [force or equations, errors, second]

@@ -7,11 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
+from isorig.analysis.campaign import Channel, FloatArray, Run
 from isorig.analysis.diagnose.link_force import EDGE
 from isorig.analysis.diagnose.step import Step
 from isorig.analysis.diagnose.surface import passed
-from isorig.analysis.equations.system import equations_of
 from isorig.analysis.fitting.score import held_out
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.model.rig_model import GROUND, Link, RigModel
@@ -169,8 +168,3 @@ def held_out_records(
                 )
             )  # fmt: skip
     return found
-
-
-def residuals(campaign: Campaign, model: RigModel) -> Mapping[str, float]:
-    """Residual over noise of each equation of motion of the records, with the laws of a model; empty without equations."""
-    return equations_of(campaign, model).residuals()
