@@ -232,8 +232,8 @@ class Source(Protocol):
         """Whether its free shapes are tried, whatever forms another source has."""
         ...
 
-    def shapes(self, forms: Sequence[Entry]) -> Running:
-        """Fitted free shapes, best first."""
+    def shapes(self, forms: Sequence[Entry], nearly: Entry | None = None) -> Running:
+        """Fitted free shapes, best first; where a form removes `nearly` all, those of its kind and place."""
         ...
 
     def pairs(self) -> list[tuple[Candidate, Fit, Candidate, Fit]]:
@@ -292,7 +292,7 @@ def next_step(job: Job) -> Found | None:
         if whole and not alone and not (job.helps(forms) and source.suffices(forms)):
             if shapes is None:
                 job.progress("no form makes the model adequate; fitting free shapes")
-                shapes = job.finished(job.entries(contenders(source.shapes(forms), source.forms, nearly)))
+                shapes = job.finished(job.entries(contenders(source.shapes(forms, nearly), source.forms, nearly)))
             if shapes or nearly is None:
                 return _as_shown(_kind_and_form(job, source.known, forms, shapes), source)
     except OutOfTimeError:
@@ -378,9 +378,10 @@ class Suspected:
         """Equations that do not hold show the place and kind better than a simulation."""
         return self.found.ranking.broken
 
-    def shapes(self, forms: Sequence[Entry]) -> Running:
+    def shapes(self, forms: Sequence[Entry], nearly: Entry | None = None) -> Running:
         """Fitted free shapes, best first, from the equations' values and from the best form of their kind."""
-        suspected = self.found.shapes(self.job.current, self.job.evidence, refuted=not forms)
+        shown = self.found.shapes(self.job.current, self.job.evidence, refuted=not forms)
+        suspected = [shape for shape in shown if _wanted(shape, nearly)]
         keys = {(shape.key, shape.shape, len(shape.free)) for shape in suspected}
         from_forms = [
             start
@@ -559,12 +560,13 @@ class Screened:
             return []
         job.progress("most promising: " + ", ".join(f"{x.candidate.cause} ({x.candidate.location})" for x in chosen[:3]))
         starts = [(x.candidate, x.candidate.parameters(job.current.model, job.current.free), m) for x in chosen for m in x.models]
-        if misfit(job.current.model, job.rungs[0].problem) > BENT:
+        if job.left >= 1.0 and misfit(job.current.model, job.rungs[0].problem) > BENT:
             # A missing effect has biased all parameters: start from the likely ones before any fit, too.
-            for candidate, free, model in tuple(starts):
+            for candidate, free, _ in unlike(starts):
                 paths = [f.path for f in free if f not in candidate.free and f.path in job.guess.free]
-                with suppress(ModelError):  # values that exclude the candidate's own
-                    starts.append((candidate, free, model.replace(_values_at(job.guess, paths))))
+                for start in candidate.starts:
+                    with suppress(ModelError):  # values that exclude the candidate's own
+                        starts.append((candidate, free, start.replace(_values_at(job.guess, paths))))
         return followed(starts, job.rungs, job.current, job.progress, job.promising)
 
     @property
@@ -572,10 +574,10 @@ class Screened:
         """Another source's shapes may be better founded."""
         return False
 
-    def shapes(self, forms: Sequence[Entry]) -> Running:
+    def shapes(self, forms: Sequence[Entry], nearly: Entry | None = None) -> Running:
         """Fitted free shapes, best first, the leading ones with as many points as they need."""
-        job = self.job
-        begun = [start for start in shape_starts(forms, job.current, job.evidence) if self._sought(start[0])]
+        job, every = self.job, shape_starts(forms, self.job.current, self.job.evidence)
+        begun = [start for start in every if self._sought(start[0]) and _wanted(start[0], nearly)]
         stepped = [self._screen.screen(candidate) for candidate in {id(start[0]): start[0] for start in begun}.values()]
         stepped.sort(key=lambda item: item.cost)
         # The linear step shows the place better than the kind: from little friction no step leads to sticking, but a form does.
@@ -703,6 +705,11 @@ def contenders(shapes: Running, forms: Running, nearly: Entry | None) -> Running
         if wanted and rough.cost < min(FAR_WORSE * best, own, enough) and all(candidate.key != c.key for c, _ in chosen):
             chosen.append((candidate, rough))
     return chosen[:CURVES]
+
+
+def _wanted(shape: Candidate, nearly: Entry | None) -> bool:
+    # Whether a free shape may be better than a form that removes nearly all.
+    return nearly is None or (kind_of(shape.cause), shape.location) == nearly.place
 
 
 def _kind_and_form(

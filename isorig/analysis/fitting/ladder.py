@@ -47,9 +47,11 @@ FAR_WORSE = 2.0
 FLAT, REFINES = 1.2, 0.15
 #: A candidate whose misfit exceeds the best's by this factor is eliminated.
 BEHIND = 6.0
-#: Every second length of the runs is enough for candidates, which start from a fit of the whole; and the largest number of them
-#: that is followed to a longer one.
-FOLLOWS, CROWD = 2, 8
+#: The largest number of candidates that is followed to a longer part of the runs.
+CROWD = 8
+#: Number of a candidate's starting points, those closest to the data, that are fitted. Chosen: where a missing effect had biased
+#: all parameters, one of the closest four led to the right fit.
+EACH = 4
 #: Misfit of a refitted model, in allowed errors, above which the data distinguish candidates; and the share by which one must
 #: reduce it.
 TELLING, PROMISING = 2.0, 0.1
@@ -251,7 +253,7 @@ def followed(
     less than the share `promising`.
     """
     run: Running = []
-    for rung in rungs[-1::-FOLLOWS][::-1]:
+    for rung in rungs:
         try:
             bare = bare_cost(current, rung)
             run = verified(starts, rung, progress, most=len(starts))
@@ -269,13 +271,19 @@ def verified(
 ) -> Running:
     """Fits of candidates on one rung, best first, from the `most` starting points whose simulation is closest to the data.
 
-    Those whose simulation leaves the data from the start are only tried if no other stays with them, but if the first candidate
-    is `sure` to be in the rig, always its closest. None with a misfit above the limit is tried.
+    Of one candidate the `EACH` closest are tried. Those whose simulation leaves the data from the start are only tried if no other
+    stays with them, but if the first candidate is `sure` to be in the rig, always its closest. None with a misfit above the limit
+    is tried.
     """
     costs = [misfit(model, rung.problem) for _, _, model in starts]
     begun = sorted(((cost, k) for k, cost in enumerate(costs) if np.isfinite(cost) and cost <= limit), key=lambda item: item[0])
     first = next((k for _, k in begun if sure and starts[k][0] is starts[0][0]), None)
-    near = [(cost, *starts[k]) for cost, k in begun if cost <= LEAVES * begun[0][0] or k == first][:most]
+    near: list[tuple[float, Candidate, tuple[Free, ...], RigModel]] = []
+    for cost, k in begun:
+        few = sum(other[1] is starts[k][0] for other in near) < EACH
+        if few and (cost <= LEAVES * begun[0][0] or k == first):
+            near.append((cost, *starts[k]))
+    near = near[:most]
     climbed: Running = []
     for place, (cost, candidate, free, model) in enumerate(near):
         if any(other[1] is candidate and cost <= (1.0 + CLOSE) * other[0] for other in near[:place]):
