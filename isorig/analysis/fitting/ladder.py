@@ -271,9 +271,9 @@ def verified(
 ) -> Running:
     """Fits of candidates on one rung, best first, from the `most` starting points whose simulation is closest to the data.
 
-    Of one candidate the `EACH` closest are tried. Those whose simulation leaves the data from the start are only tried if no other
-    stays with them, but if the first candidate is `sure` to be in the rig, always its closest. None with a misfit above the limit
-    is tried.
+    Of one candidate the `EACH` closest are tried. Those whose simulation leaves the data from the start are only tried if no
+    other stays with them, but if the first candidate is `sure` to be in the rig, always its closest. None with a misfit above the
+    limit is tried.
     """
     costs = [misfit(model, rung.problem) for _, _, model in starts]
     begun = sorted(((cost, k) for k, cost in enumerate(costs) if np.isfinite(cost) and cost <= limit), key=lambda item: item[0])
