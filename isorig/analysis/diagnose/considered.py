@@ -56,13 +56,16 @@ def all_considered(
     """
     named = {(step.cause, step.location) for step in steps}
     sets = [{(step.cause, step.location), *step.indistinguishable} for step in steps if step.indistinguishable]
-    whole = max(excess(first.error, floors), 1e-300)
+    whole = excess(first.error, floors)
     found: dict[tuple[str, str], ConsideredCandidate] = {}
     for before, entries in searches:
         best = min(entries, key=lambda entry: excess(entry.score.error, floors))
         for entry in entries:
-            share = (excess(before.error, floors) - excess(entry.score.error, floors)) / whole
             key = entry.candidate.key
+            if whole <= 0.0:
+                found[key] = _needless(entry)
+                continue
+            share = (excess(before.error, floors) - excess(entry.score.error, floors)) / whole
             if key in named:  # with the share of the step that it replaced
                 share += sum(found[gone].share or 0.0 for gone in replaced if gone in found and gone != key and gone[1] == key[1])
             if key not in found or key in named:
@@ -80,6 +83,14 @@ def all_considered(
 
 def _percent(share: float) -> str:
     return f"{100 * max(share, 0.0):.3g} % of the baseline's reproducible excess"
+
+
+def _needless(entry: Entry) -> ConsideredCandidate:
+    why = "The baseline, refitted from the values of this search, explains the data without it."
+    return ConsideredCandidate(
+        cause=entry.candidate.cause, kind=entry.kind, location=entry.candidate.location, holdout_error=entry.score.figure,
+        share=0.0, standing="ruled out", why=why,
+    )  # fmt: skip
 
 
 def _considered(entry: Entry, share: float, best: Entry, floors: FloatArray, named: bool, together: bool) -> ConsideredCandidate:

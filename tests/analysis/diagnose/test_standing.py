@@ -68,6 +68,13 @@ def test_a_cause_to_which_the_equations_point_is_not_ruled_out_by_its_fit(pointe
     assert {c.location: c.standing for c in found if c.holdout_error is not None} == {"x": x, "a": "ruled out"}
 
 
+def test_no_candidate_has_a_share_of_a_baseline_that_became_adequate_during_the_search() -> None:
+    searches = [(scored(0.1), [entry("sensor_gain", "x", 0.004)])]
+    found, *_ = all_considered(searches, [], (), scored(0.004), FLOORS, stage(), (), None)
+    assert (found.share, found.standing) == (0.0, "ruled out")
+    assert "without it" in found.why
+
+
 def step_to(cause: str, kind: Kind, before: float, after: float, location: str = "rail") -> _Stage:
     """A stage of a search with a step that reduces the error from `before` to `after`."""
     step = Step(
