@@ -12,7 +12,7 @@ from isorig.analysis.diagnose.causes.extra_mode import ExtraMode
 from isorig.analysis.diagnose.observe import misfit_frequencies, observe
 from isorig.analysis.fitting import trials
 from isorig.analysis.fitting.division import beginnings, ends
-from isorig.analysis.fitting.solve import Free, Problem, base_parameters, fit, jacobian_of, positive
+from isorig.analysis.fitting.solve import FAINT, Free, Problem, base_parameters, damped_step, fit, jacobian_of, positive
 from isorig.analysis.fitting.trials import expected, prepare
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate import simulate
@@ -157,3 +157,10 @@ def test_a_fit_stays_at_the_bound_next_to_its_minimum(low: float, high: float) -
     start = RIG.replace({FRICTION: min(max(9.0, low), high)})
     done = fit(start, [Free(path=FRICTION, low=low, high=high), positive(table, RIG.get(table))], problem)
     assert done.values[FRICTION] == pytest.approx(start.get(FRICTION))
+
+
+@pytest.mark.parametrize("square", [0.0, 1e-320, FAINT])
+def test_a_parameter_with_only_rounding_effects_stays(square: float) -> None:
+    step = damped_step(np.diag([4.0, square]), np.array([2.0, 1e-160]), 0.0)
+    assert step.tolist() == [-0.5, 0.0]
+    assert damped_step(np.diag([4.0, 1.01 * FAINT]), np.array([2.0, FAINT]), 0.0)[1] < -0.9

@@ -10,7 +10,7 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.candidate import Candidate
-from isorig.analysis.fitting.solve import Fit, Problem
+from isorig.analysis.fitting.solve import Fit, Problem, damped_step
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.model.rig_model import RigModel
 
@@ -125,12 +125,12 @@ class Screen:
             fresh = np.nan_to_num(fresh / np.array([f.step for f in candidate.free])[:, None]).T
             jacobian = np.hstack([known, fresh])
             normal = jacobian.T @ jacobian
-            scale = np.diag(normal).copy()
-            scale[scale <= 0.0] = 1.0
+            if not np.all(np.isfinite(normal)):  # the motion diverges
+                break
             gradient = jacobian.T @ residual
             before = best
             for damping in (1e-3, 1.0):
-                step = -np.linalg.solve(normal + damping * np.diag(scale), gradient)
+                step = damped_step(normal, gradient, damping)
                 worst = max((abs(s) / 0.9 for s, f in zip(step, free, strict=True) if f.log), default=0.0)
                 there = np.array([f.encode(f.decode(c)) for f, c in zip(free, theta + step / max(worst, 1.0), strict=True)])
                 found = cost_of([build(there)])[0]

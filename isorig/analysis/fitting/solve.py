@@ -350,16 +350,19 @@ def _stepped(theta: FloatArray, free: Sequence[Free], normal: FloatArray, gradie
     def within(coordinates: FloatArray) -> FloatArray:
         return np.array([f.encode(f.decode(c)) for f, c in zip(free, coordinates, strict=True)])
 
-    there = theta + _limited(_damped_step(normal, gradient, damping), free)
+    there = theta + _limited(damped_step(normal, gradient, damping), free)
     trial = within(there)
     stays = (trial == within(theta)) & (there != trial)
     if stays.any():
-        trial = within(theta + _limited(_damped_step(normal, gradient, damping, stays), free))
+        trial = within(theta + _limited(damped_step(normal, gradient, damping, stays), free))
     return trial
 
 
-def _damped_step(normal: FloatArray, gradient: FloatArray, damping: float, held: BoolArray | None = None) -> FloatArray:
-    # Parameters that are not identifiable stay: their steps would be rounding, and would shorten all others.
+def damped_step(normal: FloatArray, gradient: FloatArray, damping: float, held: BoolArray | None = None) -> FloatArray:
+    """A Levenberg-Marquardt step, shape (k,), from the normal matrix and the gradient of half the cost.
+
+    Parameters that are not identifiable, or `held`, stay: their steps would be rounding, and would shorten all others.
+    """
     scale = np.diag(normal)
     live = np.flatnonzero(scale > FAINT if held is None else (scale > FAINT) & ~held)
     step = np.zeros(len(gradient))

@@ -55,7 +55,6 @@ def eliminated(
 
     monkeypatch.setattr(ladder, "tried", tried)
     monkeypatch.setattr(ladder, "misfit", lambda model, problem: 1.0)
-    monkeypatch.setattr(ladder, "FOLLOWS", 1)
     candidates = [
         (Candidate(cause=cause, location="table", family=cause, starts=(start,), free=(), reported=()), (), start)
         for cause, start in starts.items()
