@@ -11,6 +11,7 @@ from isorig.analysis.lowpass import (
     force_edge,
     low_passed,
     lowpass_gain,
+    mirrored,
     signal_edge,
     smoothed,
     velocity_corner,
@@ -73,3 +74,19 @@ def test_a_force_ends_where_the_noise_of_a_motion_outweighs_it(derivatives: int)
 def test_a_force_below_the_noise_of_a_motion_has_no_edge() -> None:
     draw = np.random.default_rng(5)
     assert force_edge(np.zeros(4000), draw.normal(0.0, 1.0, 4000), 1000.0, 2.0, 2) == 0.0
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 6, 101, 10_007])
+def test_a_mirrored_record_continues_beyond_both_ends(count: int, sign: float) -> None:
+    values = np.random.default_rng(count).normal(size=(count, 2))
+    whole, near = mirrored(values, sign), max(count // 2 - 1, 0)
+    assert (whole[:count] == values).all()
+    assert (whole[count : count + near] == sign * values[count - 1 - near : count - 1][::-1]).all()
+    assert (whole[len(whole) - near :] == sign * values[1 : near + 1][::-1]).all()
+    rest = len(whole)
+    for prime in (2, 3, 5):
+        while rest % prime == 0:
+            rest //= prime
+    assert rest == 1
+    assert len(whole) <= 2.1 * count

@@ -180,3 +180,10 @@ def test_the_largest_contributions_are_told_where_no_cause_stands_out(
     found = blaming(("sensor", "motor", score), worst=worst, after=1.0 + (1.0 - share) * (worst - 1.0))
     assert found.spread.endswith(said)
     assert bool(found.spread) == bool(said)
+
+
+def test_a_second_cause_at_the_same_place_is_of_a_kind_that_the_equations_distinguish() -> None:
+    found = replace(blaming(("spring_shape", "rail", 0.7)), places={"rail": frozenset({"rail", "bearing"})})
+    assert found.alike(("quadratic_damping", "rail"), ("coulomb_friction", "rail"))
+    assert not found.alike(("quadratic_damping", "rail"), ("coulomb_friction", "belt"))
+    assert not found.alike(("hardening_stiffness", "rail"), ("coulomb_friction", "rail"))

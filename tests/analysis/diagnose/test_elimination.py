@@ -22,6 +22,7 @@ from isorig.analysis.fitting.ladder import (
     BEHIND,
     CLOSE,
     DECISIVE,
+    EACH,
     FAR,
     FAR_WORSE,
     LEAVES,
@@ -116,6 +117,22 @@ def test_a_candidate_that_agrees_is_fitted_from_one_starting_point(
     one = Candidate(cause="wrong_mass", location="table", family="", starts=tuple(models), free=(), reported=())
     verified([(one, (), model) for model in models], Rung(problem=cast("Problem", None), steps=0, seconds=1.0), lambda text: None)
     assert done == [5.0, 6.0][:fits]
+
+
+def test_the_closest_starting_points_of_each_candidate_are_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    models = [stage().replace({"bodies.table.mass": 5.0 + k}) for k in range(EACH + 1)]
+    done: list[float] = []
+
+    def tried(start: RigModel, free: Sequence[Free], rung: Rung) -> Fit:
+        done.append(start.get("bodies.table.mass"))
+        return fitted(start, 2.0 * AGREES)
+
+    monkeypatch.setattr(ladder, "tried", tried)
+    monkeypatch.setattr(ladder, "misfit", lambda model, problem: 20.0 - model.get("bodies.table.mass"))
+    both = [Candidate(cause=cause, location="table", family="", starts=tuple(models), free=(), reported=()) for cause in CAUSES]
+    starts = [(one, (), model) for one in both for model in models]
+    verified(starts, Rung(problem=cast("Problem", None), steps=0, seconds=1.0), lambda text: None, most=len(starts))
+    assert sorted(done) == sorted(2 * [model.get("bodies.table.mass") for model in models[1:]])
 
 
 @pytest.mark.parametrize("sure", [True, False])
