@@ -17,8 +17,13 @@ AGAIN = 0.02
 
 
 def deferred(number: int, frame: FrameType | None) -> bool:
-    """Whether a signal came during an import; it is then delivered again later."""
-    while frame is not None and not frame.f_code.co_filename.startswith("<frozen importlib"):
+    """Whether a signal came during an import or the end of a weak reference; it is then delivered again later.
+
+    An exception in the callback of a weak reference goes no further: Python prints it.
+    """
+    while frame is not None and not (
+        frame.f_code.co_filename.startswith("<frozen importlib") or frame.f_globals.get("__name__") == "weakref"
+    ):
         frame = frame.f_back
     if frame is None:
         return False
