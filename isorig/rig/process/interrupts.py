@@ -42,13 +42,19 @@ def interrupted_between_imports() -> Iterator[None]:
     ):
         yield
         return
-    signal.signal(signal.SIGINT, _interrupted)
+    waits = False
+
+    def interrupted(number: int, frame: FrameType | None) -> None:
+        nonlocal waits
+        waits = deferred(number, frame)
+        if not waits:
+            raise KeyboardInterrupt
+
+    signal.signal(signal.SIGINT, interrupted)
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
-def _interrupted(number: int, frame: FrameType | None) -> None:
-    if not deferred(number, frame):
-        raise KeyboardInterrupt
+        # A signal that waits would be delivered while the program ends.
+        signal.signal(signal.SIGINT, signal.SIG_IGN if waits else signal.default_int_handler)
+        if waits:  # a short command does hardly more than import
+            raise KeyboardInterrupt
