@@ -564,9 +564,10 @@ class Screened:
             # A missing effect has biased all parameters: start from the likely ones before any fit, too.
             for candidate, free, _ in unlike(starts):
                 paths = [f.path for f in free if f not in candidate.free and f.path in job.guess.free]
+                values = _values_at(job.guess, paths)
                 for start in candidate.starts:
                     with suppress(ModelError):  # values that exclude the candidate's own
-                        starts.append((candidate, free, start.replace(_values_at(job.guess, paths))))
+                        starts.append((candidate, free, start.replace(values)))
         return followed(starts, job.rungs, job.current, job.progress, job.promising)
 
     @property

@@ -17,7 +17,7 @@ from isorig.analysis.diagnose.kinds import kind_of
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.equations.balances import Element
 from isorig.analysis.equations.forms import ElementForce, element_force, fitted_form, start_values
-from isorig.analysis.equations.ranking import HINTS, Explanation, Ranking, ranking, score_of
+from isorig.analysis.equations.ranking import HINTS, Explanation, Ranking, ranking, score_of, share_left
 from isorig.analysis.equations.system import HOLDS, Equations
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.candidate import Candidate
@@ -172,12 +172,10 @@ class Suspects:
     @property
     def spread(self) -> str:
         """A sentence on the largest contributions where no single one explains most of the residuals; empty where one does."""
-        before = self.ranking.residuals
-        whole = sum(max(value, 1.0) - 1.0 for value in before.values())
         parts: dict[tuple[str, str], float] = {}
         for item in self.ranking.explanations:
-            left = sum(max(item.residuals[name], 1.0) - 1.0 for name in before)
-            parts.setdefault((item.what, item.place), 1.0 - left / whole if whole > 0.0 else 0.0)
+            left = share_left(self.ranking.residuals, item.residuals)
+            parts.setdefault((item.what, item.place), 0.0 if left is None else 1.0 - left)
         largest = sorted(((share, *key) for key, share in parts.items() if share >= CONTRIBUTES), reverse=True)[:MOST]
         if not self.broken or self.shows or not largest:
             return ""

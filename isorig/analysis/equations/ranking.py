@@ -678,6 +678,13 @@ class Regressions:
         return found
 
 
+def share_left(before: Mapping[str, float], after: Mapping[str, float]) -> float | None:
+    """Share of the excess residuals, summed over equations, that remains; None without an excess."""
+    whole = sum(max(value, 1.0) - 1.0 for value in before.values())
+    left = sum(max(after.get(name, value), 1.0) - 1.0 for name, value in before.items())
+    return left / whole if whole > 0.0 else None
+
+
 def score_of(before: Mapping[str, float], after: Mapping[str, float]) -> float:
     """How much an explanation reduces the residuals of the equations.
 
@@ -685,12 +692,11 @@ def score_of(before: Mapping[str, float], after: Mapping[str, float]) -> float:
     equations of log10 of the ratio by which it reduces their residuals: a cause must explain what is largest, since small
     imperfections of a rig may have many causes; of two that do, the one that also repairs small residuals is better.
     """
-    whole = sum(max(value, 1.0) - 1.0 for value in before.values())
-    if whole <= 0.0:
+    left = share_left(before, after)
+    if left is None:
         return 0.0
-    left = sum(max(after.get(name, value), 1.0) - 1.0 for name, value in before.items())
     ratios = sum(np.log10(max(before[name], 1.0) / max(value, 1.0)) for name, value in after.items())
-    return float(-np.log10(max(left / whole, NEGLIGIBLE)) + MINOR * ratios)
+    return float(-np.log10(max(left, NEGLIGIBLE)) + MINOR * ratios)
 
 
 def _joint(scans: Mapping[str, FloatArray], scaled: Collection[str], least: float) -> tuple[dict[str, float], float, int]:
