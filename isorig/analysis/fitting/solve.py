@@ -218,12 +218,12 @@ class Problem:
             The time limit was reached before; none is simulated.
         """
         ask_time()
-        out = np.empty((len(models), self.size))
-        ends = np.cumsum(self.sizes)
+        ends = np.cumsum([gauge.size for gauge in self._gauges])
+        out = np.empty((len(models), ends[-1]))
 
         def one(job: tuple[int, int]) -> None:
             which, index = job
-            part = out[which, ends[index] - self.sizes[index] : ends[index]]
+            part = out[which, ends[index] - self._gauges[index].size : ends[index]]
             trial = self.trials[index]
             seen = trial.seen_of(models[which])
             if index in self._last and self._last[index][0] == seen:

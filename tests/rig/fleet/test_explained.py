@@ -6,7 +6,9 @@ import numpy as np
 from made_up import PARAMETERS, SCATTER
 from recorded import TAKES, drawn_rig, today, worn
 
-from isorig.analysis.trends.difference import explanations
+from isorig.analysis.fitting.solve import base_parameters
+from isorig.analysis.fitting.trials import prepare
+from isorig.analysis.trends.difference import ProblemWithPriors, explanations
 from isorig.rig.wire_bonder.description import FRICTION
 from isorig.rig.wire_bonder.session import virtual_campaign
 
@@ -23,3 +25,16 @@ def test_worn_friction_is_the_cause_although_everything_scatters() -> None:
     assert (first.cause, first.location) == ("friction_force", "isolation")
     assert not any(other.alike for other in others)
     assert abs(first.new / after.get(FRICTION) - 1.0) < 0.01
+
+
+def test_residuals_of_a_campaign_end_with_those_of_the_earlier_fit() -> None:
+    """No value may come between: it would be one that nothing has written."""
+    rig = drawn_rig(np.random.default_rng([1, 0]))
+    one, *_ = base_parameters(rig)
+    problem = ProblemWithPriors(
+        prepare(virtual_campaign(rig, TAKES, seed=1), rig), [(one, one.encode(rig.get(one.path)) - 0.5, 0.25)]
+    )
+    residuals = problem.residuals([rig, rig])
+    assert residuals.shape == (2, problem.size)
+    assert residuals.shape[1] == sum(problem.sizes) == problem.measured + 1
+    np.testing.assert_allclose(residuals[:, -1], 2.0)
