@@ -77,6 +77,18 @@ class ProblemWithPriors(Problem):
         """Weighted residuals of several models, shape (models, size)."""
         return np.hstack([super().residuals(models), np.array([[self._distance(m, *k) for k in self._known] for m in models])])
 
+    def unaccounted(self, model: RigModel, changed: Mapping[str, float]) -> float:
+        """What more campaigns than this one add to the squared distances of the parameters that have changed.
+
+        `changed` has the standard uncertainty of each change, in search coordinates.
+        """
+        more = 0.0
+        for free, before, deviation in self._known:
+            if free.path in changed and changed[free.path] < deviation:
+                distance = self._distance(model, free, before, deviation)
+                more += distance**2 * ((deviation / changed[free.path]) ** 2 - 1.0)
+        return more
+
     @staticmethod
     def _distance(model: RigModel, free: Free, before: float, deviation: float) -> float:
         try:
@@ -91,7 +103,7 @@ def explanations(
     scatter: Mapping[str, float],
     *,
     today: Mapping[str, float] | None = None,
-    suspected: Collection[str] = (),
+    changed: Mapping[str, float] | None = None,
 ) -> tuple[CauseOfChange, ...]:
     """Possible changes between an earlier fit and a campaign, best first; empty if scatter alone explains the campaign.
 
@@ -108,15 +120,17 @@ def explanations(
         Campaign-to-campaign standard deviation of those parameters, by path: relative for a positive one.
     today
         The same parameters as fitted to this campaign alone, where the fits start: from the earlier values they may not converge.
-    suspected
-        Paths of parameters that have changed according to more campaigns than this one: each is an explanation even if this
-        campaign alone would not show it.
+    changed
+        Parameters that have changed according to more campaigns than this one, by path: standard uncertainties of their changes
+        in search coordinates. Each is an explanation even if this campaign alone would not show it, and another explanation
+        must account for the change: what it leaves of it is judged by these uncertainties.
 
     Raises
     ------
     FitError
         The earlier fit cannot be simulated on the campaign.
     """
+    changed = changed or {}
     trials = prepare(campaign, earlier)
     short = shortened(trials, POLICY.compared_seconds)
     free = base_parameters(earlier)
@@ -126,17 +140,16 @@ def explanations(
     found = []
     for one in known:
         freed = ProblemWithPriors(short, [k for k in known if k is not one])
-        found.append(_of_parameter(one[0].path, earlier, fit(still.model, free, freed, iterations=STEPS), freed))
+        done = fit(still.model, free, freed, iterations=STEPS)
+        found.append(_of_parameter(one[0].path, earlier, done, freed, freed.unaccounted(done.model, changed)))
     evidence = observe(campaign, still.model, trials, earlier, earlier)
     with np.errstate(all="ignore"):  # a cause that does not fit may diverge
         screened = Screen(still, whole).ranked([c for cause in CATALOGUE for c in cause.candidates(still.model, evidence)])
     for item in _distinct(screened)[: POLICY.fitted_causes]:
-        done = _fitted(item, earlier, item.candidate.parameters(still.model, free), whole)
-        if done is None:
-            continue
-        if item.candidate.plausible(done.model):
-            found.append(_of_candidate(item.candidate, done, whole))
-    return _judged(found, still.cost * whole.size, whole.measured, suspected)
+        tried = _fitted(item, earlier, item.candidate.parameters(still.model, free), whole)
+        if tried is not None and item.candidate.plausible(tried.model):
+            found.append(_of_candidate(item.candidate, tried, whole, whole.unaccounted(tried.model, changed)))
+    return _judged(found, still.cost * whole.size, whole.measured, changed)
 
 
 def _fitted(item: ScreenedCandidate, earlier: RigModel, free: Sequence[Free], problem: ProblemWithPriors) -> Fit | None:
@@ -167,20 +180,20 @@ def _distinct(screened: Sequence[ScreenedCandidate]) -> list[ScreenedCandidate]:
     return list(seen.values())
 
 
-def _of_parameter(path: str, earlier: RigModel, changed: Fit, problem: Problem) -> CauseOfChange:
+def _of_parameter(path: str, earlier: RigModel, changed: Fit, problem: Problem, unaccounted: float) -> CauseOfChange:
     _, place, *_, last = path.split(".")
     return CauseOfChange(
         cause=last, location=place, parameter=path, unit="", old=earlier.get(path), new=changed.values[path],
-        std=changed.std[path], share=0.0, misfit=changed.cost * problem.size + np.log(problem.size),
+        std=changed.std[path], share=0.0, misfit=changed.cost * problem.size + unaccounted + np.log(problem.size),
     )  # fmt: skip
 
 
-def _of_candidate(candidate: Candidate, done: Fit, problem: Problem) -> CauseOfChange:
+def _of_candidate(candidate: Candidate, done: Fit, problem: Problem, unaccounted: float) -> CauseOfChange:
     first = candidate.reported[0]
     return CauseOfChange(
         cause=candidate.cause, location=candidate.location, parameter=first.name, unit=first.unit, old=np.nan,
         new=first.of(done.model), std=done.std.get(first.path, np.nan), share=0.0,
-        misfit=done.cost * problem.size + len(candidate.free) * np.log(problem.size),
+        misfit=done.cost * problem.size + unaccounted + len(candidate.free) * np.log(problem.size),
     )  # fmt: skip
 
 

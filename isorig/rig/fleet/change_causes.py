@@ -39,7 +39,7 @@ class ChangeToExplain(msgspec.Struct, frozen=True, kw_only=True):
     levels, scatter
         Level of each parameter before the change, and its campaign-to-campaign scatter (relative for a positive parameter).
     changed
-        The parameters that raised an alarm.
+        Parameters that raised an alarm, with the standard uncertainties of their changes, relative for a positive parameter.
     """
 
     catalogue: str
@@ -52,7 +52,7 @@ class ChangeToExplain(msgspec.Struct, frozen=True, kw_only=True):
     path: str
     levels: dict[str, float]
     scatter: dict[str, float]
-    changed: tuple[str, ...]
+    changed: dict[str, float]
 
 
 def name_of(fleet: Fleet, incident: Incident) -> str:
@@ -75,7 +75,7 @@ def questions(catalogue: Catalogue, fleet: Fleet) -> Iterator[ChangeToExplain]:
                 catalogue=str(catalogue.folder.resolve()), name=name, rig=rig.name, version=rig.version, baseline=fleet.baseline,
                 before=rig.campaigns[incident.last_before].content, after=rig.campaigns[incident.alarm].content,
                 path=rig.campaigns[incident.alarm].path, levels=levels, scatter=scatter,
-                changed=tuple(track.name for track, _ in incident.changes),
+                changed={track.name: change.std for track, change in incident.changes},
             )  # fmt: skip
 
 
@@ -117,7 +117,7 @@ def _explain(question: ChangeToExplain) -> None:
     }  # fmt: skip
     own, _, fitted = read_fitted(catalogue.diagnosis(key_of(question.after, question.version, question.baseline)) / "model.json")
     today = {f.path: own.get(f.path) for f in fitted if f.path in question.levels}
-    found = explanations(read(question.path), earlier, scatter, today=today, suspected=question.changed)
+    found = explanations(read(question.path), earlier, scatter, today=today, changed=question.changed)
     common = {name: getattr(question, name) for name in ("rig", "before", "after", "version", "baseline")}
     rows: list[dict[str, object]] = [
         {

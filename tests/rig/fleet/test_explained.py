@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from made_up import PARAMETERS, SCATTER
 from recorded import TAKES, drawn_rig, today, worn
 
@@ -21,7 +22,7 @@ def test_worn_friction_is_the_cause_although_everything_scatters() -> None:
     known = [path for path in PARAMETERS if path in before.free or path == FRICTION]
     scatter = dict(zip(PARAMETERS, SCATTER.tolist(), strict=True))
     own = {path: after.get(path) for path in known}
-    first, *others = explanations(virtual_campaign(after, TAKES, seed=1), before, scatter, today=own, suspected=[FRICTION])
+    first, *others = explanations(virtual_campaign(after, TAKES, seed=1), before, scatter, today=own, changed={FRICTION: 0.02})
     assert (first.cause, first.location) == ("friction_force", "isolation")
     assert not any(other.alike for other in others)
     assert abs(first.new / after.get(FRICTION) - 1.0) < 0.01
@@ -38,3 +39,12 @@ def test_residuals_of_a_campaign_end_with_those_of_the_earlier_fit() -> None:
     assert residuals.shape == (2, problem.size)
     assert residuals.shape[1] == sum(problem.sizes) == problem.measured + 1
     np.testing.assert_allclose(residuals[:, -1], 2.0)
+
+
+@pytest.mark.parametrize(("std", "more"), [(0.125, 4.0 * 3.0), (0.25, 0.0), (0.5, 0.0)])
+def test_more_campaigns_count_if_they_show_a_change_better_than_one(std: float, more: float) -> None:
+    rig = drawn_rig(np.random.default_rng([1, 0]))
+    one, other, *_ = base_parameters(rig)
+    known = [(free, free.encode(rig.get(free.path)) - 0.5, 0.25) for free in (one, other)]
+    problem = ProblemWithPriors(prepare(virtual_campaign(rig, TAKES, seed=1), rig), known)
+    assert problem.unaccounted(rig, {one.path: std}) == pytest.approx(more)
