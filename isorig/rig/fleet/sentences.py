@@ -9,6 +9,7 @@ from datetime import datetime
 import numpy as np
 
 from isorig.analysis.trends.change import DatedChange
+from isorig.analysis.wording import sized
 from isorig.rig.fleet.catalogue import StoredAnswer
 from isorig.rig.fleet.history import DiagnosedCampaign, Fleet, Incident, Track, TrackedRig
 from isorig.rig.fleet.policy import POLICY
@@ -47,14 +48,20 @@ def period(fleet: Fleet, incident: Incident) -> str:
 
 
 def with_unit(value: float, unit: str, digits: int = 4) -> str:
-    """A value to significant digits with its unit; a ratio has none."""
-    return f"{value:.{digits}g}" + (f" {unit}" if unit not in ("", "1") else "")
+    """A value to significant digits in a unit of its size; a ratio has none.
+
+    Examples
+    --------
+    >>> with_unit(14370.0, "N/m"), with_unit(1.0204, "1")
+    ('14.37 kN/m', '1.02')
+    """
+    return f"{value:.{digits}g}" if unit in ("", "1") else sized(value, unit, digits=digits)
 
 
 def change_words(track: Track, change: DatedChange) -> str:
     """A change of a parameter in words."""
-    text = f"{parameter_words(track.name)} {track.moved(change)} (from {track.plain(change.before):.4g} to "
-    text += f"{with_unit(track.plain(change.after), track.unit)}; {change.kind})"
+    before, after = (with_unit(track.plain(value), track.unit) for value in (change.before, change.after))
+    text = f"{parameter_words(track.name)} {track.moved(change)} (from {before} to {after}; {change.kind})"
     return text if abs(change.size) >= POLICY.confirmed_change else f"{text}, not confirmed by the campaigns since"
 
 
@@ -71,7 +78,7 @@ def cause_words(row: Mapping[str, object]) -> str:
     old, after = float(str(row["old"])), with_unit(float(str(row["new"])), str(row["unit"]))
     cause, place = _plain(str(row["cause"])), _plain(str(row["location"]))
     if math.isfinite(old):
-        return f"{cause} of {place} from {old:.4g} to {after}"
+        return f"{cause} of {place} from {with_unit(old, str(row['unit']))} to {after}"
     return f"{cause} at {place}, {_plain(str(row['parameter']))} {after}"
 
 

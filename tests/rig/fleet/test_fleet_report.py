@@ -90,7 +90,7 @@ def test_page_in_a_browser(page: str, width: int, tmp_path: Path) -> None:
 
 def test_page_says_what_changed_when_by_how_much_and_why(page: str) -> None:
     assert "rig last (2026-06-15 to 2026-06-22)" in page
-    assert "friction force of isolation from 10 to 8.4 N" in page
+    assert "friction force of isolation from 10 N to 8.4 N" in page
     assert "sensor gain at motor, factor 1.02" in page
     assert "No coinciding event is known." in page
     assert "not searched for" in page
