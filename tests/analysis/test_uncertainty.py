@@ -12,6 +12,7 @@ from strange_rigs import StrangeRig, campaign
 
 import isorig as iso
 from isorig.analysis.fitting import uncertainty
+from isorig.analysis.fitting.deviations import normalised
 from isorig.analysis.fitting.drive_noise import DriveNoise
 from isorig.analysis.fitting.score import Score
 from isorig.analysis.fitting.solve import Fit, Free
@@ -125,3 +126,24 @@ def test_the_page_and_characterize_agree(tmp_path: Path) -> None:
             other = table["parameters"][path]
             assert row["std"] == pytest.approx(other["std"], rel=0.25), path
             assert abs(row["value"] - other["value"]) < 0.2 * row["std"], path
+
+
+def test_a_value_without_any_effect_has_a_finite_uncertainty() -> None:
+    """Student's distribution takes the fourth power of what a frequency bin changes."""
+    path, other = "bodies.motor.mass", "bodies.table.mass"
+    free = tuple(Free(path=each, low=1e-3, high=1e3, log=True, step=1e-4) for each in (path, other))
+    jacobian = np.stack([np.ones(8), np.full(8, 1e-310)], axis=1)
+    done = Fit(
+        model=wire_bonder(),
+        free=free,
+        covariance=np.eye(2),
+        cost=1.0,
+        evaluations=0,
+        jacobian=jacobian,
+        residual=np.ones(8),
+        sizes=(8,),
+    )
+    scale, columns, bread = normalised(done)
+    changes = columns @ bread / scale
+    assert np.all(np.isfinite(changes**4))
+    assert changes[:, 0] == pytest.approx(0.125)

@@ -457,6 +457,7 @@ class _Search:
             progress=self._progress, left=left, steps=self._most_steps - len(stages) + 1, forms_only=forms_only,
             allowed=lambda model: _allowed(self.floors(model, division.judged)),
             rubbing=step.location if step and step.kind == "friction_shape" else "",
+            curved=(step.kind, step.location) if step and step.form is None and step.kind in SHAPED else None,
         )  # fmt: skip
         self.first = self.first or job
         return job

@@ -106,6 +106,8 @@ class Job:
         The same as `floors` for another model, which may amplify noise on the drive.
     rubbing
         Place at which the step before found dry friction; empty for none.
+    curved
+        Kind and place of the free shape that the step before found; None for a form, and for the first step.
     """
 
     campaign: Campaign
@@ -123,6 +125,7 @@ class Job:
     forms_only: bool = False
     allowed: Callable[[RigModel], FloatArray]
     rubbing: str = ""
+    curved: tuple[Kind, str] | None = None
 
     @cached_property
     def evidence(self) -> Evidence:
@@ -316,6 +319,8 @@ def _as_shown(found: Found | None, source: Source) -> Found | None:
 def sources(job: Job) -> Iterator[Source]:
     """Where candidates come from, the most trusted source first."""
     equations = job.equations
+    if job.curved is not None and not equations.hidden and job.suspects is not None and job.suspects.only(*job.curved):
+        return  # what the free shape leaves there, no law of its kind explains
     compared = compared_places(job.current.model, job.trials) if equations.hidden else None
     possible = compared if compared is not None and compared.possible else None
     refuted = False

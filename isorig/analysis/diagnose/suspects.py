@@ -11,7 +11,7 @@ import numpy as np
 
 from isorig.analysis.deadline import ask_time
 from isorig.analysis.diagnose.causes import CATALOGUE, FOUND_AS
-from isorig.analysis.diagnose.causes.base import Evidence
+from isorig.analysis.diagnose.causes.base import Evidence, Kind
 from isorig.analysis.diagnose.free_shapes import free_shapes
 from isorig.analysis.diagnose.kinds import kind_of
 from isorig.analysis.diagnose.policy import POLICY
@@ -109,6 +109,10 @@ class Suspects:
             return cause in FOUND_AS[explanation.what]
         kind = kind_of(cause)
         return _alike(kind, explanation.kind)
+
+    def only(self, kind: Kind, place: str) -> bool:
+        """Whether all that is suspected is of one kind at one place."""
+        return all(item.kind == kind and place in self.places.get(item.place, {item.place}) for item in self.chosen)
 
     def alike(self, one: tuple[str, str], other: tuple[str, str]) -> bool:
         """Whether two causes, each with its location, are at one place and of kinds that the equations cannot distinguish."""

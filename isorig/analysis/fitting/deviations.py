@@ -24,6 +24,8 @@ STEPS, FALL = 4, 1e-6
 FINEST, COARSEST = 1e-6, 1e-3
 #: A value whose full size changes the residual by less than this, in standard deviations of the noise, is not identifiable.
 TRACE = 2.0
+#: Least size of a Jacobian's column, for a value without any effect. Derived: the fourth power of its inverse is finite.
+NO_EFFECT = 1e-50
 #: Shares of a friction force that is not identifiable because nothing slides against it: the data may contain sliding.
 SMALLER = np.geomspace(0.95, 0.05, 30).tolist()
 
@@ -72,7 +74,7 @@ def normalised(done: Fit) -> tuple[FloatArray, FloatArray, FloatArray]:
 
     The normal matrix includes the smoothness of curves, which holds their points without data.
     """
-    scale = np.maximum(np.sqrt((done.jacobian**2).sum(axis=0)), 1e-300)
+    scale = np.maximum(np.sqrt((done.jacobian**2).sum(axis=0)), NO_EFFECT)
     jacobian, ties = done.jacobian / scale, bending(done.model, done.free)[0] / scale
     return scale, jacobian, np.linalg.pinv(jacobian.T @ jacobian + ties.T @ ties, rcond=1e-12, hermitian=True)
 

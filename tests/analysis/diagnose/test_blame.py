@@ -11,6 +11,8 @@ import pytest
 from small_rigs import guessed, played, stage, with_law
 
 from isorig.analysis import laws
+from isorig.analysis.diagnose import search
+from isorig.analysis.diagnose.causes.base import Kind
 from isorig.analysis.diagnose.diagnosis import diagnose
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.search import Job, Suspected
@@ -187,3 +189,30 @@ def test_a_second_cause_at_the_same_place_is_of_a_kind_that_the_equations_distin
     assert found.alike(("quadratic_damping", "rail"), ("coulomb_friction", "rail"))
     assert not found.alike(("quadratic_damping", "rail"), ("coulomb_friction", "belt"))
     assert not found.alike(("hardening_stiffness", "rail"), ("coulomb_friction", "rail"))
+
+
+@pytest.mark.parametrize(
+    ("curved", "hidden", "elsewhere", "goes_on"),
+    [
+        (("memory", "rail"), False, False, False),
+        (None, False, False, True),
+        (("memory", "rail"), True, False, True),
+        (("memory", "rail"), False, True, True),
+    ],
+)
+def test_what_a_free_shape_leaves_at_its_place_is_not_searched_for_again(
+    curved: tuple[Kind, str] | None, hidden: bool, elsewhere: bool, goes_on: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A second force with a memory beside the free shape of one, unless the equations rest on estimates or show another place."""
+    found = blaming(("memory", "rail", 0.5), *([("memory", "belt", 0.4)] if elsewhere else []))
+    monkeypatch.setattr(search, "compared_places", lambda model, trials: SimpleNamespace(possible=frozenset({"rail"})))
+    job = SimpleNamespace(
+        progress=lambda text: None, left=0.2, curved=curved, suspects=found, judged_by_drive=False, trials=(),
+        current=SimpleNamespace(model=stage()), equations=SimpleNamespace(hidden=hidden),
+    )  # fmt: skip
+    assert (next(search.sources(cast(Job, job)), None) is not None) == goes_on
+
+
+def test_a_free_shape_does_not_cover_another_kind_at_its_place() -> None:
+    assert blaming(("memory", "rail", 0.5)).only("memory", "rail")
+    assert not blaming(("memory", "rail", 0.5), ("spring_shape", "rail", 0.4)).only("memory", "rail")

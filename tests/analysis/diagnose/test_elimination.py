@@ -208,7 +208,7 @@ def test_a_free_shape_that_explains_where_the_equations_show_a_cause_ends_the_se
             return False
 
     job = SimpleNamespace(
-        progress=lambda text: None, left=1.0, forms_only=False, steps=1, explains=lambda entry: explains,
+        progress=lambda text: None, left=1.0, forms_only=False, steps=1, curved=None, explains=lambda entry: explains,
         helps=lambda forms: False, nearly=lambda entry: False, better=list, finished=list, floors=np.zeros((1, 1)),
         entries=lambda run: [Entry(candidate=candidate, fit=done, score=cast("Score", None)) for candidate, done in run],
     )  # fmt: skip
