@@ -9,7 +9,7 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import ModelError
 from isorig.analysis.jit import kernel
-from isorig.analysis.laws.base import ContactLaw, LinkConstants, Parameter
+from isorig.analysis.laws.base import NO_LINK, ContactLaw, LinkConstants, Parameter
 from isorig.analysis.laws.elements import Element, Formula
 from isorig.analysis.laws.shapes import integrated
 
@@ -39,9 +39,12 @@ class BoucWen(ContactLaw, frozen=True, kw_only=True, tag="bouc_wen"):
         if not 0.0 <= self.pinching <= 1.0:
             raise ModelError(f"pinching is {self.pinching:g}, which must lie in [0, 1]; correct it")
 
+    @property
+    def _params(self) -> tuple[float, ...]:
+        return self.friction_force, self.initial_stiffness, self.sharpness, self.pinching
+
     def element(self, link: LinkConstants) -> Element:
-        params = (self.friction_force, self.initial_stiffness, self.sharpness, self.pinching)
-        return Element(formula=FORMULA, params=params, memories=1, steepest=(2.0 * self.initial_stiffness, 0.0))
+        return Element(formula=FORMULA, params=self._params, memories=1, steepest=(2.0 * self.initial_stiffness, 0.0))
 
     def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         return self.friction_force * memory[0]
@@ -51,12 +54,27 @@ class BoucWen(ContactLaw, frozen=True, kw_only=True, tag="bouc_wen"):
         bent = b * abs(v) * z * np.abs(z) ** (n - 1.0) + (1.0 - b) * v * np.abs(z) ** n
         return np.asarray(self.initial_stiffness / self.friction_force * (v - bent))
 
+    def along(self, d: FloatArray, v: FloatArray, rate: float, link: LinkConstants = NO_LINK) -> FloatArray:
+        out = np.empty(len(v))
+        bent_along(np.array(self._params), np.ascontiguousarray(v) / rate, out)
+        return out
+
 
 @kernel
 def rate(p: FloatArray, z: float, v: float) -> float:
     """dz/dt."""
     near = abs(z) ** (p[2] - 1.0) if p[2] != 1.0 else 1.0
     return p[1] / p[0] * (v - near * (p[3] * abs(v) * z + (1.0 - p[3]) * v * abs(z)))
+
+
+@kernel
+def bent_along(p: FloatArray, distance: FloatArray, out: FloatArray) -> None:
+    """Forces after each of the distances (m), one after another, into `out`, shape (n,)."""
+    z = 0.0
+    for k in range(len(distance)):
+        x = distance[k]
+        z = integrated(rate, p, z, p[2] * p[1] / p[0], x, x, x, 0.0, 1.0, 1.0)
+        out[k] = p[0] * z
 
 
 @kernel
