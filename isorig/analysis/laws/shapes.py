@@ -13,7 +13,7 @@ from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import ModelError
 from isorig.analysis.jit import inlined, kernel
 
-#: Share of a state variable below which the remaining change in a step is rounding: what slides steadily is not integrated.
+#: Change of a state variable in a step, as a share of its value, from which on it is rounding: steady sliding is not integrated.
 SATURATED = 1e-13
 #: Minimum points of a tabulated law for a line, and maximum for a fast spline.
 FEWEST_POINTS, MOST_POINTS = 2, 65
@@ -123,7 +123,7 @@ def integrated(
             va, vb, vc = v0 + x * (b + c * x), v0 + xm * (b + c * xm), v0 + x1 * (b + c * x1)
             k1 = rate(p, z, va)
             k2 = rate(p, z + 0.5 * dx * h * k1, vb)
-            if abs(k2) * (end - x) * h <= SATURATED * abs(z):  # at x itself the velocity may be zero
+            if abs(k2) * dx * h <= SATURATED * abs(z):  # at x itself the velocity may be zero
                 break
             k3 = rate(p, z + 0.5 * dx * h * k2, vb)
             k4 = rate(p, z + dx * h * k3, vc)
