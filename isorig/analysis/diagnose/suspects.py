@@ -102,8 +102,11 @@ class Suspects:
         """Whether a cause at a place is suspected."""
         return any(self._is(explanation, cause, location) for explanation in self.chosen)
 
+    def _at(self, explanation: Explanation, location: str) -> bool:
+        return location in self.places.get(explanation.place, frozenset({explanation.place}))
+
     def _is(self, explanation: Explanation, cause: str, location: str) -> bool:
-        if location not in self.places.get(explanation.place, frozenset({explanation.place})):
+        if not self._at(explanation, location):
             return False
         if explanation.what in FOUND_AS and cause != explanation.kind:
             return cause in FOUND_AS[explanation.what]
@@ -112,7 +115,7 @@ class Suspects:
 
     def only(self, kind: Kind, place: str) -> bool:
         """Whether all that is suspected is of one kind at one place."""
-        return all(item.kind == kind and place in self.places.get(item.place, {item.place}) for item in self.chosen)
+        return all(item.kind == kind and self._at(item, place) for item in self.chosen)
 
     def alike(self, one: tuple[str, str], other: tuple[str, str]) -> bool:
         """Whether two causes, each with its location, are at one place and of kinds that the equations cannot distinguish."""

@@ -13,7 +13,7 @@ from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import ModelError
 from isorig.analysis.jit import inlined, kernel
 
-#: Change of a state variable in a step, as a share of its value, from which on it is rounding: steady sliding is not integrated.
+#: Relative change of a state variable in one Runge-Kutta step, below which it is rounding: steady sliding is not integrated.
 SATURATED = 1e-13
 #: Minimum points of a tabulated law for a line, and maximum for a fast spline.
 FEWEST_POINTS, MOST_POINTS = 2, 65

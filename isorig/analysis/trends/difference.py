@@ -77,6 +77,10 @@ class ProblemWithPriors(Problem):
         """Weighted residuals of several models, shape (models, size)."""
         return np.hstack([super().residuals(models), np.array([[self._distance(m, *k) for k in self._known] for m in models])])
 
+    def misfit(self, done: Fit, changed: Mapping[str, float]) -> float:
+        """Sum of a fit's squared residuals, and of what more campaigns than this one add; `changed` as for `unaccounted`."""
+        return done.cost * self.size + self.unaccounted(done.model, changed)
+
     def unaccounted(self, model: RigModel, changed: Mapping[str, float]) -> float:
         """What more campaigns than this one add to the squared distances of the parameters that have changed.
 
@@ -141,14 +145,15 @@ def explanations(
     for one in known:
         freed = ProblemWithPriors(short, [k for k in known if k is not one])
         done = fit(still.model, free, freed, iterations=STEPS)
-        found.append(_of_parameter(one[0].path, earlier, done, freed, freed.unaccounted(done.model, changed)))
+        found.append(_of_parameter(one[0].path, earlier, done, freed.misfit(done, changed) + np.log(freed.size)))
     evidence = observe(campaign, still.model, trials, earlier, earlier)
     with np.errstate(all="ignore"):  # a cause that does not fit may diverge
         screened = Screen(still, whole).ranked([c for cause in CATALOGUE for c in cause.candidates(still.model, evidence)])
     for item in _distinct(screened)[: POLICY.fitted_causes]:
         tried = _fitted(item, earlier, item.candidate.parameters(still.model, free), whole)
         if tried is not None and item.candidate.plausible(tried.model):
-            found.append(_of_candidate(item.candidate, tried, whole, whole.unaccounted(tried.model, changed)))
+            own = len(item.candidate.free) * np.log(whole.size)
+            found.append(_of_candidate(item.candidate, tried, whole.misfit(tried, changed) + own))
     return _judged(found, still.cost * whole.size, whole.measured, changed)
 
 
@@ -180,20 +185,19 @@ def _distinct(screened: Sequence[ScreenedCandidate]) -> list[ScreenedCandidate]:
     return list(seen.values())
 
 
-def _of_parameter(path: str, earlier: RigModel, changed: Fit, problem: Problem, unaccounted: float) -> CauseOfChange:
+def _of_parameter(path: str, earlier: RigModel, done: Fit, misfit: float) -> CauseOfChange:
     _, place, *_, last = path.split(".")
     return CauseOfChange(
-        cause=last, location=place, parameter=path, unit="", old=earlier.get(path), new=changed.values[path],
-        std=changed.std[path], share=0.0, misfit=changed.cost * problem.size + unaccounted + np.log(problem.size),
+        cause=last, location=place, parameter=path, unit="", old=earlier.get(path), new=done.values[path],
+        std=done.std[path], share=0.0, misfit=misfit,
     )  # fmt: skip
 
 
-def _of_candidate(candidate: Candidate, done: Fit, problem: Problem, unaccounted: float) -> CauseOfChange:
+def _of_candidate(candidate: Candidate, done: Fit, misfit: float) -> CauseOfChange:
     first = candidate.reported[0]
     return CauseOfChange(
         cause=candidate.cause, location=candidate.location, parameter=first.name, unit=first.unit, old=np.nan,
-        new=first.of(done.model), std=done.std.get(first.path, np.nan), share=0.0,
-        misfit=done.cost * problem.size + unaccounted + len(candidate.free) * np.log(problem.size),
+        new=first.of(done.model), std=done.std.get(first.path, np.nan), share=0.0, misfit=misfit,
     )  # fmt: skip
 
 

@@ -75,10 +75,11 @@ def explained(rows: Sequence[Mapping[str, object]]) -> str:
 
 def cause_words(row: Mapping[str, object]) -> str:
     """An explanation in a clause."""
-    old, after = float(str(row["old"])), with_unit(float(str(row["new"])), str(row["unit"]))
+    old, unit = float(str(row["old"])), str(row["unit"])
+    after = with_unit(float(str(row["new"])), unit)
     cause, place = _plain(str(row["cause"])), _plain(str(row["location"]))
     if math.isfinite(old):
-        return f"{cause} of {place} from {with_unit(old, str(row['unit']))} to {after}"
+        return f"{cause} of {place} from {with_unit(old, unit)} to {after}"
     return f"{cause} at {place}, {_plain(str(row['parameter']))} {after}"
 
 
