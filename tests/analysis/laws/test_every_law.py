@@ -221,6 +221,14 @@ def test_the_force_within_karnopps_band_is_refused() -> None:
         law.along(np.zeros(2), inside, RATE)
 
 
+def test_a_very_stiff_loop_slides_at_once() -> None:
+    """Each sample slides 1e8 times as far as the force takes to build up: what has built up is not integrated further."""
+    law = laws.BoucWen(friction_force=1e-3, initial_stiffness=1e9, sharpness=2.0, pinching=0.7)
+    v = np.repeat([0.1, -0.1, 0.1], 20)
+    force = law.along(np.cumsum(v) / 1000.0, v, 1000.0)
+    np.testing.assert_allclose(force, 1e-3 * np.sign(v), rtol=1e-9)
+
+
 def test_bouc_wen_with_full_pinching_is_dahl() -> None:
     one = laws.BoucWen(friction_force=5.0, initial_stiffness=4e3, sharpness=1.0, pinching=1.0)
     other = laws.Dahl(friction_force=5.0, bristle_stiffness=4e3)
