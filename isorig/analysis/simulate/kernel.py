@@ -42,28 +42,51 @@ def ahead(columns: FloatArray, blocks: int, y: FloatArray, first: int, last: int
     for b in range(blocks):
         a0, a1, a2, a3 = base[b, 0], base[b, 1], base[b, 2], base[b, 3]
         a4, a5, a6, a7 = base[b, 4], base[b, 5], base[b, 6], base[b, 7]
-        for j in range(np.uint64(first), np.uint64(last)):
-            x = y[j]
-            a0 += columns[b, j, 0] * x
-            a1 += columns[b, j, 1] * x
-            a2 += columns[b, j, 2] * x
-            a3 += columns[b, j, 3] * x
-            a4 += columns[b, j, 4] * x
-            a5 += columns[b, j, 5] * x
-            a6 += columns[b, j, 6] * x
-            a7 += columns[b, j, 7] * x
-        out[b, 0], out[b, 1], out[b, 2], out[b, 3] = a0, a1, a2, a3
-        out[b, 4], out[b, 5], out[b, 6], out[b, 7] = a4, a5, a6, a7
+        b0, b1, b2, b3, b4, b5, b6, b7 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        low, high = np.uint64(first), np.uint64(last)
+        if (high - low) & np.uint64(1):
+            high -= np.uint64(1)
+            x = y[high]
+            b0 = columns[b, high, 0] * x
+            b1 = columns[b, high, 1] * x
+            b2 = columns[b, high, 2] * x
+            b3 = columns[b, high, 3] * x
+            b4 = columns[b, high, 4] * x
+            b5 = columns[b, high, 5] * x
+            b6 = columns[b, high, 6] * x
+            b7 = columns[b, high, 7] * x
+        while high > low:
+            high -= np.uint64(2)
+            x, z = y[high], y[high + np.uint64(1)]
+            a0 += columns[b, high, 0] * x
+            a1 += columns[b, high, 1] * x
+            a2 += columns[b, high, 2] * x
+            a3 += columns[b, high, 3] * x
+            a4 += columns[b, high, 4] * x
+            a5 += columns[b, high, 5] * x
+            a6 += columns[b, high, 6] * x
+            a7 += columns[b, high, 7] * x
+            h = high + np.uint64(1)
+            b0 += columns[b, h, 0] * z
+            b1 += columns[b, h, 1] * z
+            b2 += columns[b, h, 2] * z
+            b3 += columns[b, h, 3] * z
+            b4 += columns[b, h, 4] * z
+            b5 += columns[b, h, 5] * z
+            b6 += columns[b, h, 6] * z
+            b7 += columns[b, h, 7] * z
+        out[b, 0], out[b, 1], out[b, 2], out[b, 3] = a0 + b0, a1 + b1, a2 + b2, a3 + b3
+        out[b, 4], out[b, 5], out[b, 6], out[b, 7] = a4 + b4, a5 + b5, a6 + b6, a7 + b7
 
 
 @inlined
 def read_sensors(record: Record, y: FloatArray, at: int) -> None:
     """Record the sensors' values at a grid point."""
     for r in range(len(record.filled)):
-        acc = 0.0
-        for k in range(record.filled[r]):
+        acc = record.weights[r, 0] * y[np.uint64(record.places[r, 0])]
+        for k in range(1, record.filled[r]):
             acc += record.weights[r, k] * y[record.places[r, k]]
-        record.out[r, at] = acc
+        record.out[np.uint64(r), np.uint64(at)] = acc
 
 
 @kernel
