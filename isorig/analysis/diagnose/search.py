@@ -191,14 +191,20 @@ class Job:
         near = [pair for k, pair in enumerate(ranked) if k < 2 or pair[1].cost <= BEHIND * ranked[0][1].cost]
         return [Entry(candidate=candidate, fit=rough, score=score(rough.model, self.fine)) for candidate, rough in near]
 
-    def finished(self, entries: Sequence[Entry]) -> list[Entry]:
-        """The same with the contenders fitted to all fit data; one that predicts the held-out data to the noise needs no more."""
+    def finished(self, entries: Sequence[Entry], forms: Sequence[Entry] = ()) -> list[Entry]:
+        """The same with the contenders fitted to all fit data; one that predicts the held-out data to the noise needs no more.
+
+        Free shapes that turn out to be further from the data than one of the finished `forms` of their kind and place are left
+        out.
+        """
         done: list[Entry] = []
         for rough in entries:
             entry, lost = rough, bool(done) and rough.fit.cost > BEHIND * entries[0].fit.cost
             try:
                 if not (lost or adequate(rough.score, self.floors)):
-                    better = (unrolled if rough.candidate.shape else finished)(rough.fit, self.trials)
+                    rival = next((form.fit.model for form in forms if form.place == rough.place), None)
+                    shape = rough.candidate.shape
+                    better = unrolled(rough.fit, self.trials, rival) if shape else finished(rough.fit, self.trials)
                     entry = replace(rough, fit=better, score=score(better.model, self.fine))
             except FitError:  # it fits the first seconds only
                 continue
@@ -295,7 +301,7 @@ def next_step(job: Job) -> Found | None:
         if whole and not alone and not (job.helps(forms) and source.suffices(forms)):
             if shapes is None:
                 job.progress("no form makes the model adequate; fitting free shapes")
-                shapes = job.finished(job.entries(contenders(source.shapes(forms, nearly), source.forms, nearly)))
+                shapes = job.finished(job.entries(contenders(source.shapes(forms, nearly), source.forms, nearly)), forms)
             if shapes or nearly is None:
                 return _as_shown(_kind_and_form(job, source.known, forms, shapes), source)
     except OutOfTimeError:

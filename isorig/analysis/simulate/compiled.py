@@ -22,7 +22,7 @@ from isorig.analysis.model.linear import imposed_coordinates, linear_part
 from isorig.analysis.model.rig_model import GROUND, RigModel, direction
 from isorig.analysis.simulate.curves import code_of
 from isorig.analysis.simulate.holding import implied, patterns, shared
-from isorig.analysis.simulate.workspace import Rig
+from isorig.analysis.simulate.workspace import LEAP, Rig
 
 #: Maximum number of modes of a rig: six contacts, or four end stops.
 MODES = 729
@@ -371,6 +371,7 @@ class _Systems:
         half, moved, slopes = np.tensordot(np.array([0.5**power, power**0, power]), taylor, axes=(1, 1))
         met = np.stack([part[:, :bent].reshape(modes, -1, 2, size) for part in (half, moved)], axis=2).reshape(modes, -1, size)
         margins = np.stack([part[:, bent + m :] for part in (moved, slopes)], axis=2).reshape(modes, -1, size)
+        no_leap = np.zeros((modes, 0, 1))
         width = max((len(elements[k].params) for k in self.curved), default=0)
         params = [[*elements[k].params, *[0.0] * (width - len(elements[k].params))] for k in self.curved]
         gates = {k: elements[k].gates or (1.0,) * len(elements[k].states) for k in self.curved}
@@ -381,6 +382,7 @@ class _Systems:
                 n=n,
                 whole=_columns(np.concatenate([met, moved[:, bent : bent + m], margins], axis=1)),
                 blocks=-(-(met.shape[1] + m + 2 * (table[:, :, 0] >= 0).sum(axis=1)) // 8),
+                leap=_columns(_leap(moved[:, bent : bent + m], margins, self.further) if cuts == 1 and not bent else no_leap),
                 series=_columns(taylor),
                 terms=len(series),
                 exits=table,
@@ -405,6 +407,28 @@ class _Systems:
             rubs=tuple(element.rubs for element in elements),
             across=self.w,
         )
+
+
+def _leap(moved: FloatArray, margins: FloatArray, further: int) -> FloatArray:
+    """Rows of `Rig.leap` from those of z and of the margins after one step, (modes, rows, M), for `further` additional drives."""
+    modes, m, size = moved.shape
+    columns = m + 1 + (1 + further) * (LEAP + 1)
+    # The vector of every step from the leap's input.
+    y = np.zeros((modes, size, columns))
+    y[:, :m, :m] = np.eye(m)
+    y[:, m, m] = 1.0
+    drives = [m + 1, *range(size - 2 * further, size, 2)]
+    states, left = [], []
+    for k in range(LEAP):
+        for at, place in enumerate(drives):
+            now = m + 1 + at * (LEAP + 1) + k
+            y[:, place : place + 2, m + 1 :] = 0.0
+            y[:, place, now], y[:, place + 1, now : now + 2] = 1.0, (-1.0, 1.0)
+        left.append((margins @ y).reshape(modes, -1, 2, columns))
+        states.append(moved @ y)
+        y[:, :m] = states[-1]
+    exits = np.stack(left, axis=2).reshape(modes, -1, columns)
+    return np.concatenate([states[-1], *states[:-1], exits], axis=1)
 
 
 def _columns(rows: FloatArray) -> FloatArray:

@@ -12,7 +12,7 @@ from isorig.analysis.jit import allocating_kernel, inlined, kernel
 from isorig.analysis.simulate.curves import MEMORY, advance, remember, resist, step_on
 from isorig.analysis.simulate.instant import CLEAR, along, begins, follow
 from isorig.analysis.simulate.step import first_exit, point
-from isorig.analysis.simulate.workspace import Motion, Record, Rig, first_margin, force_at, room
+from isorig.analysis.simulate.workspace import LEAP, Motion, Record, Rig, first_margin, force_at, room
 
 #: Number of steps that may need more than one parabola before the limit on their share applies.
 PATIENCE = 64
@@ -37,7 +37,8 @@ CAUTION, WEAR = 4.0, 1.02
 def ahead(columns: FloatArray, blocks: int, y: FloatArray, first: int, last: int, base: FloatArray, out: FloatArray) -> None:
     """Add columns `first` up to `last` times y to base, eight rows at a time, so that the sums stay in vector registers.
 
-    The indices are unsigned, so that none is checked for being negative.
+    Every row has two sums, over every second column, from the last one on: what depends on the step before comes last, and waits
+    for half as many additions. The indices are unsigned, so that none is checked for being negative.
     """
     for b in range(blocks):
         a0, a1, a2, a3 = base[b, 0], base[b, 1], base[b, 2], base[b, 3]
@@ -80,23 +81,70 @@ def ahead(columns: FloatArray, blocks: int, y: FloatArray, first: int, last: int
 
 
 @inlined
-def read_sensors(record: Record, y: FloatArray, at: int) -> None:
-    """Record the sensors' values at a grid point."""
+def read_sensors(record: Record, y: FloatArray, first: int, at: int) -> None:
+    """Record the sensors' values at a grid point from coordinates and speeds in y, from place `first` on."""
     for r in range(len(record.filled)):
-        acc = record.weights[r, 0] * y[np.uint64(record.places[r, 0])]
+        acc = record.weights[r, 0] * y[np.uint64(first + record.places[r, 0])]
         for k in range(1, record.filled[r]):
-            acc += record.weights[r, k] * y[record.places[r, k]]
+            acc += record.weights[r, k] * y[first + record.places[r, k]]
         record.out[np.uint64(r), np.uint64(at)] = acc
 
 
 @kernel
 def read_out(record: Record, y: FloatArray, n: int, at: int, mode: int) -> None:
     """Record the sensors' values, and if requested the curved forces and the mode, at a grid point."""
-    read_sensors(record, y, at)
+    read_sensors(record, y, 0, at)
     if len(record.modes) > 0:
         record.modes[at] = mode
         for c in range(len(record.curved)):
             record.curved[c, at] = y[force_at(n, c)]
+
+
+@inlined
+def leaps(
+    rig: Rig, motion: Motion, record: Record, u: FloatArray, more: FloatArray, mode: int, ways: int, at: int
+) -> tuple[int, bool]:
+    """Take `LEAP` steps at once from step `at` on in one mode; return the next step, and whether a margin may fall below zero
+    in it.
+    """
+    y, drives, landed, m = motion.y, motion.known_drives, motion.landed, 2 * rig.n
+    first = LEAP * m
+    blocks = -(-(first + 2 * LEAP * ways) // 8)
+    drives[m] = 1.0
+    while at + LEAP < len(u):
+        for i in range(m):
+            drives[i] = y[i]
+        for k in range(LEAP + 1):
+            drives[m + 1 + k] = u[at + k]
+            for e in range(len(more)):
+                drives[m + 1 + (e + 1) * (LEAP + 1) + k] = more[e, at + k]
+        ahead(rig.leap[mode], blocks, drives, 0, len(drives), motion.nothing, motion.leaped)
+        taken = LEAP
+        for g in range(ways):
+            for k in range(taken):
+                margin = first + 2 * (g * LEAP + k)
+                if not (landed[margin] >= 0.0 and landed[margin + 1] <= landed[margin]):
+                    taken = k
+                    break
+        # What is recorded beyond the steps taken is overwritten later.
+        for r in range(len(record.filled)):
+            w, p = record.weights[r, 0], np.uint64(record.places[r, 0])
+            a0, a1, a2, a3 = w * y[p], w * landed[m + p], w * landed[2 * m + p], w * landed[3 * m + p]
+            for k in range(1, record.filled[r]):
+                w, p = record.weights[r, k], np.uint64(record.places[r, k])
+                a0, a1 = a0 + w * y[p], a1 + w * landed[m + p]
+                a2, a3 = a2 + w * landed[2 * m + p], a3 + w * landed[3 * m + p]
+            record.out[r, at], record.out[r, at + 1], record.out[r, at + 2], record.out[r, at + 3] = a0, a1, a2, a3
+        for k in range(LEAP if len(record.modes) > 0 else 0):
+            record.modes[at + k] = mode
+        at += taken
+        if taken < LEAP:
+            for i in range(m if taken > 0 else 0):
+                y[i] = landed[taken * m + i]
+            return at, True
+        for i in range(m):
+            y[i] = landed[i]
+    return at, False
 
 
 @inlined
@@ -113,13 +161,17 @@ def march(
         ways += 1
     share = 1.0 / cuts
     at, cut = q // cuts, q % cuts
+    if rig.leap.shape[1] > 0:
+        at, ends_here = leaps(rig, motion, record, u, more, mode, ways, at)
+        if ends_here:
+            return at
     base[:] = 0.0
     for c in range(curves):
         d0[c], v0[c] = along(rig.directions[c], y, n, step)
     while at < len(u) - 1:
         if cut == 0:
             # The first part of `read_out`, inlined: a call takes as long as the step.
-            read_sensors(record, y, at)
+            read_sensors(record, y, 0, at)
             if len(record.modes) > 0:
                 read_out(record, y, n, at, mode)
         slope = (u[at + 1] - u[at]) * share

@@ -9,6 +9,9 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray, IntArray
 from isorig.analysis.jit import allocating_kernel, inlined, kernel
 
+#: Number of steps that a rig without curved forces takes at once; `leaps` in the kernel records so many by name.
+LEAP = 4
+
 
 class Rig(NamedTuple):
     """The rig for one step length.
@@ -30,6 +33,10 @@ class Rig(NamedTuple):
         groups, M, 8).
     blocks
         Groups of eight rows of `whole` that a mode needs, shape (modes,).
+    leap
+        Matrix from (z, 1, then for every drive its values at the next `LEAP` + 1 steps) to z after `LEAP` steps, then z after
+        each step before, then for each exit its margin and the margin's slope after each step, in the same groups, (modes,
+        groups, columns, 8). Without groups if the rig has curved forces or its steps are parts of the drive's.
     series
         Taylor coefficients in time, in the same groups term by term: for each curved element its elongation and speed, then z,
         then each exit's margin, (modes, terms * groups, M, 8).
@@ -56,6 +63,7 @@ class Rig(NamedTuple):
     n: int
     whole: FloatArray
     blocks: IntArray
+    leap: FloatArray
     series: FloatArray
     terms: int
     exits: IntArray
@@ -91,6 +99,8 @@ class Motion(NamedTuple):
     base, ahead, reached
         Results of a whole step in groups of eight rows: the part without the curved forces, and the total; `reached` is the flat
         view of `ahead`.
+    known_drives, leaped, landed, nothing
+        Input of `Rig.leap`, its results in groups of eight rows and their flat view, and zeros of that shape.
     still, known, taylor, columns
         Taylor coefficients in groups of eight rows: zeros, the part without the curved forces, the total; `columns` is the view
         of `taylor` by term, shape (terms, rows).
@@ -119,6 +129,10 @@ class Motion(NamedTuple):
     base: FloatArray
     ahead: FloatArray
     reached: FloatArray
+    known_drives: FloatArray
+    leaped: FloatArray
+    landed: FloatArray
+    nothing: FloatArray
     still: FloatArray
     known: FloatArray
     taylor: FloatArray
@@ -154,7 +168,7 @@ def room(rig: Rig, memories: int) -> Motion:
     """Allocate the motion of a rig whose laws have up to `memories` state variables; all zeros."""
     curves, blocks, groups = len(rig.codes), rig.whole.shape[1], rig.series.shape[1]
     rows = 8 * (groups // rig.terms)
-    taylor, ahead = np.zeros((groups, 8)), np.zeros((blocks, 8))
+    taylor, ahead, leaped = np.zeros((groups, 8)), np.zeros((blocks, 8)), np.zeros((rig.leap.shape[1], 8))
     return Motion(
         y=np.zeros(rig.whole.shape[2]),
         gate=np.zeros(curves),
@@ -171,6 +185,10 @@ def room(rig: Rig, memories: int) -> Motion:
         base=np.zeros((blocks, 8)),
         ahead=ahead,
         reached=ahead.reshape(-1),
+        known_drives=np.zeros(rig.leap.shape[2]),
+        leaped=leaped,
+        landed=leaped.reshape(-1),
+        nothing=np.zeros((rig.leap.shape[1], 8)),
         still=np.zeros((groups, 8)),
         known=np.zeros((groups, 8)),
         taylor=taylor,
