@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from reference_contacts import Located, time_stepped
 
 from isorig.analysis import laws
-from isorig.analysis.campaign import FloatArray
+from isorig.analysis.campaign import FloatArray, IntArray
 from isorig.analysis.errors import SimulationError
 from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel, direction, matrices
 from isorig.analysis.simulate import free_run
@@ -229,6 +229,25 @@ def test_karnopps_band_is_left_once(more: dict[str, float]) -> None:
         assert len(log) > 20
         _, counts = np.unique(log[:, 0], return_counts=True)
         assert counts.max() <= 2
+
+
+def test_four_steps_at_once_are_four_steps() -> None:
+    """The last steps of a record are taken one by one, those before four at once: a shorter record has the same beginning."""
+    model = rig(CHAIN, {("low", "ground"): SPRING, ("high", "low"): SPRING}, [("high", "low", 5.0, 6.0)], {"high": 1.0})
+    model = replace(model, more_drives=(Drive(channel="w", pushes={"low": 1.0}, quantity="force"),))
+    drives = np.array([noise(20.0), noise(30.0, seed=2)])
+
+    def run(end: int) -> tuple[FloatArray, IntArray]:
+        out, modes = np.zeros((4, end)), np.zeros(end, dtype=np.int64)
+        run_rig(model, "unlocked", drives[:, :end], 1.0 / RATE, 0.0, np.eye(4), out, modes=modes)
+        return out.T, modes
+
+    whole, modes = run(drives.shape[1])
+    assert np.count_nonzero(np.diff(modes)) > 20
+    for end in range(2, 200):
+        cut, short = run(end)
+        assert np.abs(cut - whole[:end]).max() < 1e-12 * np.abs(whole).max()
+        assert (short == modes[:end]).all()
 
 
 def test_contacts_keep_sticking_where_several_motions_are_possible() -> None:
