@@ -590,6 +590,10 @@ class Screened:
         """Fitted free shapes, best first, the leading ones with as many points as they need."""
         job, every = self.job, shape_starts(forms, self.job.current, self.job.evidence)
         begun = [start for start in every if self._sought(start[0]) and _wanted(start[0], nearly)]
+        from_forms = [start for start in begun if all(start[2] is not model for model in start[0].starts)]
+        if nearly is not None and from_forms:
+            # A form that removes nearly all stays with the data, and so do curves that begin like it.
+            return self._denser(verified(from_forms, job.rungs[-1], job.progress))
         stepped = [self._screen.screen(candidate) for candidate in {id(start[0]): start[0] for start in begun}.values()]
         stepped.sort(key=lambda item: item.cost)
         # The linear step shows the place better than the kind: from little friction no step leads to sticking, but a form does.
@@ -603,9 +607,11 @@ class Screened:
 
         near = [item for k, item in enumerate(stepped) if k < CURVES or may_explain(item)]
         starts = [(x.candidate, x.candidate.parameters(job.current.model, job.current.free), x.models[0]) for x in near]
-        starts += [s for s in begun if any(s[0] is x.candidate for x in near) and all(s[2] is not m for m in s[0].starts)]
-        run = followed(starts, job.rungs, job.current, job.progress, job.promising)
-        denser = [with_more_points(candidate, done, job.rungs[-1]) for candidate, done in run[:CURVES]]
+        starts += [start for start in from_forms if any(start[0] is x.candidate for x in near)]
+        return self._denser(followed(starts, job.rungs, job.current, job.progress, job.promising))
+
+    def _denser(self, run: Running) -> Running:
+        denser = [with_more_points(candidate, done, self.job.rungs[-1]) for candidate, done in run[:CURVES]]
         return sorted([*denser, *run[CURVES:]], key=lambda pair: pair[1].cost)
 
     def pairs(self) -> list[tuple[Candidate, Fit, Candidate, Fit]]:

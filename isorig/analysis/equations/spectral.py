@@ -85,7 +85,7 @@ class Prepared:
         self, spectra: Spectra, rows: Sequence[Row], runs: Sequence[int], start: FloatArray, rounds: int = ROUNDS
     ) -> None:
         self.spectra, self.rows, self.runs = spectra, tuple(rows), tuple(runs)
-        matrix = spectra.matrix(rows)
+        self._matrix = matrix = spectra.matrix(rows)
         chosen = [item for item in spectra.runs if item.run in self.runs]
         grams = [np.real(_gram(matrix, item.power)) for item in chosen]
         noise = np.real(_gram(matrix, spectra.noise))
@@ -110,10 +110,19 @@ class Prepared:
         self.size = sum(item.segments.shape[1] for item in chosen) * len(spectra.bins)
         self.power = sum((w[:, None, None] * item.power for w, item in zip(weights, chosen, strict=True))) / count
         self.noise = sum(weights)[:, None, None] * spectra.noise / count
+        self._kept: dict[tuple[int, ...], tuple[ComplexArray, ComplexArray]] = {(): (self.power, self.noise)}
         self.solved = self.solve()
         self.count = count
 
-    def solve(self, more: Sequence[Row] = (), known: Row | None = None, correction: ComplexArray | None = None) -> Solved:
+    def _powers(self, kept: tuple[int, ...]) -> tuple[ComplexArray, ComplexArray]:
+        # Of signals and noise, of these signals alone; of all if none is given.
+        if kept not in self._kept:
+            self._kept[kept] = self.power[:, kept][:, :, kept], self.noise[:, kept][:, :, kept]
+        return self._kept[kept]
+
+    def solve(
+        self, more: Sequence[Row] = (), known: Row | None = None, correction: ComplexArray | None = None, kept: Sequence[int] = ()
+    ) -> Solved:
         """Solve with more unknown rows, with a further known part, or with corrected signals.
 
         Parameters
@@ -123,14 +132,16 @@ class Prepared:
         known
             Added to the known row.
         correction
-            True signals in terms of the recorded ones, shape (bins, signals, signals).
+            True signals in terms of the recorded ones, shape (bins, signals, signals), or (bins, signals, kept).
+        kept
+            Places of the signals on which all others depend.
         """
-        matrix = self.spectra.matrix([*self.rows, *more])
+        matrix = np.concatenate([self._matrix, self.spectra.matrix(more)], axis=1)
         if known is not None:
             matrix[:, :1] += self.spectra.matrix([known])
         if correction is not None:
             matrix = matrix @ correction
-        gram, noise = (np.real(_gram(matrix, power)).sum(axis=0) for power in (self.power, self.noise))
+        gram, noise = (np.real(_gram(matrix, power)).sum(axis=0) for power in self._powers(tuple(kept)))
         return _solve(gram, noise)
 
     def scan(self, row: Row, gains: ComplexArray) -> FloatArray:

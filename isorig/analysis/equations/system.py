@@ -140,17 +140,21 @@ class Equations:
         of_bodies, of_drives = transfer(assumed, self.hidden, seen, spectra.omega)
         correction = np.zeros((len(spectra.bins), len(spectra.names), len(spectra.names)), dtype=complex)
         correction[:, range(len(spectra.names)), range(len(spectra.names))] = 1.0
+        rows = [self.body_row(body) for body in seen]
         for i, body in enumerate(self.hidden):
             for order in range(3):
                 k = spectra.index[estimate_of(body), order]
                 integral = (1j * spectra.omega) ** (order - 2)
                 correction[:, k] = 0.0
-                for j, other in enumerate(seen):
-                    for name, weight in self.body_row(other).items():
+                for j, row in enumerate(rows):
+                    for name, weight in row.items():
                         correction[:, k, spectra.index[name]] += integral * of_bodies[:, i, j] * weight
                 for channel, gain in of_drives.items():
                     correction[:, k, spectra.index[channel, -1]] += integral * gain[:, i]
-        return float(sum(np.log(max(p.solve(correction=correction).residual, 0.1)) for p in self.prepared.values()))
+        hidden = {estimate_of(body) for body in self.hidden}
+        kept = [k for k, (name, _) in enumerate(spectra.names) if name not in hidden]
+        solved = (item.solve(correction=correction[:, :, kept], kept=kept) for item in self.prepared.values())
+        return float(sum(np.log(max(each.residual, 0.1)) for each in solved))
 
     def _prepare(self) -> None:
         names: list[tuple[str, int]] = []
