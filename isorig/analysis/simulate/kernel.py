@@ -517,9 +517,9 @@ def run(
         Number of changes of state; -1 if the motion grows without bound, -2 if too many steps need more than one parabola,
         -3 if contacts change without end, or no combination of their states is consistent.
     """
-    # Sensors read few coordinates: store only their non-zero weights.
-    weights = sense.copy()
-    places, filled = np.zeros(sense.shape, dtype=np.int64), np.zeros(len(sense), dtype=np.int64)
+    # Sensors read few coordinates: store only their non-zero weights; one of zero where there are none, or no coordinates.
+    places = np.zeros((len(sense), max(2 * rig.n, 1)), dtype=np.int64)
+    weights, filled = np.zeros(places.shape), np.zeros(len(sense), dtype=np.int64)
     for r in range(len(sense)):
         for i in range(2 * rig.n):
             if sense[r, i] != 0.0:

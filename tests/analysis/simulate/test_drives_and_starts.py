@@ -270,3 +270,10 @@ def test_a_description_may_have_numpys_numbers() -> None:
     }  # fmt: skip
     model = from_tree(tree)
     assert (model.get("bodies.m.mass"), model.get("links.k.stiffness"), model.get("links.k.damping")) == (2.0, 400.0, 3.0)
+
+
+def test_what_is_locked_to_the_ground_stays_at_rest() -> None:
+    """The rig has no coordinate that a sensor could read, whatever else is in the memory."""
+    model = replace(two(), configurations={"locked": Configuration(rigid=("kl", "kr"))})
+    seen = simulate(model, Excitation.prepare(A, RATE, others=[B]), configuration="locked").channels
+    assert all(not values.any() for values in seen.values())
