@@ -31,7 +31,7 @@ FURTHER = (
         # The fit of all runs together has a local minimum with a hundred times the error; the start of the fits is also compared
         # below, in seconds.
         pytest.param("none", 7200052, (REST, RANDOM, MOVES), marks=pytest.mark.study),
-        ("asymmetric_friction", 7200004, (REST, RANDOM, MOVES)),
+        pytest.param("asymmetric_friction", 7200004, (REST, RANDOM, MOVES), marks=pytest.mark.study),
         # A search finds only a better baseline; the beginnings of the runs are judged after that.
         pytest.param("none", 8100048, (REST, RANDOM, MOVES, *FURTHER), marks=pytest.mark.study),
         # The play is nearly as large as the motion: a stop with hardly any spring inside has the same equations.

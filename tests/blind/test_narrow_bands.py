@@ -39,6 +39,7 @@ def test_a_sound_rig_whose_drive_never_reaches_the_heatblock_is_adequate(seed: i
     assert stiffness == pytest.approx(rig.link("heatblock").stiffness, rel=0.01)
 
 
+@pytest.mark.study
 @pytest.mark.timeout(300)
 def test_a_wrong_mass_is_named_before_the_added_mode_with_equal_physics(tmp_path: Path) -> None:
     # 4.3 kg at the heatblock's frequency explain a heatblock of 10.3 kg given as 6 kg just as well, with three parameters.

@@ -33,6 +33,7 @@ def test_a_whole_motion_shows_what_its_moments_do_not(tmp_path: Path) -> None:
     assert found["verdict"] == "explained"
 
 
+@pytest.mark.study
 @pytest.mark.timeout(300)
 def test_an_imperfect_lock_is_no_exchange_of_channels(tmp_path: Path) -> None:
     envelope = draw_envelope("imperfect_lock", 1.0, 700047)
@@ -42,6 +43,7 @@ def test_an_imperfect_lock_is_no_exchange_of_channels(tmp_path: Path) -> None:
     assert found["doubts"] == []
 
 
+@pytest.mark.study
 @pytest.mark.timeout(300)
 def test_friction_that_holds_two_carts_together_is_no_wrong_unit(tmp_path: Path) -> None:
     """The records agree with a link a thousand times as stiff; the equations with friction give the described stiffness."""
@@ -52,6 +54,7 @@ def test_friction_that_holds_two_carts_together_is_no_wrong_unit(tmp_path: Path)
     assert {(step["kind"], step["location"]) for step in found["steps"]} == {("friction_shape", "between")}
 
 
+@pytest.mark.study
 @pytest.mark.timeout(300)
 def test_a_cause_that_amplifies_noise_leaves_the_baseline_inadequate(tmp_path: Path) -> None:
     """Play in a chain: noise on the drive soon changes its motion as much as the whole cause does.

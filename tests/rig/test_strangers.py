@@ -162,7 +162,7 @@ STRANGERS: Mapping[str, Stranger] = {
     ),
 }  # fmt: skip
 #: Diagnosed by default.
-QUICK = ("gain in a chain", "late angle", "dry friction, cut out of a motion")
+QUICK = ("gain in a chain", "late angle")
 
 
 def recorded(stranger: Stranger, seed: int) -> Campaign:

@@ -143,6 +143,7 @@ def test_a_further_cause_of_a_soiled_rig_removes_much_that_no_other_one_removes(
     assert (found is not None) == suspected
 
 
+@pytest.mark.study
 def test_several_sliders_are_memory_and_no_spring_is_named_for_them() -> None:
     truth = stage()
     for give in (0.1, 0.2, 0.3, 0.4):

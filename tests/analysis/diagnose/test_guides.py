@@ -15,6 +15,7 @@ from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.model.rig_model import RigModel
 
 
+@pytest.mark.study
 def test_friction_of_a_cart_that_its_description_does_not_join_to_the_ground() -> None:
     truth = rubbing(with_guides(carts()), guide_of("second"), 0.5)
     found = diagnose(played(truth, seed=11), guessed(carts(), 11))

@@ -52,6 +52,7 @@ def test_friction_that_holds_a_body_most_of_the_time_is_found() -> None:
     assert diagnosis.steps[0].parameters["friction_force"][0] == pytest.approx(12.3, rel=0.01)
 
 
+@pytest.mark.study
 def test_a_second_cause_that_shows_later_in_the_runs_is_found() -> None:
     # A gain shows at once; the chain hardens only where it swings far, after the first half second.
     truth = with_law(chain(), "l1", laws.Cubic(cubic_stiffness=2e7))

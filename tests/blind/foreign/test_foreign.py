@@ -27,6 +27,8 @@ from isorig.rig.files.rigfile import rig_of
 
 ONE = Elongation(bodies=(0,), weights=(1.0,))
 STEP = 1.0 / 32768.0
+#: Families whose campaigns are simulated in seconds.
+QUICK = ("torsion", "base", "partial")
 
 
 def moved(force: np.ndarray, *, c: float = 0.8, laws: tuple[Law, ...] = (), rubs: tuple[Rub, ...] = ()) -> np.ndarray:
@@ -78,7 +80,7 @@ def test_a_converter_is_flat_to_its_band_and_has_nothing_above_half_the_rate(nam
         assert np.abs(outside).max() < 2e-3
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("family", [f if f in QUICK else pytest.param(f, marks=pytest.mark.study) for f in FAMILIES])
 def test_a_campaign_is_read_and_says_nothing_of_its_answer(family: str, tmp_path: Path) -> None:
     made = draw(family, 3, Setting(severity=1.0, soiled=True, effects=("one",)), tmp_path)
     assert made is not None
