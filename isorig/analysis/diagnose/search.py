@@ -179,8 +179,11 @@ class Job:
 
     def explains(self, entry: Entry) -> bool:
         """Whether it makes the model adequate, or removes as much of the baseline's error as an explanation does."""
-        enough = self.left >= 1.0 and share_removed(self.now.error, entry.score.error, self.floors) >= POLICY.explained
-        return enough or adequate(entry.score, self.floors)
+        return (self.left >= 1.0 and self.removes_most(entry)) or adequate(entry.score, self.floors)
+
+    def removes_most(self, entry: Entry) -> bool:
+        """Whether it removes as much of the current model's excess as an explanation does of the baseline's."""
+        return share_removed(self.now.error, entry.score.error, self.floors) >= POLICY.explained
 
     def nearly(self, entry: Entry) -> bool:
         """Whether it leaves so little that the rest is due to no other kind or place."""
@@ -191,20 +194,33 @@ class Job:
         near = [pair for k, pair in enumerate(ranked) if k < 2 or pair[1].cost <= BEHIND * ranked[0][1].cost]
         return [Entry(candidate=candidate, fit=rough, score=score(rough.model, self.fine)) for candidate, rough in near]
 
-    def finished(self, entries: Sequence[Entry], forms: Sequence[Entry] = ()) -> list[Entry]:
-        """The same with the contenders fitted to all fit data; one that predicts the held-out data to the noise needs no more.
+    def following(self, shapes: Running, forms: Running, most: Collection[tuple[Kind, str]]) -> Running:
+        """The free shapes without those that predict the runs as well as a form that removes `most` of the excess.
 
-        Free shapes that turn out to be further from the data than one of the finished `forms` of their kind and place are left
-        out.
+        Both, the form of the same kind at the same place, are fitted to the first seconds only: what follows shows whether the
+        shape has found more than its freedom explains (`Policy.form_close`).
         """
+        whole = Problem(self.trials)
+        of_forms: dict[tuple[Kind, str], float] = {}
+        for candidate, rough in forms:
+            place = kind_of(candidate.cause), candidate.location
+            if place in most and place not in of_forms:
+                of_forms[place] = misfit(rough.model, whole)
+
+        def predicts(candidate: Candidate, rough: Fit) -> bool:
+            own = of_forms.get((kind_of(candidate.cause), candidate.location))
+            return own is None or misfit(rough.model, whole) < own / POLICY.form_close**2
+
+        return [(candidate, rough) for candidate, rough in shapes if predicts(candidate, rough)]
+
+    def finished(self, entries: Sequence[Entry]) -> list[Entry]:
+        """The same with the contenders fitted to all fit data; one that predicts the held-out data to the noise needs no more."""
         done: list[Entry] = []
         for rough in entries:
             entry, lost = rough, bool(done) and rough.fit.cost > BEHIND * entries[0].fit.cost
             try:
                 if not (lost or adequate(rough.score, self.floors)):
-                    rival = next((form.fit.model for form in forms if form.place == rough.place), None)
-                    shape = rough.candidate.shape
-                    better = unrolled(rough.fit, self.trials, rival) if shape else finished(rough.fit, self.trials)
+                    better = (unrolled if rough.candidate.shape else finished)(rough.fit, self.trials)
                     entry = replace(rough, fit=better, score=score(better.model, self.fine))
             except FitError:  # it fits the first seconds only
                 continue
@@ -301,7 +317,9 @@ def next_step(job: Job) -> Found | None:
         if whole and not alone and not (job.helps(forms) and source.suffices(forms)):
             if shapes is None:
                 job.progress("no form makes the model adequate; fitting free shapes")
-                shapes = job.finished(job.entries(contenders(source.shapes(forms, nearly), source.forms, nearly)), forms)
+                most = {entry.place for entry in forms if job.removes_most(entry)}
+                chosen = contenders(source.shapes(forms, nearly), source.forms, nearly)
+                shapes = job.finished(job.entries(job.following(chosen, source.forms, most)))
             if shapes or nearly is None:
                 return _as_shown(_kind_and_form(job, source.known, forms, shapes), source)
     except OutOfTimeError:

@@ -168,16 +168,11 @@ def finished(rough: Fit, trials: Sequence[Trial]) -> Fit:
     return fit(rough.model, rough.free, Problem(whole, share=SIMULATION_LIMIT), iterations=LAST_STEPS, tolerance=1e-3)
 
 
-def unrolled(rough: Fit, trials: Sequence[Trial], rival: RigModel | None = None) -> Fit:
+def unrolled(rough: Fit, trials: Sequence[Trial]) -> Fit:
     """A free shape's fit continued to the whole runs, over increasing lengths if the motion diverges on them.
 
     Each length may reach points of the curve that no shorter one did, and from a distant solution no gradient leads back. Where
-    nothing diverges, one step on the whole is enough. A `rival` is a fitted form of the same kind at the same place.
-
-    Raises
-    ------
-    FitError
-        The rival is closer to the data of a length: the curve's fit, which could be closer than any form, is lost.
+    nothing diverges, one step on the whole is enough.
     """
     done, steps = rough, LAST_STEPS
     longest = max((trial.fitted - trial.onset) / trial.sample_rate for trial in trials)
@@ -189,8 +184,6 @@ def unrolled(rough: Fit, trials: Sequence[Trial], rival: RigModel | None = None)
         problem = Problem(shortened(trials, seconds))
         if misfit(done.model, problem) >= UNCHANGED * done.cost:
             done = fit(done.model, done.free, problem, iterations=STEPS[-1], tolerance=1e-3, tether=HOLDS)
-            if rival is not None and misfit(rival, problem) < done.cost:
-                raise FitError("the free shape fits the data less well than a form of its kind; name the form")
     problem = Problem(trials, share=SIMULATION_LIMIT)
     return fit(done.model, done.free, problem, iterations=steps, tolerance=1e-3, tether=HOLDS)
 

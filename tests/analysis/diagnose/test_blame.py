@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 from typing import cast
 
@@ -91,7 +92,10 @@ def test_a_form_explains_by_eight_tenths_of_the_whole_error_or_all_of_the_rest(
         return Score(error=np.full((2, 2), np.hypot(0.1 * np.sqrt(share), 0.004)), blocks=np.ones(1), power=np.ones(1))
 
     job = SimpleNamespace(left=left, now=scored(1.0), floors=np.full((2, 2), 0.004))
-    assert Job.explains(cast(Job, job), cast(Entry, SimpleNamespace(score=scored(1.0 - removed)))) == explains
+    job.removes_most = partial(Job.removes_most, cast(Job, job))
+    entry = cast(Entry, SimpleNamespace(score=scored(1.0 - removed)))
+    assert Job.explains(cast(Job, job), entry) == explains
+    assert job.removes_most(entry) == (removed > 0.8)
 
 
 def test_what_the_equations_show_and_no_simulation_confirms_is_a_sentence() -> None:

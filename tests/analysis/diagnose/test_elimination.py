@@ -181,6 +181,28 @@ def test_a_free_shape_is_finished_only_where_it_may_beat_the_form() -> None:
     assert shape_costs(form, 4.0, 1e9, below=4.01) == [("spring_shape", "rail")]
 
 
+@pytest.mark.parametrize(
+    ("form", "place", "kept"),
+    [
+        (POLICY.form_close**2 * 1.01, "rail", True),
+        (POLICY.form_close**2 * 0.99, "rail", False),
+        (1.0, "belt", True),  # the form that removes most is elsewhere
+    ],
+)
+def test_a_free_shape_must_predict_the_runs_better_than_a_form_that_removes_most(
+    form: float, place: str, kept: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(search, "Problem", lambda trials: None)
+    monkeypatch.setattr(search, "misfit", lambda model, problem: model.get("bodies.table.mass"))
+    spring = Candidate(cause="end_stop", location="rail", family="spring", starts=(), free=(), reported=())
+    shape = replace(spring, cause="spring_shape")
+    costs = {spring.key: form, shape.key: 1.0}
+    fits = {key: fitted(stage().replace({"bodies.table.mass": cost}), 1.0) for key, cost in costs.items()}
+    job = cast("search.Job", SimpleNamespace(trials=()))
+    found = search.Job.following(job, [(shape, fits[shape.key])], [(spring, fits[spring.key])], {("spring_shape", place)})
+    assert [candidate for candidate, _ in found] == ([shape] if kept else [])
+
+
 @pytest.mark.parametrize(("explains", "shown", "further"), [(True, True, False), (True, False, True), (False, True, True)])
 def test_a_free_shape_that_explains_where_the_equations_show_a_cause_ends_the_search(
     explains: bool, shown: bool, further: bool, monkeypatch: pytest.MonkeyPatch
