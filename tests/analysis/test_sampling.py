@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 import scipy.signal
+from msgspec.structs import replace
 
+from isorig.analysis.equations.known import true_records
+from isorig.analysis.model.rig_model import Chain
 from isorig.analysis.simulate import Excitation, simulate
-from isorig.analysis.simulate.sampling import AS_IT_IS, interpolate, within
+from isorig.analysis.simulate.sampling import AS_IT_IS, high_passed, interpolate, within
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 from isorig.rig.wire_bonder.four_set_ups import head_to_table
 
@@ -42,3 +45,21 @@ def test_filters_are_those_of_scipy(factor: int) -> None:
     length, beta = scipy.signal.kaiserord(80.0, 0.12)
     low = scipy.signal.firwin(length | 1, 0.7 + 0.06, window=("kaiser", beta))
     np.testing.assert_allclose(within(x[None], 0.35, 1.0)[0], np.convolve(x, low, mode="same"), atol=1e-13)
+
+
+@pytest.mark.parametrize("corner", [0.05, 1.6, 40.0])
+def test_a_high_pass_is_that_of_scipy_and_is_taken_out_again(corner: float) -> None:
+    rate = 400.0
+    x = np.random.default_rng(3).standard_normal(8000).cumsum()
+    x -= x[0]
+    b, a = scipy.signal.butter(1, corner, "highpass", fs=rate)
+    recorded = high_passed(x, corner, rate)
+    np.testing.assert_allclose(recorded, scipy.signal.lfilter(b, a, x), rtol=0.0, atol=1e-9 * np.abs(x).max())
+    # What it is charged with at the start is not recorded.
+    np.testing.assert_allclose(high_passed(x + 5.0, corner, rate), recorded, rtol=0.0, atol=1e-9 * np.abs(x).max())
+    model = wire_bonder()
+    coupled = replace(model.sensor("motor"), chain=Chain(corner=corner))
+    sensors = tuple(coupled if sensor.channel == "motor" else sensor for sensor in model.sensors)
+    back = true_records(replace(model, sensors=sensors), {"motor": recorded}, rate)["motor"]
+    line = np.polynomial.Polynomial.fit(np.arange(8000.0), back - x, 1)
+    assert np.std(back - x - line(np.arange(8000.0))) < 1e-9 * np.std(x)

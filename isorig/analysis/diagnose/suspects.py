@@ -18,7 +18,7 @@ from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.equations.balances import Element
 from isorig.analysis.equations.forms import ElementForce, element_force, fitted_form, start_values
 from isorig.analysis.equations.ranking import HINTS, Explanation, Ranking, ranking, score_of, share_left
-from isorig.analysis.equations.system import HOLDS, Equations
+from isorig.analysis.equations.system import CHANNEL_FAULTS, HOLDS, Equations
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.solve import Fit, Free
@@ -356,7 +356,7 @@ class Suspects:
 def _own_values(candidate: Candidate, explanation: Explanation, model: RigModel) -> dict[str, float]:
     # A candidate's own parameters as far as the equations give them.
     values, paths = explanation.values, [free.path for free in candidate.free]
-    if explanation.what in ("gain", "delay", "crosstalk") and len(paths) == 1 and candidate.cause != "wrong_mass":
+    if explanation.what in CHANNEL_FAULTS and len(paths) == 1 and candidate.cause != "wrong_mass":
         return {paths[0]: values["value"]}
     if explanation.what == "gain" and paths == ["drive.factor"]:
         return {paths[0]: model.get(paths[0]) / values["value"]}

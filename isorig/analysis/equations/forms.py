@@ -15,7 +15,7 @@ from isorig.analysis.equations.filters import resonator
 from isorig.analysis.equations.known import law_columns
 from isorig.analysis.equations.ranking import Explanation
 from isorig.analysis.equations.sliding import Sliding, SlidingFit
-from isorig.analysis.equations.system import Equations
+from isorig.analysis.equations.system import CHANNEL_FAULTS, Equations
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.solve import Free
 from isorig.analysis.laws.base import NO_LINK, Law
@@ -326,7 +326,7 @@ def _solved(equations: Equations, balance: Balance, explanation: Explanation | N
         return prepared.solved.values
     spectra = equations.spectra
     values: Mapping[str, float] = explanation.values
-    if explanation.what in ("gain", "delay", "crosstalk"):
+    if explanation.what in CHANNEL_FAULTS:
         source = explanation.source or None
         correction = equations.correction(explanation.what, explanation.place, values["value"], source)
         return prepared.solve(correction=correction).values

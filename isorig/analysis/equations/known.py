@@ -61,7 +61,10 @@ def law_forces(
 
 
 def true_records(model: RigModel, recorded: Mapping[str, FloatArray], rate: float) -> dict[str, FloatArray]:
-    """Records without the faults of the measurement chain that a rig describes: offset, gain, delay, crosstalk, static curve."""
+    """Records without the faults of the measurement chain that a rig describes.
+
+    These are offset, gain, delay, crosstalk, high-pass, and static curve.
+    """
     chains = {drive.channel: drive.chain for drive in model.drives} | {sensor.channel: sensor.chain for sensor in model.sensors}
     found = {name: np.asarray(values) for name, values in recorded.items()}
     for name, chain in chains.items():
@@ -75,6 +78,10 @@ def true_records(model: RigModel, recorded: Mapping[str, FloatArray], rate: floa
             if source in found:
                 values = values - share * found[source]
         values = values / chain.gain
+        if chain.corner:
+            # What a capacitor has taken away is the integral of what it let through.
+            passed = values - values.mean()
+            values = passed + 2.0 * np.tan(np.pi * chain.corner / rate) * (np.cumsum(passed) - 0.5 * passed)
         if chain.delay:
             frequency = np.fft.rfftfreq(len(values), 1.0 / rate)
             values = np.fft.irfft(np.fft.rfft(values) * np.exp(2j * np.pi * frequency * chain.delay), len(values))

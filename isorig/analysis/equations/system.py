@@ -55,6 +55,8 @@ PASSED = 2.5
 STUCK = 0.06
 #: Quantile of the force's magnitude in such a run that must stay below the friction.
 HELD = 0.999
+#: Faults of a channel that `Equations.correction` takes out.
+CHANNEL_FAULTS = ("gain", "delay", "crosstalk", "high-pass")
 #: Residual up to which an equation holds. Chosen: sound rigs with descriptions a quarter off stay below it.
 HOLDS = 2.0
 

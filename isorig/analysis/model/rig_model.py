@@ -70,7 +70,9 @@ class Chain(Part, frozen=True, kw_only=True):
     recorded(t) = clip(gain * true(t - delay) + offset + sum of fraction * true of another channel + hum, limit); the hum has
     `mains_frequency` (Hz; None for no hum) and its multiples, with any phase. A sensor's `bend` is a static curve added to its
     record, as pairs of (true value, added value), linear beyond its ends; its `taps` are a short filter, the weights of `gain` *
-    true at samples around the present one (an odd number, later ones first), applied before the bend.
+    true at samples around the present one (an odd number, later ones first), applied before the bend. Of a sensor that is coupled
+    by a capacitor, `corner` (Hz) is the corner frequency of the first-order high-pass through which gain * true passes; 0 for
+    none.
     """
 
     gain: float = 1.0
@@ -81,6 +83,7 @@ class Chain(Part, frozen=True, kw_only=True):
     mains_frequency: float | None = None
     bend: tuple[tuple[float, float], ...] = ()
     taps: tuple[float, ...] = ()
+    corner: float = 0.0
 
 
 class Drive(Part, frozen=True, kw_only=True):
@@ -617,13 +620,16 @@ def _finite(model: RigModel) -> None:
             numbers[f"the arm {name!r} of {called!r}"] = arm
     for chain in (*(drive.chain for drive in model.drives), *(sensor.chain for sensor in model.sensors)):
         numbers |= {"a chain's gain": chain.gain, "a chain's delay": chain.delay, "a chain's offset": chain.offset}
+        numbers["a chain's corner"] = chain.corner
+        if chain.corner < 0.0:
+            raise ModelError(f"a chain's corner is {chain.corner:g} Hz; give a frequency above zero, or zero for none")
         numbers |= {"a chain's bend": sum(map(sum, chain.bend)), "a chain's taps": sum(chain.taps)}
         if len(chain.taps) % 2 == 0 and chain.taps:
             raise ModelError(f"a chain has {len(chain.taps)} taps; give an odd number, the middle one for the present sample")
         if len(chain.bend) == 1 or not all(one[0] < other[0] for one, other in pairwise(chain.bend)):
             raise ModelError("a chain's bend is not a curve; give at least two points with increasing true values")
-    if any(drive.chain.bend or drive.chain.taps for drive in model.drives):
-        raise ModelError("the drive's chain has a bend or taps, which only a sensor's may have; remove them")
+    if any(drive.chain.bend or drive.chain.taps or drive.chain.corner for drive in model.drives):
+        raise ModelError("the drive's chain has a bend, taps or a corner, which only a sensor's may have; remove them")
     for key, value in numbers.items():
         if not np.isfinite(value):
             raise ModelError(f"{key} is {value:g}; give a finite number")

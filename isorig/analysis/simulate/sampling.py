@@ -10,7 +10,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import DataError
-from isorig.analysis.jit import fast_kernel
+from isorig.analysis.jit import fast_kernel, kernel
 from isorig.analysis.lowpass import smoothed
 
 #: Half the length of the filters, in samples.
@@ -245,6 +245,27 @@ def within(x: FloatArray, highest: float, rate: float) -> FloatArray:
     taps, out = _passing(highest / rate), np.zeros(x.shape)
     for signal, filtered in zip(x.reshape(-1, x.shape[-1]), out.reshape(-1, x.shape[-1]), strict=True):
         convolve(taps, np.pad(signal, len(taps) // 2), filtered)
+    return out
+
+
+@kernel
+def _coupled(x: FloatArray, decay: float, out: FloatArray) -> None:
+    kept = 0.0
+    for k in range(len(x)):
+        before = x[k - 1] if k > 0 else x[0]
+        kept = decay * kept + 0.5 * (1.0 + decay) * (x[k] - before)
+        out[k] = kept
+
+
+def high_passed(x: FloatArray, corner: float, rate: float) -> FloatArray:
+    """A signal behind a first-order high-pass of this corner frequency in Hz, shape (n,), charged by its first value.
+
+    The bilinear transform of s / (s + 2 pi corner), with the corner where it is (Oppenheim and Schafer, Discrete-Time Signal
+    Processing, section 7.1).
+    """
+    turned = np.tan(np.pi * min(corner, 0.49 * rate) / rate)
+    out = np.empty(len(x))
+    _coupled(np.ascontiguousarray(x), (1.0 - turned) / (1.0 + turned), out)
     return out
 
 

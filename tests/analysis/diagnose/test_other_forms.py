@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from scipy.signal import butter, sosfilt
 from small_rigs import SESSION, Take, carts, chain, guessed, late, played, rubbing, stage, with_law
 
 from isorig.analysis import laws
+from isorig.analysis.campaign import Run
 from isorig.analysis.deadline import Deadline
 from isorig.analysis.diagnose.diagnosis import Diagnosis, diagnose
 from isorig.analysis.equations.system import HOLDS, equations_of
@@ -60,6 +64,24 @@ def test_a_second_cause_that_shows_later_in_the_runs_is_found() -> None:
     diagnosis = found(chain(), replace(truth, sensors=sensors), SEED + 10)
     assert diagnosis.verdict == "explained"
     assert named(diagnosis) == {("sensor_gain", "sensor", "a2"), ("hardening_stiffness", "spring_shape", "l1")}
+
+
+def test_an_accelerometer_that_loses_slow_motion_is_found_with_its_corner_frequency() -> None:
+    # By a filter that is not the program's: of second-order sections, from scipy.
+    campaign, corner = played(chain(), seed=SEED + 11), 1.6
+    sections = butter(1, corner, "highpass", fs=campaign.runs[0].sample_rate, output="sos")
+
+    def coupled(run: Run) -> Run:
+        channel = run.channel("a1")
+        return dataclasses.replace(
+            run, channels=dict(run.channels) | {"a1": dataclasses.replace(channel, samples=sosfilt(sections, channel.read()))}
+        )
+
+    diagnosis = diagnose(dataclasses.replace(campaign, runs=tuple(map(coupled, campaign.runs))), guessed(chain(), SEED + 11))
+    assert diagnosis.verdict == "explained"
+    assert named(diagnosis) == {("ac_coupling", "sensor", "a1")}
+    value, std, _ = diagnosis.steps[0].parameters["corner"]
+    assert abs(value - corner) < 3.0 * std < 0.1 * corner
 
 
 def test_cubic_damping_is_a_damping_of_another_form() -> None:

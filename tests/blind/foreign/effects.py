@@ -365,7 +365,7 @@ EFFECTS: Mapping[str, Effect] = {
     "smooth backlash": Effect(_smooth_backlash, "backlash", ("spring_shape",), "spring"),
     "cubic damping": Effect(_cubic_damping, None, ("damping_shape",), "spring"),
     "bent sensor": Effect(_bent, None, ("sensor",), "sensor"),
-    "slow sensor": Effect(_slow, None, ("sensor",), "accelerometer"),
+    "slow sensor": Effect(_slow, "ac_coupling", ("sensor",), "accelerometer"),
 }
 PAIRS = (
     ("hardening_stiffness", "sensor_gain"), ("stribeck_friction", "channel_delay"), ("extra_mode", "hardening_stiffness"),
