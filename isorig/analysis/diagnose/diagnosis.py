@@ -265,8 +265,8 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
     points = told or search.cut_short
     shown_by_equations = pointed(equations) if points and found.verdict == "unexplained" and not contradicted else None
     if blamed is not None and blamed.clearly:
-        then = "No simulation with it follows the records." if shown_by_equations else "It is not the main cause."
-        text = f"Equations of motion: {blamed.clearly} A simulation with it leaves most of the error. {then}"
+        shown_by_equations = shown_by_equations or (None if contradicted else blamed.clear)
+        text = f"Equations of motion: {blamed.clearly} No simulation with it follows the records."
         said[0] = (*said[0], Sign(text=text))
     steps = (stage.step for stage in stages[1 : found.kept + 1])
     floor = float(np.median(search.floors(last.fit.model, found.division.judged)))

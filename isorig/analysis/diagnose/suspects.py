@@ -165,10 +165,16 @@ class Suspects:
         return None if least is None else (least[1], least[2].models[0][1])
 
     @property
+    def clear(self) -> tuple[str, str] | None:
+        """The kind and place that the equations show and no other; None if they show none."""
+        best = self.chosen[0]
+        return (best.kind, best.place) if self.broken and self.shown(best.kind, best.place) else None
+
+    @property
     def clearly(self) -> str:
-        """A sentence on the kind and place that the equations show and no other; empty if they show none."""
+        """The same as a sentence; empty if they show none."""
         best, before = self.chosen[0], self.ranking.residuals
-        if not self.broken or not self.shown(best.kind, best.place):
+        if self.clear is None:
             return ""
         worst = max(before, key=before.__getitem__)
         return (

@@ -101,7 +101,9 @@ def test_a_form_explains_by_eight_tenths_of_the_whole_error_or_all_of_the_rest(
 def test_what_the_equations_show_and_no_simulation_confirms_is_a_sentence() -> None:
     clear = blaming(("sensor", "motor", SHOWN + 0.1))
     assert clear.clearly == "slip (motor) reduces the largest residual, that of table, from 20 to 2 times the noise."
+    assert clear.clear == ("sensor", "motor")
     assert blaming(("sensor", "motor", SHOWN - 1e-9), after=19.0).clearly == ""
+    assert blaming(("sensor", "motor", SHOWN - 1e-9), after=19.0).clear is None
     assert blaming(("sensor", "motor", 0.6), ("memory", "rail", 0.5)).clearly == ""
     assert blaming(("sensor", "motor", 0.6), worst=BROKEN - 1e-9).clearly == ""
 
