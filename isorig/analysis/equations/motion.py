@@ -159,6 +159,20 @@ class Combinations:
         return None
 
     @cached_property
+    def repeated(self) -> dict[str, dict[str, float]]:
+        """Sensors whose motion others record too: the weights of these by channel, by the channel that repeats them."""
+        found: dict[str, dict[str, float]] = {}
+        chosen: list[tuple[str, FloatArray]] = []
+        for channel, _, row in sorted(self._rows, key=lambda item: -item[1]):
+            matrix = np.array([r for _, r in chosen])
+            if not chosen or np.linalg.matrix_rank(np.vstack([matrix, row])) > len(chosen):
+                chosen.append((channel, row))
+                continue
+            solution, *_ = np.linalg.lstsq(matrix.T, row, rcond=None)
+            found[channel] = {c: float(w) for (c, _), w in zip(chosen, solution, strict=True) if abs(w) > UNDETERMINED}
+        return found
+
+    @cached_property
     def measured(self) -> tuple[str, ...]:
         """Bodies whose acceleration follows from the channels."""
         found = []

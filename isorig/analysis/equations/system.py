@@ -186,6 +186,11 @@ class Equations:
             runs = [r.index for r in self.records if r.configuration == lock.configuration]
             if any(item.run in runs for item in self.spectra.runs):
                 self.prepared[lock.name] = Prepared(self.spectra, [self.motion_row(lock.element.weights, 2)], runs, np.zeros(0))
+        for channel, others in self.combos.repeated.items():
+            row = {(channel, 2): 1.0} | {(other, 2): -weight for other, weight in others.items()}
+            runs = [item.run for item in self.spectra.runs]
+            if runs:
+                self.prepared[f"{channel} as {' + '.join(others)}"] = Prepared(self.spectra, [row], runs, np.zeros(0))
         self.stuck = self._stuck()
 
     def _signals_of(self, record: Record) -> dict[tuple[str, int], FloatArray]:

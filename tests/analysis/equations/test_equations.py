@@ -115,6 +115,24 @@ def test_a_static_curve_of_a_sensor_ranks_before_every_link() -> None:
     assert first.score > 2.0 * second.score
 
 
+def test_two_sensors_of_one_motion_tell_a_bent_sensor_from_a_bent_spring() -> None:
+    """Position and acceleration of one mass: in its only equation of motion the position stands for the spring's force alone."""
+    campaign, model = played(stage(), seed=SEED + 12), guessed(stage(), SEED + 12)
+    assert equations_of(campaign, model).residuals()["x as a"] < HOLDS
+    peak = max(np.abs(run.channel("x").read()).max() for run in campaign.runs)
+    bent = Chain(bend=tuple((float(x * peak), float(0.06 * peak * x**2)) for x in np.linspace(-1.5, 1.5, 13)))
+    best, *others = ranking(equations_of(played(with_chain(stage(), "x", bent), seed=SEED + 12), model)).explanations
+    assert (best.kind, best.place, best.what) == ("sensor", "x", "static curve")
+    assert all(best.score > 2.0 * other.score for other in others if other.kind != "sensor")
+    stiff = with_law(stage(), "rail", laws.Cubic(cubic_stiffness=0.2 * 2500.0 / peak**2))
+    equations = equations_of(played(stiff, seed=SEED + 12), model)
+    assert equations.residuals()["x as a"] < HOLDS
+    # Each equation has its own curve of a sensor, so that the simulation decides here.
+    best, *others = ranking(equations).explanations
+    spring = next(item for item in (best, *others) if (item.kind, item.place) == ("spring_shape", "rail"))
+    assert spring.score > 0.95 * best.score
+
+
 @pytest.mark.parametrize("share", [-0.25, 0.25])
 def test_crosstalk_of_a_quarter_is_named_with_its_source(share: float) -> None:
     campaign = played(with_chain(chain(), "a1", Chain(crosstalk={"a0": share})), seed=SEED + 7)
