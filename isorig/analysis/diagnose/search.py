@@ -201,15 +201,11 @@ class Job:
         shape has found more than its freedom explains (`Policy.form_close`).
         """
         whole = Problem(self.trials)
-        of_forms: dict[tuple[Kind, str], float] = {}
-        for candidate, rough in forms:
-            place = kind_of(candidate.cause), candidate.location
-            if place in most and place not in of_forms:
-                of_forms[place] = misfit(rough.model, whole)
 
         def predicts(candidate: Candidate, rough: Fit) -> bool:
-            own = of_forms.get((kind_of(candidate.cause), candidate.location))
-            return own is None or misfit(rough.model, whole) < own / POLICY.form_close**2
+            place = kind_of(candidate.cause), candidate.location
+            own = next((fit for other, fit in forms if place in most and (kind_of(other.cause), other.location) == place), None)
+            return own is None or misfit(rough.model, whole) < misfit(own.model, whole) / POLICY.form_close**2
 
         return [(candidate, rough) for candidate, rough in shapes if predicts(candidate, rough)]
 

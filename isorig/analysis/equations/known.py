@@ -13,6 +13,7 @@ from isorig.analysis.equations.sliding import SlidingRun
 from isorig.analysis.equations.slip import slip_operator
 from isorig.analysis.laws import Maxwell
 from isorig.analysis.model.rig_model import Chain, RigModel
+from isorig.analysis.simulate.sampling import recharged
 
 
 def law_of(element: Element, k: int) -> str:
@@ -79,9 +80,7 @@ def true_records(model: RigModel, recorded: Mapping[str, FloatArray], rate: floa
                 values = values - share * found[source]
         values = values / chain.gain
         if chain.corner:
-            # What a capacitor has taken away is the integral of what it let through.
-            passed = values - values.mean()
-            values = passed + 2.0 * np.tan(np.pi * chain.corner / rate) * (np.cumsum(passed) - 0.5 * passed)
+            values = recharged(values, chain.corner, rate)
         if chain.delay:
             frequency = np.fft.rfftfreq(len(values), 1.0 / rate)
             values = np.fft.irfft(np.fft.rfft(values) * np.exp(2j * np.pi * frequency * chain.delay), len(values))

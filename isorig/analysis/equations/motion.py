@@ -152,10 +152,8 @@ class Combinations:
             if chosen and np.linalg.matrix_rank(np.vstack([matrix, row])) == len(chosen):
                 continue  # this motion is measured already
             chosen.append((channel, row))
-            matrix = np.array([r for _, r in chosen])
-            solution, *_ = np.linalg.lstsq(matrix.T, weights, rcond=None)
-            if float(np.abs(matrix.T @ solution - weights).max()) < UNDETERMINED * max(1.0, float(np.abs(weights).max())):
-                return {c: float(s) for (c, _), s in zip(chosen, solution, strict=True) if abs(s) > UNDETERMINED}
+            if (found := _combined(chosen, weights)) is not None:
+                return found
         return None
 
     @cached_property
@@ -164,12 +162,11 @@ class Combinations:
         found: dict[str, dict[str, float]] = {}
         chosen: list[tuple[str, FloatArray]] = []
         for channel, _, row in sorted(self._rows, key=lambda item: -item[1]):
-            matrix = np.array([r for _, r in chosen])
-            if not chosen or np.linalg.matrix_rank(np.vstack([matrix, row])) > len(chosen):
+            others = _combined(chosen, row) if chosen else None
+            if others is None:
                 chosen.append((channel, row))
-                continue
-            solution, *_ = np.linalg.lstsq(matrix.T, row, rcond=None)
-            found[channel] = {c: float(w) for (c, _), w in zip(chosen, solution, strict=True) if abs(w) > UNDETERMINED}
+            else:
+                found[channel] = others
         return found
 
     @cached_property
@@ -182,6 +179,15 @@ class Combinations:
             if self.of(weights, 2) is not None:
                 found.append(body.name)
         return tuple(found)
+
+
+def _combined(chosen: Sequence[tuple[str, FloatArray]], weights: FloatArray) -> dict[str, float] | None:
+    # Weights of channels, each with its row on the coordinates, that sum up to a combination of these; None if none do.
+    matrix = np.array([row for _, row in chosen])
+    solution, *_ = np.linalg.lstsq(matrix.T, weights, rcond=None)
+    if float(np.abs(matrix.T @ solution - weights).max()) >= UNDETERMINED * max(1.0, float(np.abs(weights).max())):
+        return None
+    return {channel: float(s) for (channel, _), s in zip(chosen, solution, strict=True) if abs(s) > UNDETERMINED}
 
 
 def estimate_of(body: str) -> str:

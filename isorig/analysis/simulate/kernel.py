@@ -81,19 +81,19 @@ def ahead(columns: FloatArray, blocks: int, y: FloatArray, first: int, last: int
 
 
 @inlined
-def read_sensors(record: Record, y: FloatArray, first: int, at: int) -> None:
-    """Record the sensors' values at a grid point from coordinates and speeds in y, from place `first` on."""
+def read_sensors(record: Record, y: FloatArray, at: int) -> None:
+    """Record the sensors' values at a grid point."""
     for r in range(len(record.filled)):
-        acc = record.weights[r, 0] * y[np.uint64(first + record.places[r, 0])]
+        acc = record.weights[r, 0] * y[np.uint64(record.places[r, 0])]
         for k in range(1, record.filled[r]):
-            acc += record.weights[r, k] * y[first + record.places[r, k]]
+            acc += record.weights[r, k] * y[record.places[r, k]]
         record.out[np.uint64(r), np.uint64(at)] = acc
 
 
 @kernel
 def read_out(record: Record, y: FloatArray, n: int, at: int, mode: int) -> None:
     """Record the sensors' values, and if requested the curved forces and the mode, at a grid point."""
-    read_sensors(record, y, 0, at)
+    read_sensors(record, y, at)
     if len(record.modes) > 0:
         record.modes[at] = mode
         for c in range(len(record.curved)):
@@ -171,7 +171,7 @@ def march(
     while at < len(u) - 1:
         if cut == 0:
             # The first part of `read_out`, inlined: a call takes as long as the step.
-            read_sensors(record, y, 0, at)
+            read_sensors(record, y, at)
             if len(record.modes) > 0:
                 read_out(record, y, n, at, mode)
         slope = (u[at + 1] - u[at]) * share

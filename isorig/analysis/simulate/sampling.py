@@ -10,7 +10,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import DataError
-from isorig.analysis.jit import fast_kernel, kernel
+from isorig.analysis.jit import fast_kernel
 from isorig.analysis.lowpass import smoothed
 
 #: Half the length of the filters, in samples.
@@ -21,6 +21,8 @@ FLAT, FALL = 0.42, 0.06
 ATTENUATION = 80.0
 #: Number of values that are filtered at a time: those of eight phases fit into the processor's first cache.
 PART = 512
+#: Largest corner frequency of a high-pass, as a share of the sample rate: a digital filter has none from one half on.
+HIGHEST_CORNER = 0.49
 #: Number of samples kept after the end of a shortened drive.
 AFTER = 256
 #: Linear interpolation between values attenuates a spectrum by sinc^2; this filter compensates it to fourth order in the step.
@@ -248,25 +250,18 @@ def within(x: FloatArray, highest: float, rate: float) -> FloatArray:
     return out
 
 
-@kernel
-def _coupled(x: FloatArray, decay: float, out: FloatArray) -> None:
-    kept = 0.0
-    for k in range(len(x)):
-        before = x[k - 1] if k > 0 else x[0]
-        kept = decay * kept + 0.5 * (1.0 + decay) * (x[k] - before)
-        out[k] = kept
-
-
 def high_passed(x: FloatArray, corner: float, rate: float) -> FloatArray:
-    """A signal behind a first-order high-pass of this corner frequency in Hz, shape (n,), charged by its first value.
+    """A signal behind a first-order high-pass of this corner frequency in Hz, shape (n,), charged by its first value."""
+    from scipy.signal import butter, lfilter
 
-    The bilinear transform of s / (s + 2 pi corner), with the corner where it is (Oppenheim and Schafer, Discrete-Time Signal
-    Processing, section 7.1).
-    """
-    turned = np.tan(np.pi * min(corner, 0.49 * rate) / rate)
-    out = np.empty(len(x))
-    _coupled(np.ascontiguousarray(x), (1.0 - turned) / (1.0 + turned), out)
-    return out
+    b, a = butter(1, min(corner, HIGHEST_CORNER * rate), "highpass", fs=rate)
+    return np.asarray(lfilter(b, a, x - x[0]))
+
+
+def recharged(x: FloatArray, corner: float, rate: float) -> FloatArray:
+    """The inverse of `high_passed`, up to a straight line: what the high-pass takes away is the integral of what it passes."""
+    passed = x - x.mean()
+    return np.asarray(passed + 2.0 * np.tan(np.pi * min(corner / rate, HIGHEST_CORNER)) * (np.cumsum(passed) - 0.5 * passed))
 
 
 def shift(x: FloatArray, delay: float, rate: float) -> FloatArray:
