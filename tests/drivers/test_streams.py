@@ -153,6 +153,20 @@ def test_without_loss_a_clock_that_runs_otherwise_is_never_loss(clock: float) ->
         assert told == []
 
 
+@pytest.mark.parametrize("late", [0.02, 0.035, 0.06, 0.1, 0.2])
+def test_a_loss_with_a_late_arrival_before_it_is_told_once(late: float) -> None:
+    arrivals = Arrivals[int](2000.0)
+    told, place = [], 0
+    items = [(20, 0.01 * k) for k in range(1, 100)] + [(19, 0.9995), (1, 1.0 + late)]
+    items += [(20, 1.26 + 0.01 * k) for k in range(100)]
+    handed = [one for count, now in items for one in arrivals.add(count, count, now)]
+    for count, missing in [*handed, *arrivals.finish()]:
+        if missing:
+            told.append((place, missing))
+        place += count
+    assert told == [(pytest.approx(2000, abs=1), pytest.approx(500, abs=1))]
+
+
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 60), counter=st.integers(0, 65535))
 def test_the_batch_decoder_agrees_with_cantools(seed: int, count: int, counter: int) -> None:
