@@ -286,7 +286,9 @@ def step_counts(stages: Sequence[Stage], k: int, floors: FloatArray, enough: flo
             return True
     whole, now, then = (excess(stages[i].error, floors) for i in (0, k - 1, k))
     if k == 1:
-        return now - then >= policy.worth * whole
+        # Disturbances may be most of the excess; a cause that the equations show is confirmed by a decrease everywhere, too.
+        decrease = log_excess(stages[0].error, floors) - log_excess(stages[1].error, floors) if stages[1].shown else 0.0
+        return now - then >= policy.worth * whole or decrease >= policy.worth
     if stages[k].refines or stages[k].shown:
         return now - then >= policy.worth * now
     here = any(stages[k].place == stage.place for stage in stages[1:k])

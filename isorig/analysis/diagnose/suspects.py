@@ -176,10 +176,11 @@ class Suspects:
         best, before = self.chosen[0], self.ranking.residuals
         if self.clear is None:
             return ""
-        worst = max(before, key=before.__getitem__)
+        repaired = max(before, key=lambda name: before[name] / max(best.residuals[name], 1.0))
+        which = "the largest residual, that of" if before[repaired] == self.ranking.worst else "the residual of"
         return (
-            f"{best.what} ({best.place}) reduces the largest residual, that of {worst}, from {before[worst]:.3g} to "
-            f"{best.residuals[worst]:.3g} times the noise."
+            f"{best.what} ({best.place}) reduces {which} {repaired}, from {before[repaired]:.3g} to "
+            f"{best.residuals[repaired]:.3g} times the noise."
         )
 
     @property

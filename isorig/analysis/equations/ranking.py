@@ -50,6 +50,9 @@ CORNERS_BELOW = np.linspace(0.01, 1.21, 41)
 FINER, ROUNDS = 9, 2
 #: Rocking: number of frequencies, and what its score is charged with.
 ROCKERS, ROCKING_CHARGE = 60, 4
+#: Share of an element's own force that must remain beside rocking. Chosen: the torque contains that force, so that without its
+#: resonance it is the force itself; a wrong mass or drive changes coefficients by less than half.
+OWN = 0.3
 #: Gauss-Newton steps with a mass: the samples' slow parts were found with the given one.
 LOADED = 4
 #: Residual from which an equation is explained where none is broken although a simulation misfits. Chosen: the median of sound
@@ -385,9 +388,10 @@ class Regressions:
         return found
 
     def _linear(
-        self, element: Element, sliding: Sliding, base: SlidingFit, signals: Sequence[Mapping[int, FloatArray]]
+        self, element: Element, sliding: Sliding, base: SlidingFit, signals: Sequence[Mapping[int, FloatArray]], own: float = 0.0
     ) -> tuple[float, float]:
-        # Residual with further known signals with unknown factors, and the first factor.
+        # Residual with further known signals with unknown factors, and the first factor; as before where less than the share
+        # `own` of the element's own force would remain.
         state, plain = sliding.state(), self.on.base_columns(element)
 
         def columns(d: FloatArray, v: FloatArray, run: SlidingRun, place: IntArray) -> FloatArray:
@@ -395,7 +399,10 @@ class Regressions:
 
         values = np.concatenate([base.values, np.zeros(len(signals))])
         fitted = sliding.fit(columns, values, 1)
+        remains = sliding.shared(plain, base.values, fitted.values[: len(base.values)]) if own else 1.0
         sliding.restore(state)
+        if remains < own:
+            return sliding.residual(base), 0.0
         return sliding.residual(fitted, base), float(fitted.values[len(base.values)])
 
     def _rocking(self, add: _Add) -> None:
@@ -452,7 +459,7 @@ class Regressions:
                 if balance.name in self.on.sliding:
                     sliding, base = self.on.sliding[balance.name]
                     after[balance.name], _ = self._linear(
-                        self.on.primary(balance), sliding, base, self._rocked(balance, torque, float(frequencies[k]))
+                        self.on.primary(balance), sliding, base, self._rocked(balance, torque, float(frequencies[k])), OWN
                     )
             add("added_motion", pushed, "rocking", after, ROCKING_CHARGE, frequency=float(frequencies[k]))
 

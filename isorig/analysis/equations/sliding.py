@@ -349,6 +349,13 @@ class Sliding:
             sound=tuple(sound.tolist()),
         )
 
+    def shared(self, columns: Columns, before: FloatArray, after: FloatArray) -> float:
+        """Share of the force with the coefficients `before`, by projection, that the coefficients `after` also give."""
+        matrices = [self.evaluated(block, columns)[0] for block in self.active]
+        old = np.concatenate([matrix @ before for matrix in matrices])
+        new = np.concatenate([matrix @ after for matrix in matrices])
+        return float(old @ new / max(old @ old, 1e-300))
+
     def settle(self, columns: Columns, values: FloatArray) -> SlidingFit:
         """Fit the base equation, choosing the sliding samples again as the slow part becomes known."""
         found = self.fit(columns, values, 2, damped=False)

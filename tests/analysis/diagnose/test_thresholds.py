@@ -90,6 +90,17 @@ def test_a_step_is_worth_it_from_fifteen_per_cent(share: float, counts: bool) ->
     assert step_counts(way(share), 1, FLOORS, 1.5) is counts
 
 
+@pytest.mark.parametrize(("decrease", "shown", "counts"), [(0.151, True, True), (0.149, True, False), (0.3, False, False)])
+def test_a_first_step_that_the_equations_show_counts_from_a_seventh_of_the_errors(
+    decrease: float, shown: bool, counts: bool
+) -> None:  # fmt: skip
+    # The largest errors, which are most of the excess, remain: all other runs improve.
+    before, after = errors(0.02), errors(0.02 * np.exp(-1.2 * decrease))
+    before[0] = after[0] = 0.4
+    stages = [Stage(error=before), Stage(error=after, place="p0", shown=shown)]
+    assert step_counts(stages, 1, FLOORS, 1.5) is counts
+
+
 @pytest.mark.parametrize(("removed", "counts"), [(0.51, True), (0.49, False)])
 def test_a_further_step_removes_half_of_the_rest(removed: float, counts: bool) -> None:
     assert step_counts(way(0.6, 0.6 + 0.4 * removed), 2, FLOORS, 1.5) is counts

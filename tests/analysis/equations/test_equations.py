@@ -395,3 +395,14 @@ def test_two_causes_are_both_found() -> None:
     assert then is not None
     assert then.includes("hardening_stiffness", "l1")
     assert changed(then, chosen=()).includes("hardening_stiffness", "l1") is False
+
+
+@pytest.mark.parametrize(
+    ("fault", "what"),
+    [(Chain(corner=2.5), "high-pass"), (Chain(bend=((-80.0, 0.0), (-2.0, 0.0), (2.0, 0.0), (80.0, -70.0))), "static curve")],
+)
+def test_rocking_does_not_stand_for_the_force_that_makes_it_rock(fault: Chain, what: str) -> None:
+    """The torque contains the isolation's force: without its resonance it is that force, which then fits any record."""
+    rig = wire_bonder()
+    best = ranking(equations_of(virtual_campaign(with_chain(rig, "motor", fault), seed=SEED + 13), rig)).explanations[0]
+    assert (best.kind, best.place, best.what) == ("sensor", "motor", what)
