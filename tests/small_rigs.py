@@ -85,7 +85,7 @@ def with_law(model: RigModel, link: str, law: laws.LinkLaw) -> RigModel:
 def rubbing(model: RigModel, link: str, force: float) -> RigModel:
     """The rig with dry friction beside a link."""
     one = model.link(link)
-    contact = Contact(name=link, a=one.a, b=one.b, law=laws.Coulomb(friction_force=force))
+    contact = Contact(name=link, a=one.a, b=one.b, arms=one.arms, law=laws.Coulomb(friction_force=force))
     return replace(model, contacts=(*model.contacts, contact))
 
 

@@ -20,7 +20,7 @@ from isorig.analysis.diagnose.causes.measurement_chain import with_chain
 from isorig.analysis.fitting.candidate import Candidate, Shape
 from isorig.analysis.fitting.solve import Free
 from isorig.analysis.laws.base import NO_LINK
-from isorig.analysis.model.rig_model import Contact, Link, RigModel
+from isorig.analysis.model.rig_model import Link, RigModel
 
 #: Points of a curve over a two-sided range (odd, so that one is in the middle), over velocities, over a session, of a sensor's
 #: static curve, and taps of its filter.
@@ -187,8 +187,8 @@ def _rubbed(model: RigModel, evidence: Evidence, place: str, law: laws.FrictionL
     old = next((contact.law for contact in model.contacts if contact.name == place), None)
     least = RUBS * _largest_force(link, evidence)
     if old is None:
-        contacts = (*model.contacts, Contact(name=place, a=link.a, b=link.b, law=law))
-        return msgspec.structs.replace(model, contacts=contacts), laws.Coulomb(friction_force=least), least
+        rubbed = msgspec.structs.replace(model, contacts=(*model.contacts, link.rubbing(law)))
+        return rubbed, laws.Coulomb(friction_force=least), least
     free = tuple(path for path in model.free if not path.startswith(f"contacts.{place}.law"))
     changed = msgspec.structs.replace(model, contacts=exchange(model.contacts, place, law=law), free=free)
     return changed, old, max(_level(old), 1e-2 * least)

@@ -53,6 +53,10 @@ class Link(Part, frozen=True, kw_only=True):
     arms: dict[str, float] = msgspec.field(default_factory=dict)
     laws: tuple[LinkLaw, ...] = ()
 
+    def rubbing(self, law: FrictionLaw) -> Contact:
+        """Friction that resists the link's elongation: a contact of its name with its ends and arms."""
+        return Contact(name=self.name, a=self.a, b=self.b, law=law, arms=self.arms)
+
 
 class Contact(Part, frozen=True, kw_only=True):
     """A friction law between body `a` and body `b` or "ground", acting on the velocity of a relative to b."""

@@ -56,6 +56,14 @@ def test_friction_that_holds_a_body_most_of_the_time_is_found() -> None:
     assert diagnosis.steps[0].parameters["friction_force"][0] == pytest.approx(12.3, rel=0.01)
 
 
+def test_friction_of_a_belt_acts_on_its_elongation() -> None:
+    """The pulleys have different radii: the velocity of one relative to the other is not what rubs."""
+    rig = replace(chain(), links=tuple(replace(x, arms={"m0": 0.5}) if x.name == "l1" else x for x in chain().links))
+    diagnosis = found(rig, rubbing(rig, "l1", 3.0), SEED + 9)
+    assert named(diagnosis) == {("coulomb_friction", "friction_shape", "l1")}
+    assert diagnosis.steps[0].parameters["friction_force"][0] == pytest.approx(3.0, rel=0.01)
+
+
 @pytest.mark.study
 def test_a_second_cause_that_shows_later_in_the_runs_is_found() -> None:
     # A gain shows at once; the chain hardens only where it swings far, after the first half second.

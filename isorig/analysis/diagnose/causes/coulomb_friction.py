@@ -11,7 +11,7 @@ from isorig.analysis.diagnose.causes.base import Amplitudes, Cause, Evidence, Re
 from isorig.analysis.fitting.candidate import Candidate, Reported
 from isorig.analysis.fitting.solve import Free
 from isorig.analysis.laws import Coulomb
-from isorig.analysis.model.rig_model import Contact, Link, RigModel
+from isorig.analysis.model.rig_model import Link, RigModel
 
 #: Friction if unknown, as a share of the largest force of the drive: a starting value for fits.
 SHARE_OF_PUSH = 0.2
@@ -61,5 +61,4 @@ class CoulombFriction(Cause):
 
 
 def _rubbing(model: RigModel, link: Link, force: float) -> RigModel:
-    contact = Contact(name=link.name, a=link.a, b=link.b, law=Coulomb(friction_force=force))
-    return msgspec.structs.replace(model, contacts=(*model.contacts, contact))
+    return msgspec.structs.replace(model, contacts=(*model.contacts, link.rubbing(Coulomb(friction_force=force))))
