@@ -26,18 +26,14 @@ class Element:
         Its parts; None if it has none of them.
     weights
         Of the coordinates in its elongation, shape (bodies,).
+    name
+        The name of the link, or else of the contact; "friction of" it where a link between other ends has the same name.
     """
 
     link: Link | None
     contact: Contact | None
     weights: FloatArray
-
-    @property
-    def name(self) -> str:
-        """The name of the link, or else of the contact."""
-        part = self.link or self.contact
-        assert part is not None
-        return part.name
+    name: str
 
     @property
     def names(self) -> frozenset[str]:
@@ -54,11 +50,14 @@ def elements(model: RigModel) -> tuple[Element, ...]:
         mate = next((c for c in free if _parallel(direction(model, c.a, c.b, c.arms), weights)), None)
         if mate is not None and not any(f.contact is mate for f in found):
             free.remove(mate)
-            found.append(Element(link=link, contact=mate, weights=weights))
+            found.append(Element(link=link, contact=mate, weights=weights, name=link.name))
         else:
-            found.append(Element(link=link, contact=None, weights=weights))
+            found.append(Element(link=link, contact=None, weights=weights, name=link.name))
+    taken = {link.name for link in model.links}
     for contact in free:
-        found.append(Element(link=None, contact=contact, weights=direction(model, contact.a, contact.b, contact.arms)))
+        name = f"friction of {contact.name}" if contact.name in taken else contact.name
+        weights = direction(model, contact.a, contact.b, contact.arms)
+        found.append(Element(link=None, contact=contact, weights=weights, name=name))
     return tuple(found)
 
 

@@ -406,3 +406,12 @@ def test_rocking_does_not_stand_for_the_force_that_makes_it_rock(fault: Chain, w
     rig = wire_bonder()
     best = ranking(equations_of(virtual_campaign(with_chain(rig, "motor", fault), seed=SEED + 13), rig)).explanations[0]
     assert (best.kind, best.place, best.what) == ("sensor", "motor", what)
+
+
+def test_a_contact_with_the_name_of_a_link_and_other_arms_is_an_element_of_its_own() -> None:
+    rig = rubbing(chain(), "l1", 3.0)
+    geared = replace(rig, links=tuple(replace(x, arms={"m0": 0.5}) if x.name == "l1" else x for x in rig.links))
+    lossy = with_law(geared, "l1", laws.Maxwell(relaxation_stiffness=900.0, relaxation_time=0.02))
+    equations = equations_of(played(lossy, seed=SEED + 14), lossy)
+    assert {element.name for element in equations.elements()} == {"l0", "l1", "l2", "friction of l1"}
+    assert ranking(equations).explanations
