@@ -445,11 +445,14 @@ def suspected(explanations: Sequence[Explanation], before: Mapping[str, float]) 
             break
         if all((item.kind, item.place, item.what) != (other.kind, other.place, other.what) for other in chosen):
             chosen.append(item)
-    # No regression shows every force with a memory: where the best explanation leaves much, such a force there may be behind it.
+    # No regression shows every force with a memory: where the best explanation leaves much, such a force there may be behind it;
+    # where its place is certain, even one that looks like no such force (play with friction behind it is almost a spring).
     if chosen and not any(item.kind == "memory" for item in chosen):
         leaves = any(value >= BROKEN and chosen[0].residuals[name] >= BROKEN for name, value in before.items())
+        elsewhere = max((item.score for item in explanations if item.place != chosen[0].place), default=0.0)
+        least = LEAST_SCORE if chosen[0].score < SHOWN + max(elsewhere, 0.0) else -np.inf
         there = (item for item in explanations if item.kind == "memory" and item.place == chosen[0].place)
-        chosen += [item for item in there if leaves and item.score >= LEAST_SCORE][:1]
+        chosen += [item for item in there if leaves and item.score >= least][:1]
     # What is largest over noise may be a disturbance that hardly moves the rig.
     for name, whole in before.items():
         own = min(explanations, key=lambda item: item.residuals[name], default=None)

@@ -11,7 +11,7 @@ from small_rigs import carts, chain, guessed, played, rubbing, stage, with_law
 
 from isorig.analysis import laws
 from isorig.analysis.diagnose.observe import observe
-from isorig.analysis.diagnose.suspects import ALIKE, BROKEN, LEAST_SCORE, REPAIRED, repairs, suspected, suspects
+from isorig.analysis.diagnose.suspects import ALIKE, BROKEN, LEAST_SCORE, REPAIRED, SHOWN, repairs, suspected, suspects
 from isorig.analysis.equations.balances import balances
 from isorig.analysis.equations.columns import relaxing
 from isorig.analysis.equations.forms import element_force, fitted_form, start_values
@@ -334,20 +334,25 @@ def test_explanations_close_to_a_best_one_that_removes_little_are_suspected_too(
 
 
 @pytest.mark.parametrize(
-    ("left", "score", "joins"),
+    ("left", "score", "other", "joins"),
     [
-        (1.01 * BROKEN, 1.01 * LEAST_SCORE, True),
-        (0.99 * BROKEN, 1.01 * LEAST_SCORE, False),
-        (1.01 * BROKEN, 0.99 * LEAST_SCORE, False),
+        (1.01 * BROKEN, 1.01 * LEAST_SCORE, 0.9, True),
+        (0.99 * BROKEN, 1.01 * LEAST_SCORE, 0.9, False),
+        (1.01 * BROKEN, 0.99 * LEAST_SCORE, 0.9, False),
+        # Where the place is certain, the force there need not look like any force with a memory.
+        (1.01 * BROKEN, -0.01, 0.99 - SHOWN, True),
+        (1.01 * BROKEN, -0.01, 1.01 - SHOWN, False),
+        (0.99 * BROKEN, -0.01, 0.99 - SHOWN, False),
     ],
 )
 def test_a_force_with_a_memory_is_suspected_where_the_best_explanation_leaves_much(
-    left: float, score: float, joins: bool
+    left: float, score: float, other: float, joins: bool
 ) -> None:
     best = changed(explanation("a", 1.0), kind="spring_shape", residuals={"x": left})
     memory = changed(explanation("a", score), kind="memory", residuals={"x": 9.0 * BROKEN})
-    elsewhere = changed(explanation("b", score), kind="memory", residuals={"x": 9.0 * BROKEN})
-    assert suspected([best, elsewhere, memory], {"x": 10.0 * BROKEN}) == ((best, memory) if joins else (best,))
+    elsewhere = changed(explanation("b", other), residuals={"x": 9.0 * BROKEN})
+    found = suspected([best, elsewhere, memory], {"x": 10.0 * BROKEN})
+    assert (memory in found) is joins
 
 
 @pytest.mark.parametrize(("share", "moved"), [(1.02 * RESTS, True), (0.98 * RESTS, False)])
