@@ -328,8 +328,8 @@ def _solved(equations: Equations, balance: Balance, explanation: Explanation | N
     values: Mapping[str, float] = explanation.values
     if explanation.what in CHANNEL_FAULTS:
         source = explanation.source or None
-        correction = equations.correction(explanation.what, explanation.place, values["value"], source)
-        return prepared.solve(correction=correction).values
+        fault = equations.fault(explanation.what, explanation.place, np.array([values["value"]]), source)
+        return prepared.without_fault(*fault)[0].values
     if explanation.what in ("mass", "resonator") and explanation.place in balance.bodies:
         row, mass = equations.body_row(explanation.place), values["mass"]
         if explanation.what == "resonator":

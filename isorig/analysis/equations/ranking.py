@@ -546,9 +546,10 @@ class Regressions:
             best, value, after = -np.inf, 0.0, {}
             grid, step = values, float(values[1] - values[0])
             for _ in range(ROUNDS + 1):
-                for trial in grid:
-                    correction = self.on.correction(what, channel, float(trial), source)
-                    found = {name: item.solve(correction=correction).residual for name, item in inside.items()}
+                added, gains = self.on.fault(what, channel, grid, source)
+                left = {name: [one.residual for one in item.without_fault(added, gains)] for name, item in inside.items()}
+                for k, trial in enumerate(grid):
+                    found = {name: residuals[k] for name, residuals in left.items()}
                     score = sum(np.log10(max(before[name], 1.0) / max(r, 1.0)) for name, r in found.items())
                     if score > best:
                         best, value, after = score, float(trial), found

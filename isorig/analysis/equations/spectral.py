@@ -144,6 +144,27 @@ class Prepared:
         gram, noise = (np.real(_gram(matrix, power)).sum(axis=0) for power in self._powers(tuple(kept)))
         return _solve(gram, noise)
 
+    def without_fault(self, added: FloatArray, gains: ComplexArray) -> list[Solved]:
+        """Solve with true signals = recorded + gain * added @ recorded, for each of these gains.
+
+        Parameters
+        ----------
+        added
+            Shape (signals, signals).
+        gains
+            Shape (values, bins).
+        """
+        matrix = self._matrix
+        more = matrix @ added
+        # Of power P, the rows M + g N have (M + g N)* P (M + g N)^T, summed over frequency bins.
+        totals = []
+        for power in (self.power, self.noise):
+            whole, both, square = (_between(*pair, power) for pair in ((matrix, matrix), (matrix, more), (more, more)))
+            cross = np.real(np.tensordot(gains, both, axes=1))
+            turned = cross.transpose(0, 2, 1)
+            totals.append(np.real(whole.sum(axis=0)) + cross + turned + np.tensordot(np.abs(gains) ** 2, np.real(square), axes=1))
+        return [_solve(*pair) for pair in zip(*totals, strict=True)]
+
     def scan(self, row: Row, gains: ComplexArray) -> FloatArray:
         """Residual as a function of the coefficient c of one more row, filtered with each of these gains.
 
@@ -337,7 +358,11 @@ class Spectra:
 
 
 def _gram(matrix: ComplexArray, power: ComplexArray) -> ComplexArray:
-    return np.asarray(matrix.conj() @ power @ matrix.transpose(0, 2, 1))
+    return _between(matrix, matrix, power)
+
+
+def _between(one: ComplexArray, other: ComplexArray, power: ComplexArray) -> ComplexArray:
+    return np.asarray(one.conj() @ power @ other.transpose(0, 2, 1))
 
 
 def _scaled(matrix: FloatArray, side: FloatArray) -> FloatArray:

@@ -55,7 +55,7 @@ PASSED = 2.5
 STUCK = 0.06
 #: Quantile of the force's magnitude in such a run that must stay below the friction.
 HELD = 0.999
-#: Faults of a channel that `Equations.correction` takes out.
+#: Faults of a channel that `Equations.fault` takes out.
 CHANNEL_FAULTS = ("gain", "delay", "crosstalk", "high-pass")
 #: Residual up to which an equation holds. Chosen: sound rigs with descriptions a quarter off stay below it.
 HOLDS = 2.0
@@ -640,24 +640,25 @@ class Equations:
             penalty = shape.penalty(count, 0, power, 1.0)
         return prepared.shaped(columns, penalty)
 
-    def correction(self, what: str, channel: str, value: float, source: str | None) -> ComplexArray:
-        """True signals in terms of recorded ones for a fault of a channel, shape (bins, signals, signals)."""
+    def fault(
+        self, what: str, channel: str, values: FloatArray, source: str | None
+    ) -> tuple[FloatArray, ComplexArray]:  # fmt: skip
+        """Signals that a fault of a channel adds, shape (signals, signals), and their gains in the true ones (values, bins).
+
+        True signals = recorded + gain * added @ recorded.
+        """
         spectra = self.spectra
-        n = len(spectra.names)
-        found = np.zeros((len(spectra.bins), n, n), dtype=complex)
-        found[:, range(n), range(n)] = 1.0
+        added = np.zeros((len(spectra.names),) * 2)
         for (name, order), k in spectra.index.items():
-            if name != channel:
-                continue
-            if what == "gain":
-                found[:, k, k] = 1.0 / value
-            elif what == "delay":
-                found[:, k, k] = np.exp(1j * spectra.omega * value)
-            elif what == "high-pass":
-                found[:, k, k] = 1.0 + 2.0 * np.pi * value / (1j * spectra.omega)
-            elif source is not None:
-                found[:, k, spectra.index[source, order]] = -value
-        return found
+            if name == channel:
+                added[k, k if source is None else spectra.index[source, order]] = 1.0
+        omega, each = spectra.omega, values[:, None]
+        if what == "delay":
+            return added, np.asarray(np.exp(1j * omega * each) - 1.0)
+        if what == "high-pass":
+            return added, np.asarray(2.0 * np.pi * each / (1j * omega))
+        constant = 1.0 / each - 1.0 if what == "gain" else -each
+        return added, np.asarray(np.broadcast_to(constant, (len(values), len(omega))), dtype=np.complex128)
 
 
 def _read(run: Run, model: RigModel) -> dict[str, FloatArray]:

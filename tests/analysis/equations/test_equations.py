@@ -420,3 +420,14 @@ def test_a_contact_with_the_name_of_a_link_and_other_arms_is_an_element_of_its_o
     equations = equations_of(played(lossy, seed=SEED + 14), lossy)
     assert {element.name for element in equations.elements()} == {"l0", "l1", "l2", "friction of l1"}
     assert ranking(equations).explanations
+
+
+@pytest.mark.parametrize(("what", "value"), [("gain", 1.3), ("delay", 0.002), ("high-pass", 0.4), ("crosstalk", 0.2)])
+def test_an_equation_without_a_fault_is_that_of_the_corrected_signals(what: str, value: float) -> None:
+    equations = equations_of(played(chain(), seed=SEED), guessed(chain(), SEED))
+    prepared = equations.prepared["m1 + m2"]
+    added, gains = equations.fault(what, "a1", np.array([0.5 * value, value]), "a2" if what == "crosstalk" else None)
+    corrected = prepared.solve(correction=np.eye(len(added)) + gains[1][:, None, None] * added)
+    quick = prepared.without_fault(added, gains)[1]
+    assert quick.residual == pytest.approx(corrected.residual, rel=1e-9)
+    np.testing.assert_allclose(quick.values, corrected.values, rtol=1e-9)
