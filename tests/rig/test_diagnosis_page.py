@@ -31,6 +31,7 @@ from isorig.rig.report.before_after import (
     second_chart,
 )
 from isorig.rig.report.diagnosis import curve_chart
+from isorig.rig.report.page import First, Report, Section, build_report
 from isorig.rig.virtual.described import described_campaign
 
 CUBIC = 4e5
@@ -43,7 +44,10 @@ addEventListener("load", () => setTimeout(async () => {
   for (const folded of document.querySelectorAll("details")) folded.open = true;
   await later();
   Object.assign(told, { all: drawn(), charts: document.querySelectorAll(".chart").length,
-    inner: innerWidth, wide: document.documentElement.scrollWidth,
+    cut: [...document.querySelectorAll(".bartext")].filter((t) => {
+      const inside = t.closest(".chart").getBoundingClientRect().right;
+      return t.getBoundingClientRect().right > inside + 1; }).map((t) => t.textContent),
+    bars: document.querySelectorAll(".bartext").length, inner: innerWidth, wide: document.documentElement.scrollWidth,
     peaks: [...document.querySelectorAll(".peaks")].map((p) => p.textContent) });
   parent.postMessage(JSON.stringify(told), "*");
 }, 1500));
@@ -126,6 +130,16 @@ def test_the_page_in_a_browser(answered: Path, tmp_path: Path, width: int) -> No
     assert told["all"] == told["charts"] > 6
     assert told["peaks"]
     assert all(re.match(r"Largest in view: .*: \S+ \S+ per \S+ at \d+(\.\d+)? Hz", text) for text in told["peaks"])
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine: install Debian's package to run this test")
+@pytest.mark.parametrize("width", [1280, 420])
+def test_the_number_of_the_longest_bar_is_readable(tmp_path: Path, width: int) -> None:
+    chart = residual_chart({"table": 0.18, "motor": 11234.0}, {"table": 0.44, "motor": 1.1})
+    assert chart is not None
+    first = First(sketch="", measured=Section(title="Runs"), pictures=(chart, chart))
+    told = told_by(build_report(Report(title="t", verdict="v", summary=(), sections=(), first=first)), PROBE, width, tmp_path)
+    assert (told["bars"], told["cut"]) == (8, [])
 
 
 def test_the_second_of_the_largest_error_is_found_across_runs_and_channels() -> None:

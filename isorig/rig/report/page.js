@@ -99,7 +99,9 @@
       Object.assign(out.yaxis, { type: "category", autorange: "reversed", title: {} , ticks: "", dtick: 1 });
       out.xaxis.anchor = "y";
       const [low, high] = reach(chart, 0);
-      if (chart.x.log) Object.assign(out.xaxis, decades(low / 3, high * 2), { range: [Math.log10(low / 3), Math.log10(high * 2)] });
+      // The number at the end of the longest bar takes up to a fifth of the axis.
+      const most = high * Math.max(2, (high / low) ** 0.25);
+      if (chart.x.log) Object.assign(out.xaxis, decades(low / 3, most), { range: [Math.log10(low / 3), Math.log10(most)] });
     }
     return out;
   }
