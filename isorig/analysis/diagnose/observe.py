@@ -17,7 +17,7 @@ from isorig.analysis.model.rig_model import GROUND, Link, RigModel, Sensor
 from isorig.analysis.simulate import simulate
 from isorig.analysis.spectra.hum import mains_in
 from isorig.analysis.spectra.motion import motion_of
-from isorig.analysis.spectra.overload import cut_off
+from isorig.analysis.spectra.overload import cut_off, noisy_limit
 
 #: A record that is cut off within this share of its largest magnitude for this many samples in total has flat tops.
 FLAT_SHARE = 2e-3
@@ -163,11 +163,12 @@ def flat_tops(campaign: Campaign, peaks: dict[str, float]) -> dict[str, float]:
     for name, peak in peaks.items():
         if peak <= 0.0:
             continue
-        records = (run.read(name) for run in campaign.runs if name in run.channels)
-        tops = (cut_off(values, np.abs(values) > (1 - FLAT_SHARE) * peak) for values in records)
-        count = sum(int(lengths.sum()) for lengths in tops)
+        records = [run.read(name) for run in campaign.runs if name in run.channels]
+        limit, scatter = noisy_limit(np.abs(np.concatenate(records))) or (peak * (1 - FLAT_SHARE / 2), 0.0)
+        least = min((1 - FLAT_SHARE) * peak, limit - scatter)
+        count = sum(int(cut_off(values, np.abs(values) > least).sum()) for values in records)
         if count >= FLAT_SAMPLES:
-            found[name] = peak * (1 - FLAT_SHARE / 2)
+            found[name] = limit
     return found
 
 

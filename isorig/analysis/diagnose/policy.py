@@ -56,8 +56,9 @@ class Policy:
     form_errors
         Standard errors over runs by which a form's error may exceed the free shape's (findings, version 2).
     settled
-        Share of the excess below which the error remaining after a form has another cause: then neither pairs of causes nor free
-        shapes of other kinds and places are fitted. Chosen: a tenth of the error; forms of the wrong kind leave several per cent.
+        Share of the excess below which the error remaining after a form has another cause, or is due to its form: then neither
+        pairs of causes nor free shapes of other kinds and places are fitted, and no further cause at its place counts. Chosen: a
+        tenth of the error; forms of the wrong kind leave several per cent.
     form_alike
         Ratio of rms errors up to which a form counts as within those standard errors, however small they are. Chosen as
         `matters`, a few per cent, and twice that because a curve with many points also fits small imperfections in every run.
@@ -278,20 +279,22 @@ def step_counts(stages: Sequence[Stage], k: int, floors: FloatArray, enough: flo
     """Whether the step to stage k adds something to the stages before it."""
     if k == 0:
         return True
+    whole, now, then = (excess(stages[i].error, floors) for i in (0, k - 1, k))
+    here = any(stages[k].place == stage.place for stage in stages[1:k])
+    if here and not stages[k].refines and now < policy.settled * whole:
+        return False  # what a form leaves at its own place may be due to its form
     if is_adequate(stages[k].error, floors, enough):
         return True
     if stages[k].paired and k + 1 < len(stages):
         both = stages[k + 1].error
         if is_adequate(both, floors, enough) or share_removed(stages[k - 1].error, both, floors) >= policy.explained:
             return True
-    whole, now, then = (excess(stages[i].error, floors) for i in (0, k - 1, k))
     if k == 1:
         # Disturbances may be most of the excess; a cause that the equations show is confirmed by a decrease everywhere, too.
         decrease = log_excess(stages[0].error, floors) - log_excess(stages[1].error, floors) if stages[1].shown else 0.0
         return now - then >= policy.worth * whole or decrease >= policy.worth
     if stages[k].refines or stages[k].shown:
         return now - then >= policy.worth * now
-    here = any(stages[k].place == stage.place for stage in stages[1:k])
     explains = not here and now - then >= policy.explained * now
     of_whole = policy.settled if explains else policy.later
     of_rest = policy.of_rest_here if here else policy.of_rest

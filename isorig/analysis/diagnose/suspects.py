@@ -392,7 +392,7 @@ def suspects(equations: Equations, *, further: bool = False) -> Suspects | None:
         return None
     ranked = ranking(equations)
     listed = [item for item in ranked.explanations if not further or _repairs_alone(item, ranked)]
-    chosen = suspected(listed, ranked.residuals)
+    chosen = suspected(listed, ranked.residuals, further=further)
     if not chosen:
         return None
     places = {element.name: element.names for element in equations.elements()}
@@ -428,7 +428,9 @@ def repairs(before: Mapping[str, float], after: Mapping[str, float]) -> bool:
     return any(after[name] <= most(value) for name, value in before.items())
 
 
-def suspected(explanations: Sequence[Explanation], before: Mapping[str, float]) -> tuple[Explanation, ...]:
+def suspected(
+    explanations: Sequence[Explanation], before: Mapping[str, float], *, further: bool = False
+) -> tuple[Explanation, ...]:  # fmt: skip
     """The best explanations of different kinds and places, and of each broken equation what repairs it most.
 
     Parameters
@@ -437,6 +439,8 @@ def suspected(explanations: Sequence[Explanation], before: Mapping[str, float]) 
         Best first.
     before
         Residual of each equation without any.
+    further
+        Whether causes were found already.
     """
     best = max((item.score for item in explanations), default=0.0)
     chosen: list[Explanation] = []
@@ -446,11 +450,13 @@ def suspected(explanations: Sequence[Explanation], before: Mapping[str, float]) 
         if all((item.kind, item.place, item.what) != (other.kind, other.place, other.what) for other in chosen):
             chosen.append(item)
     # No regression shows every force with a memory: where the best explanation leaves much, such a force there may be behind it;
-    # where its place is certain, even one that looks like no such force (play with friction behind it is almost a spring).
+    # where its place is certain and no cause was found yet, even one that looks like no such force (play with much friction
+    # behind it is almost a spring).
     if chosen and not any(item.kind == "memory" for item in chosen):
         leaves = any(value >= BROKEN and chosen[0].residuals[name] >= BROKEN for name, value in before.items())
         elsewhere = max((item.score for item in explanations if item.place != chosen[0].place), default=0.0)
-        least = LEAST_SCORE if chosen[0].score < SHOWN + max(elsewhere, 0.0) else -np.inf
+        certain = not further and chosen[0].score >= SHOWN + max(elsewhere, 0.0)
+        least = -np.inf if certain else LEAST_SCORE
         there = (item for item in explanations if item.kind == "memory" and item.place == chosen[0].place)
         chosen += [item for item in there if leaves and item.score >= least][:1]
     # What is largest over noise may be a disturbance that hardly moves the rig.

@@ -11,10 +11,12 @@ import numpy as np
 
 from isorig.analysis.campaign import BoolArray, FloatArray
 from isorig.analysis.spectra.hum import hum, mains_in
+from isorig.analysis.spectra.overload import noisy_limit
 
 #: Powers of a sensor's value in the error of its static curve.
 POWERS = (2, 3)
-#: Samples within this share of a record's extreme are at a limit if there are at least so many in a row, so many times.
+#: Samples within this share of a record's extreme, or as far below a limit as noise scatters, are at a limit if there are at
+#: least so many in a row, so many times.
 NEAR, ROW, TIMES = 0.005, 3, 3
 
 
@@ -37,9 +39,11 @@ def clipped(values: FloatArray, peak: float, rate: float) -> list[FloatArray]:
 
 
 def _held(values: FloatArray, peak: float) -> BoolArray:
-    near = values >= (1.0 - NEAR) * float(values.max())
-    if values.max() < 0.5 * peak:
+    most = float(values.max())
+    if most < 0.5 * peak:
         return np.zeros(len(values), dtype=bool)
+    limit, scatter = noisy_limit(values) or (most, 0.0)
+    near = values >= min((1.0 - NEAR) * most, limit - scatter)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]]).astype(np.int8)))
     starts, stops = edges[::2], edges[1::2]
     long = stops - starts >= ROW

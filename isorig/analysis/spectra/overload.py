@@ -22,6 +22,11 @@ VALUES = 32
 #: Samples over which the change of a record before and after a flat top counts, and which noise may interrupt it; its least share
 #: of the rms change over as many. Chosen: the slope at 98 % of a sine's amplitude; rests and plateaus are approached more slowly.
 NEAR, STEEP = 3, 0.3
+#: Noise that is added after a limit scatters its samples: they are searched for within this share of the largest one. They are at
+#: a limit if the distance from their median to their 90 % quantile is at most this share of the value; noise reaches this many
+#: times as far. Chosen: of values spread evenly over that share, the distance is 0.008; of normal noise it is 1.28 standard
+#: deviations.
+WIDE, SCATTER, REACH = 0.02, 0.0025, 3.0
 #: Number of consecutive equal samples that no acceleration has, and the factor by which they must exceed the usual number (the
 #: longest of a hundred rows) with a coarse converter.
 STUCK, LONGER = 8, 8.0
@@ -32,6 +37,18 @@ LONGEST = 1 << 20
 def blocks(channel: Channel) -> Iterator[FloatArray]:
     """The channel's values, block by block, shape (up to `LONGEST`,)."""
     return (channel.read(start, start + LONGEST) for start in range(0, len(channel), LONGEST))
+
+
+def noisy_limit(magnitudes: FloatArray) -> tuple[float, float] | None:
+    """The limit at which most of the largest magnitudes are, and how far noise scatters them; None if they have no such limit.
+
+    `magnitudes` has shape (n,).
+    """
+    top = magnitudes[magnitudes >= (1.0 - WIDE) * magnitudes.max(initial=0.0)]
+    if not len(top):
+        return None
+    limit, high = np.quantile(top, [0.5, 0.9])
+    return (float(limit), REACH * float(high - limit)) if high - limit <= SCATTER * limit else None
 
 
 def cut_off(values: FloatArray, at: BoolArray) -> IntArray:

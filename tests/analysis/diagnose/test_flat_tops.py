@@ -7,7 +7,7 @@ import pytest
 
 from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, Run
 from isorig.analysis.diagnose.observe import FLAT_SAMPLES, flat_tops
-from isorig.analysis.spectra.overload import plateaus
+from isorig.analysis.spectra.overload import noisy_limit, plateaus
 
 TIME = np.arange(4000) / 400.0
 
@@ -24,6 +24,18 @@ def found(samples: np.ndarray) -> dict[str, float]:
 
 def test_a_clipped_record_has_flat_tops() -> None:
     assert found(np.clip(np.sin(2 * np.pi * 3.1 * TIME), -0.8, 0.8)) == {"motor": pytest.approx(0.8, rel=2e-3)}
+
+
+@pytest.mark.parametrize(("noise", "flat"), [(0.0008, True), (0.0014, True), (0.01, False)])
+def test_noise_after_a_limit_does_not_hide_it(noise: float, flat: bool) -> None:
+    noisy = np.random.default_rng(5).normal(0.0, 0.8 * noise, len(TIME))
+    samples = np.clip(np.sin(2 * np.pi * 3.1 * TIME), -0.8, 0.8) + noisy
+    assert found(samples) == ({"motor": pytest.approx(0.8, rel=1e-3)} if flat else {})
+
+
+def test_values_spread_evenly_up_to_a_largest_one_have_no_limit() -> None:
+    assert noisy_limit(np.linspace(0.0, 1.0, 1000)) is None
+    assert noisy_limit(np.zeros(0)) is None
 
 
 @pytest.mark.parametrize("count", [FLAT_SAMPLES - 1, FLAT_SAMPLES])

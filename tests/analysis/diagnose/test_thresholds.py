@@ -118,6 +118,16 @@ def test_a_further_step_removes_more_than_a_form_leaves(removed: float, counts: 
     assert step_counts(way(first, first + removed), 2, FLOORS, 1.5) is counts
 
 
+@pytest.mark.parametrize(("first", "place", "counts"), [(0.989, "p0", True), (0.991, "p0", False), (0.991, "p1", True)])
+def test_what_a_form_leaves_at_its_own_place_is_no_further_cause(first: float, place: str, counts: bool) -> None:
+    stages = way(first, 1.0)
+    stages[2] = Stage(error=FLOORS, place=place)
+    assert step_counts(stages, 2, FLOORS, 1.5) is counts
+    # A contact has one friction law: a more general one there replaces the first.
+    stages[2] = Stage(error=FLOORS, place=place, refines=True)
+    assert step_counts(stages, 2, FLOORS, 1.5)
+
+
 @pytest.mark.parametrize(("both", "counts"), [(0.801, True), (0.799, False)])
 def test_the_first_of_two_that_only_together_explain_counts_from_eight_tenths(both: float, counts: bool) -> None:
     # Alone it removes less than is worth a step.

@@ -353,6 +353,8 @@ def test_a_force_with_a_memory_is_suspected_where_the_best_explanation_leaves_mu
     elsewhere = changed(explanation("b", other), residuals={"x": 9.0 * BROKEN})
     found = suspected([best, elsewhere, memory], {"x": 10.0 * BROKEN})
     assert (memory in found) is joins
+    if score < LEAST_SCORE:
+        assert memory not in suspected([best, elsewhere, memory], {"x": 10.0 * BROKEN}, further=True)
 
 
 @pytest.mark.parametrize(("share", "moved"), [(1.02 * RESTS, True), (0.98 * RESTS, False)])
