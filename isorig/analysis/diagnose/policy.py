@@ -277,13 +277,11 @@ class Stage:
 
 def step_counts(stages: Sequence[Stage], k: int, floors: FloatArray, enough: float, policy: Policy = POLICY) -> bool:
     """Whether the step to stage k adds something to the stages before it."""
-    if k == 0:
-        return True
     whole, now, then = (excess(stages[i].error, floors) for i in (0, k - 1, k))
     here = any(stages[k].place == stage.place for stage in stages[1:k])
     if here and not stages[k].refines and now < policy.settled * whole:
         return False  # what a form leaves at its own place may be due to its form
-    if is_adequate(stages[k].error, floors, enough):
+    if k == 0 or is_adequate(stages[k].error, floors, enough):
         return True
     if stages[k].paired and k + 1 < len(stages):
         both = stages[k + 1].error
