@@ -68,7 +68,8 @@ def all_considered(
             share = (excess(before.error, floors) - excess(entry.score.error, floors)) / whole
             if key in named:  # with the share of the step that it replaced
                 share += sum(found[gone].share or 0.0 for gone in replaced if gone in found and gone != key and gone[1] == key[1])
-            if key not in found or key in named:
+            # A named cause that is fitted again with itself in place removes hardly anything then.
+            if key not in found or (key in named and share > (found[key].share or 0.0)):
                 found[key] = _considered(entry, share, best, floors, key in named, any(key in one for one in sets))
             if key in replaced and key not in named:
                 why = f"It removes {_percent(share)}; a more general friction at the same place replaces it."

@@ -84,6 +84,16 @@ def step_to(cause: str, kind: Kind, before: float, after: float, location: str =
     return _Stage(fit=entry("sensor_gain", "x", after).fit, score=scored(after), step=step)
 
 
+def test_a_named_cause_keeps_its_share_when_a_later_search_fits_it_again() -> None:
+    first, again = scored(0.1), scored(0.05)
+    named = step_to("sensor_gain", "sensor", 0.1, 0.05, "x").step
+    assert named is not None
+    searches = [(first, [entry("sensor_gain", "x", 0.05)]), (again, [entry("sensor_gain", "x", 0.0499)])]
+    found, *_ = all_considered(searches, [named], (), first, FLOORS, stage(), (), None)
+    assert found.share == pytest.approx(0.75, abs=0.01)
+    assert found.standing == "main contributor"
+
+
 def test_friction_that_generalizes_the_step_before_it_replaces_that_step() -> None:
     first = step_to("coulomb_friction", "friction_shape", 0.9, 0.4)
     baseline = replace(first, step=None)
