@@ -76,7 +76,8 @@ def lost_by_a_kill(output: Path, after: float) -> float:
 def test_a_killed_writer_loses_a_quarter_of_a_second_at_most(tmp_path: Path, kills: int) -> None:
     START.set_forkserver_preload(["isorig.rig.acquire.session", "ramps"])
     afters = np.random.default_rng(kills).uniform(0.0, 1.5, kills)
-    with ThreadPoolExecutor(4) as pool:
+    # As many at a time as there are processors: the instruments share this process, and a late one counts samples as lost.
+    with ThreadPoolExecutor(2) as pool:
         lost = list(pool.map(lost_by_a_kill, [tmp_path / f"{kill}.h5" for kill in range(kills)], afters))
     print(f"{kills} kills, at most {max(lost):.2f} s lost")
     assert max(lost) <= 0.25, lost

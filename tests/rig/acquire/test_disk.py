@@ -105,9 +105,11 @@ def test_a_working_file_that_is_taken_away_is_put_back(tmp_path: Path, other: bo
     def take_away(live: object) -> None:
         watcher.seen.append(live)  # type: ignore[arg-type]
         if len(watcher.seen) == 3:
-            working_file(output).unlink()
-            if other:
-                working_file(output).write_text("somebody else's")
+            if other:  # at once: what is written after the file is put back would be written into it
+                (tmp_path / "other").write_text("somebody else's")
+                (tmp_path / "other").replace(working_file(output))
+            else:
+                working_file(output).unlink()
 
     operator = type(watcher.operator)(lock=watcher.locks.append, watch=take_away, taken=watcher.runs.append)
     with (
