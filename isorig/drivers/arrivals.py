@@ -124,7 +124,7 @@ class Arrivals(Generic[T]):
         jump = float(right.min() - left.min())
         # At the end of a run, a step confirmed by a few bins only must be larger.
         least = max(self.unseen, 2.0 / self._rate) * max(1.0, SURE / len(right))
-        # If the delay steps up again after the next bin, that bin may only be late: the loss is counted once, after it.
+        # If the delay steps up again after the next bin, that bin may only be late: one loss, after it, and so are two in a row.
         if len(right) > LAST and float(right[1:].min() - right[0]) > least:
             return 0.0, 0.0
         return (jump if jump > least else 0.0), float(left.min()) + jump / 2.0

@@ -158,7 +158,7 @@ def _measured_swing(model: RigModel, link: Link, trial: Trial) -> _Measured | No
 
 
 def flat_tops(campaign: Campaign, peaks: dict[str, float]) -> dict[str, float]:
-    """Channels whose motion is cut off at their largest magnitude, with that magnitude."""
+    """Channels whose motion is cut off at a limit, with that limit."""
     found: dict[str, float] = {}
     for name, peak in peaks.items():
         if peak <= 0.0:

@@ -399,7 +399,7 @@ class Regressions:
 
         values = np.concatenate([base.values, np.zeros(len(signals))])
         fitted = sliding.fit(columns, values, 1)
-        remains = sliding.shared(plain, base.values, fitted.values[: len(base.values)]) if own else 1.0
+        remains = sliding.share_kept(plain, base.values, fitted.values[: len(base.values)]) if own else 1.0
         sliding.restore(state)
         if remains < own:
             return sliding.residual(base), 0.0

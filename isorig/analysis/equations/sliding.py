@@ -349,7 +349,7 @@ class Sliding:
             sound=tuple(sound.tolist()),
         )
 
-    def shared(self, columns: Columns, before: FloatArray, after: FloatArray) -> float:
+    def share_kept(self, columns: Columns, before: FloatArray, after: FloatArray) -> float:
         """Share of the force with the coefficients `before`, by projection, that the coefficients `after` also give."""
         matrices = [self.evaluated(block, columns)[0] for block in self.active]
         old = np.concatenate([matrix @ before for matrix in matrices])

@@ -111,7 +111,8 @@ class Prepared:
         self.power = sum((w[:, None, None] * item.power for w, item in zip(weights, chosen, strict=True))) / count
         self.noise = sum(weights)[:, None, None] * spectra.noise / count
         self._kept: dict[tuple[int, ...], tuple[ComplexArray, ComplexArray]] = {(): (self.power, self.noise)}
-        self.solved = self.solve()
+        self._own = tuple(np.real(_gram(matrix, power)).sum(axis=0) for power in (self.power, self.noise))
+        self.solved = _solve(*self._own)
         self.count = count
 
     def _powers(self, kept: tuple[int, ...]) -> tuple[ComplexArray, ComplexArray]:
@@ -158,11 +159,10 @@ class Prepared:
         more = matrix @ added
         # Of power P, the rows M + g N have (M + g N)* P (M + g N)^T, summed over frequency bins.
         totals = []
-        for power in (self.power, self.noise):
-            whole, both, square = (_between(*pair, power) for pair in ((matrix, matrix), (matrix, more), (more, more)))
-            cross = np.real(np.tensordot(gains, both, axes=1))
-            turned = cross.transpose(0, 2, 1)
-            totals.append(np.real(whole.sum(axis=0)) + cross + turned + np.tensordot(np.abs(gains) ** 2, np.real(square), axes=1))
+        for own, power in zip(self._own, (self.power, self.noise), strict=True):
+            cross = np.real(np.tensordot(gains, _between(matrix, more, power), axes=1))
+            square = np.tensordot(np.abs(gains) ** 2, np.real(_gram(more, power)), axes=1)
+            totals.append(own + cross + cross.transpose(0, 2, 1) + square)
         return [_solve(*pair) for pair in zip(*totals, strict=True)]
 
     def scan(self, row: Row, gains: ComplexArray) -> FloatArray:
@@ -251,7 +251,7 @@ class Prepared:
         test = sum(gram for part, gram in grams if part == 1 or not held_out)
         assert not isinstance(fit, int)
         assert not isinstance(test, int)
-        noise = np.real(_gram(matrix, self.noise)).sum(axis=0) * self.count
+        noise = self._own[1] * self.count
         normal = fit.copy()
         share = 0.5 if held_out else 1.0
         normal[:p, :p] -= share * noise

@@ -640,9 +640,7 @@ class Equations:
             penalty = shape.penalty(count, 0, power, 1.0)
         return prepared.shaped(columns, penalty)
 
-    def fault(
-        self, what: str, channel: str, values: FloatArray, source: str | None
-    ) -> tuple[FloatArray, ComplexArray]:  # fmt: skip
+    def fault(self, what: str, channel: str, values: FloatArray, source: str | None) -> tuple[FloatArray, ComplexArray]:
         """Signals that a fault of a channel adds, shape (signals, signals), and their gains in the true ones (values, bins).
 
         True signals = recorded + gain * added @ recorded.

@@ -102,6 +102,11 @@ def test_what_the_equations_show_and_no_simulation_confirms_is_a_sentence() -> N
     clear = blaming(("sensor", "motor", SHOWN + 0.1))
     assert clear.clearly == "slip (motor) reduces the largest residual, that of table, from 20 to 2 times the noise."
     assert clear.clear == ("sensor", "motor")
+    best = replace(clear.chosen[0], residuals={"lock": 1.5, "table": 19.0})
+    partly = replace(
+        clear, chosen=(best,), ranking=replace(clear.ranking, residuals={"lock": 15.0, "table": 20.0}, explanations=(best,))
+    )
+    assert partly.clearly == "slip (motor) reduces the residual of lock, from 15 to 1.5 times the noise."
     assert blaming(("sensor", "motor", SHOWN - 1e-9), after=19.0).clearly == ""
     assert blaming(("sensor", "motor", SHOWN - 1e-9), after=19.0).clear is None
     assert blaming(("sensor", "motor", 0.6), ("memory", "rail", 0.5)).clearly == ""

@@ -7,7 +7,8 @@ import pytest
 
 from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, Run
 from isorig.analysis.diagnose.observe import FLAT_SAMPLES, flat_tops
-from isorig.analysis.spectra.overload import noisy_limit, plateaus
+from isorig.analysis.equations.errors import clipped
+from isorig.analysis.spectra.overload import SCATTER, noisy_limit, plateaus
 
 TIME = np.arange(4000) / 400.0
 
@@ -31,6 +32,21 @@ def test_noise_after_a_limit_does_not_hide_it(noise: float, flat: bool) -> None:
     noisy = np.random.default_rng(5).normal(0.0, 0.8 * noise, len(TIME))
     samples = np.clip(np.sin(2 * np.pi * 3.1 * TIME), -0.8, 0.8) + noisy
     assert found(samples) == ({"motor": pytest.approx(0.8, rel=1e-3)} if flat else {})
+
+
+@pytest.mark.parametrize("noise", [0.0008, 0.0014])
+def test_what_is_missing_beyond_a_noisy_limit_is_computed_all_the_same(noise: float) -> None:
+    sine = np.sin(2 * np.pi * 3.1 * TIME)
+    samples = np.clip(sine, -0.8, 0.8) + np.random.default_rng(5).normal(0.0, 0.8 * noise, len(TIME))
+    (error,) = clipped(samples, float(np.abs(samples).max()), 400.0)
+    beyond = np.abs(sine) > 0.82
+    assert np.mean(error[beyond] != 0.0) > 0.98
+    assert np.std(error[beyond] + (sine - samples)[beyond]) < 0.2 * np.std((sine - samples)[beyond])
+
+
+@pytest.mark.parametrize(("far", "limited"), [(0.99 * SCATTER, True), (1.01 * SCATTER, False)])
+def test_noise_scatters_a_limit_up_to_a_share_of_it(far: float, limited: bool) -> None:
+    assert (noisy_limit(np.repeat([1.0, 1.0 + far], [60, 40])) is not None) is limited
 
 
 def test_values_spread_evenly_up_to_a_largest_one_have_no_limit() -> None:
