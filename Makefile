@@ -29,10 +29,10 @@ test: setup
 	@$(MAKE) --jobs=2 --output-sync=target test-wire test-work
 
 test-wire: setup
-	$(PYTEST) -n 6 $(WIRE)
+	$(PYTEST) -n 4 $(WIRE)
 
 test-work: setup
-	nice -n 10 $(PYTEST) -n 2 $(WIRE:%=--ignore=%)
+	nice -n 19 $(PYTEST) -n 2 $(WIRE:%=--ignore=%)
 
 # Speed and accuracy beside peers in one run, which writes docs/bench.md. `make bench QUICK=--quick` takes fewer repeats.
 bench: .venv/bench
