@@ -6,14 +6,17 @@ that is not answered here fails.
 
 from __future__ import annotations
 
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 from unittest import mock
 
 import numpy as np
+from filelock import FileLock
 from nidaqmx import utils
 from nidaqmx._base_interpreter import BaseInterpreter
 from nidaqmx.errors import DaqError, DaqReadError
@@ -299,8 +302,9 @@ def interpreter(device: Device) -> BaseInterpreter:
 
 @contextmanager
 def chassis(device: Device | None = None) -> Iterator[Device]:
-    """While this lasts, the vendor's package talks to the device."""
+    """While this lasts, the vendor's package talks to the device; there is one, and tests that run side by side take turns."""
     device = device or Device()
     made = interpreter(device)
-    with mock.patch.object(utils, "_select_interpreter", return_value=made):
+    turn = FileLock(Path(tempfile.gettempdir(), "rig-tests-chassis.lock"), timeout=300.0)
+    with turn, mock.patch.object(utils, "_select_interpreter", return_value=made):
         yield device

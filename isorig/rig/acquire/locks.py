@@ -91,7 +91,8 @@ def identities(port: str) -> frozenset[str]:
     try:
         about = Path(path).stat()
     except OSError:
-        return frozenset((path,))
+        # The name of a device in its maker's library is the same in every folder.
+        return frozenset((path if os.path.dirname(port) else port,))
     if not stat.S_ISCHR(about.st_mode):
         return frozenset((path,))
     # The number of a pseudo-terminal that was closed is given to the next one: the time it was made parts the two.

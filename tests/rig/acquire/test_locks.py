@@ -57,6 +57,12 @@ def test_a_device_is_one_port_under_all_of_its_names(tmp_path: Path) -> None:
     assert len({identities(name) for name in names}) == 1
 
 
+def test_the_name_of_a_device_is_one_port_in_every_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    here = identities("cDAQ1")
+    monkeypatch.chdir(tmp_path)
+    assert identities("cDAQ1") == here != identities("cDAQ2")
+
+
 def test_another_folder_for_temporary_files_shares_no_port(tmp_path: Path) -> None:
     (tmp_path / "other").mkdir()
     with FramedFar(frames=10**9, speed=1.0) as far, killed(session(tmp_path, far.port)) as first:
