@@ -78,4 +78,14 @@ def dragged_along(give: float, d: FloatArray, out: FloatArray) -> None:
         out[k] = u
 
 
-FORMULA = Formula(resist=resist, carry=carry)
+@kernel
+def to_kink(p: FloatArray, memory: FloatArray, d: float, sign: float) -> float:
+    clearance, x = p[2], sign * (d - memory[0])
+    # In order along the motion: contact is lost, contact is made, the slider moves.
+    if clearance > 0.0 and x < clearance:
+        return -clearance - x if x < -clearance else clearance - x
+    slips = p[1] / p[0] + clearance
+    return slips - x if x < slips else np.inf
+
+
+FORMULA = Formula(resist=resist, carry=carry, to_kink=to_kink)

@@ -58,10 +58,15 @@ class Formula:
         The memory, from the fraction `low` of a step of h seconds to the fraction `high`: ``carry(p, memory, after, d0, d1, v0,
         vm, v1, low, high, h)`` fills `after`; d0 and d1 are the elongations at these fractions, v0, vm and v1 the velocities at
         the step's start, middle and end. None for a law without memory.
+    to_kink
+        Distance in m from elongation d to the next kink of the force over the elongation, while it moves with the `sign`
+        of its velocity and the memory follows: ``to_kink(p, memory, d, sign)``. None for a law with memory whose force has kinks
+        only where the velocity changes sign.
     """
 
     resist: Callable[..., float]
     carry: Callable[..., None] | None = None
+    to_kink: Callable[..., float] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

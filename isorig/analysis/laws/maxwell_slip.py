@@ -82,4 +82,15 @@ def carry(
         after[i] = dragged(dragged(memory[i], give, turn), give, d1)
 
 
-FORMULA = Formula(resist=resist, carry=carry)
+@kernel
+def to_kink(p: FloatArray, memory: FloatArray, d: float, sign: float) -> float:
+    nearest = np.inf
+    for i in range(int(p[0])):
+        # Until this spring slips.
+        distance = p[2 + 2 * i] / p[1 + 2 * i] - sign * (d - memory[i])
+        if 0.0 < distance < nearest:
+            nearest = distance
+    return nearest
+
+
+FORMULA = Formula(resist=resist, carry=carry, to_kink=to_kink)

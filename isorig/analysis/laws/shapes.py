@@ -85,13 +85,12 @@ def turning(v0: float, vm: float, v1: float, low: float, high: float) -> float:
     at_low, at_high = v0 + low * (b + c * low), v0 + high * (b + c * high)
     if at_low * at_high >= 0.0:
         return -1.0
-    for _ in range(60):
-        x = 0.5 * (low + high)
-        if (v0 + x * (b + c * x)) * at_low > 0.0:
-            low = x
-        else:
-            high = x
-    return 0.5 * (low + high)
+    # Both zeros without cancellation; one of them lies in between.
+    q = -0.5 * (b + np.copysign(np.sqrt(max(b * b - 4.0 * c * v0, 0.0)), b))
+    x = v0 / q if q != 0.0 else low
+    if not low <= x <= high and c != 0.0:
+        x = q / c
+    return min(max(x, low), high)
 
 
 @kernel

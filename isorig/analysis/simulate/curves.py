@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, cast
 
+import numpy as np
+
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.jit import inlined, kernel, separate_kernel
 from isorig.analysis.laws import FORMULAS
@@ -108,10 +110,35 @@ def _either_carrying(border: int, first: Callable[..., None], second: Callable[.
     return carrying
 
 
+@inlined
+def no_kink(p: FloatArray, memory: FloatArray, d: float, sign: float) -> float:
+    """Of a law whose force has kinks only where the velocity changes sign."""
+    return np.inf
+
+
+def _approaching(law: Callable[..., float]) -> Callable[..., float]:
+    @inlined
+    def approaching(code: int, p: FloatArray, memory: FloatArray, d: float, sign: float) -> float:
+        return law(p, memory, d, sign)
+
+    return approaching
+
+
+def _either_approaching(border: int, low: Callable[..., float], high: Callable[..., float]) -> Callable[..., float]:
+    @inlined
+    def approaching(code: int, p: FloatArray, memory: FloatArray, d: float, sign: float) -> float:
+        if code < border:
+            return low(code, p, memory, d, sign)
+        return high(code, p, memory, d, sign)
+
+    return approaching
+
+
 # For the laws without memory, and for those with memory.
 _plain = _chosen([_resisting(formula.resist) for formula in PLAIN], 0, _either_resisting)
 _recall = _chosen([_recalling(formula.resist) for formula in WITH_MEMORY], MEMORY, _either_recalling)
 _carry = _chosen([_carrying(formula.carry) for formula in FORMULAS if formula.carry], MEMORY, _either_carrying)
+_to_kink = _chosen([_approaching(formula.to_kink or no_kink) for formula in WITH_MEMORY], MEMORY, _either_approaching)
 
 
 @separate_kernel(_signature(TWO, WHOLE, ROW, *7 * (NUMBER,)))
@@ -140,6 +167,12 @@ def resist(code: int, p: FloatArray, gate: float, inner: FloatArray, c: int, d: 
     if code < MEMORY:
         return plain(code, p, gate, d, v, t, d, v, t)[0]
     return _recall(code, p, gate, inner[c], d, v, t)
+
+
+@separate_kernel(_signature(NUMBER, WHOLE, ROW, ROWS, WHOLE, *2 * (NUMBER,)))
+def to_kink(code: int, p: FloatArray, inner: FloatArray, c: int, d: float, sign: float) -> float:
+    """Distance in m to the next kink of a law with memory that moves with this sign, with the state variables inner[c]."""
+    return _to_kink(code, p, inner[c], d, sign)
 
 
 @inlined

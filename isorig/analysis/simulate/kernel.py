@@ -9,7 +9,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray, IntArray
 from isorig.analysis.jit import allocating_kernel, inlined, kernel
-from isorig.analysis.simulate.curves import MEMORY, advance, remember, resist, step_on
+from isorig.analysis.simulate.curves import MEMORY, advance, remember, resist, step_on, to_kink
 from isorig.analysis.simulate.instant import CLEAR, along, begins, follow
 from isorig.analysis.simulate.step import first_exit, point
 from isorig.analysis.simulate.workspace import LEAP, Motion, Record, Rig, first_margin, force_at, room
@@ -23,7 +23,8 @@ PASSES, SETTLED = 10, 1e-8
 #: FINE: relative error of a parabola between its points above which a step is halved. ROUGH: relative error at the end of the
 #: step, of the extrapolated parabola of the last step, above which that error is checked; it is 64 times the error in between.
 FINE, ROUGH = 1e-6, 64 * 4e-6
-#: Shortest part of a step to which halving may lead.
+#: Shortest part of a step to which halving may lead; a kink this near to the start or, relative to the part, to the end of a part
+#: does not divide it.
 SHORTEST = 1e-4
 #: Factor per step by which the recent magnitude of a force decays.
 FADING = 0.9998
@@ -305,6 +306,35 @@ def missed(rig: Rig, motion: Motion, part: float, now: float) -> float:
     return worst
 
 
+@kernel
+def first_kink(rig: Rig, motion: Motion, part: float) -> float:
+    """Share of a step at which a law with memory first has a kink within a part: it reverses, or one of its springs starts or
+    stops to slip or to touch; `part` if there is none.
+    """
+    p, first = motion.p, part
+    for c in range(len(rig.codes)):
+        if rig.codes[c] < MEMORY:
+            continue
+        d0, v0, sign = motion.d0[c], motion.v0[c], np.sign(motion.end[2 * c] - motion.d0[c])
+        if v0 * motion.end[2 * c + 1] < 0.0:
+            for k in range(rig.terms):
+                p[k] = np.sign(v0) * motion.columns[k, 2 * c + 1]
+            reversal = first_exit(p, first)
+            if reversal > SHORTEST:
+                sign = np.sign(v0)
+                first = min(first, reversal)
+        if sign == 0.0:
+            continue
+        passed = SHORTEST * abs(v0) * rig.step
+        distance = passed + to_kink(rig.codes[c], rig.params[c], motion.inner, c, d0 + sign * passed, sign)
+        if distance < np.inf:
+            for k in range(rig.terms):
+                p[k] = -sign * motion.columns[k, 2 * c]
+            p[0] = distance
+            first = min(first, first_exit(p, first))
+    return first
+
+
 @inlined
 def next_exit(rig: Rig, motion: Motion, mode: int, part: float, calm: bool, passed: int) -> tuple[float, int]:
     """Share of a step after which the first margin falls below zero, and its number; -1 if none does.
@@ -403,13 +433,17 @@ def from_event_to_event(
         slope = (u[at + 1] - u[at]) * share
         y[m + 1], y[m + 2] = u[at] + slope * cut, slope
         further(more, at, cut, share, y)
-        now, left, part, trips, split, passed = t0 + q * rig.step, 1.0, 1.0, 0, False, -1
+        now, left, part, trips, split, passed, after_kink = t0 + q * rig.step, 1.0, 1.0, 0, False, -1, 0.0
         while left > 1e-13:
             part = min(part, left)
             settle_forces(rig, motion, mode, part, now)
             if missed(rig, motion, part, now) > FINE and part > SHORTEST:
-                part *= 0.5
-                split = split or trips == 0
+                kink = first_kink(rig, motion, part)
+                if SHORTEST < kink < (1.0 - SHORTEST) * part:
+                    part, after_kink = kink, left
+                else:
+                    part *= 0.5
+                    split = split or trips == 0
                 continue
             best, which = next_exit(rig, motion, mode, part, calm, passed)
             passed = -1
@@ -429,7 +463,7 @@ def from_event_to_event(
                     remember(rig.codes[c], motion.inner, motion.after, c)
                 now += tau * rig.step
                 calm = True
-                part *= 2.0
+                part, after_kink = max(2.0 * part, after_kink), 0.0
                 continue
             if curves > 0:
                 point(motion.columns, 0.5 * tau, -(-2 * curves // 8), motion.middle)

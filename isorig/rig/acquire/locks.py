@@ -92,7 +92,7 @@ def identities(port: str) -> frozenset[str]:
         about = Path(path).stat()
     except OSError:
         # The name of a device in its maker's library is the same in every folder.
-        return frozenset((path if os.path.dirname(port) else port,))
+        return frozenset((port if Path(port).name == port else path,))
     if not stat.S_ISCHR(about.st_mode):
         return frozenset((path,))
     # The number of a pseudo-terminal that was closed is given to the next one: the time it was made parts the two.

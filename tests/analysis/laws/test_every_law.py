@@ -256,3 +256,52 @@ def test_friction_that_depends_on_the_place_breaks_away_at_its_level_there() -> 
     found = trace(rig(law), Excitation.prepare(ramp, RATE, oversample=1))
     # 5 + 2 cos 0 at rest.
     assert found.changes[0].time == pytest.approx(0.7, rel=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize(
+    "law",
+    [
+        laws.ElastoSlip(spring_stiffness=900.0, slip_force=4.0, clearance=0.002),
+        laws.ElastoSlip(spring_stiffness=900.0, slip_force=4.0),
+        laws.MaxwellSlip(stiffnesses=(500.0, 900.0, 300.0), slip_forces=(1.0, 4.0, 3.0)),
+    ],
+    ids=["play and slider", "slider", "row of sliders"],
+)  # fmt: skip
+def test_the_distance_to_a_kink_ends_where_the_slope_changes(law: laws.Law, seed: int) -> None:
+    draw = np.random.default_rng(seed)
+    element = law.element(LINK)
+    assert element is not None
+    formula, p = element.formula, np.array(element.params)
+    assert formula is not None
+    assert formula.carry is not None
+    assert formula.to_kink is not None
+    carry, count = formula.carry, element.memories
+
+    def force(memory: np.ndarray, d0: float, d1: float) -> tuple[float, np.ndarray]:
+        after = np.zeros(count)
+        carry(p, memory, after, d0, d1, d1 - d0, d1 - d0, d1 - d0, 0.0, 1.0, 1.0)
+        return formula.resist(p, 1.0, after, d1, 0.0, 0.0), after
+
+    # A reachable memory: after some random moves.
+    d, memory = 0.0, np.zeros(count)
+    for target in draw.uniform(-0.02, 0.02, 5):
+        _, memory = force(memory, d, target)
+        d = target
+    sign = float(draw.choice([-1.0, 1.0]))
+    for _ in range(6):
+        # Beyond the last kink by more than rounding.
+        d += sign * 1e-9
+        distance = formula.to_kink(p, memory, d, sign)
+        reach = min(distance, 0.02)
+        grid = d + sign * reach * np.array([0.0, 0.25, 0.5, 0.75, 1.0])
+        forces = [force(memory, d, x)[0] for x in grid]
+        slopes = np.diff(forces) / np.diff(grid)
+        assert slopes == pytest.approx(slopes[0], abs=1e-6 * element.steepest[0])
+        if distance == np.inf:
+            break
+        beyond = (force(memory, d, grid[-1] + sign * 1e-5)[0] - forces[-1]) / (sign * 1e-5)
+        assert abs(beyond - slopes[-1]) > 0.05 * element.steepest[0]
+        _, memory = force(memory, d, grid[-1])
+        d = grid[-1]
+    assert distance == np.inf
