@@ -15,6 +15,8 @@ from isorig.analysis.jit import inlined, kernel
 
 #: Relative change of a state variable in one Runge-Kutta step, below which it is rounding: steady sliding is not integrated.
 SATURATED = 1e-13
+#: Runge-Kutta steps in the distance over which a state variable changes by a factor of e: (1/5)^5 / 120 = 3e-6 of error in each.
+STEPS = 5.0
 #: Minimum points of a tabulated law for a line, and maximum for a fast spline.
 FEWEST_POINTS, MOST_POINTS = 2, 65
 
@@ -111,7 +113,7 @@ def integrated(
     velocity is the parabola through three velocities. Steps end where it changes sign, because the rate has a kink there.
     """
     b, c = -3.0 * v0 + 4.0 * vm - v1, 2.0 * (v0 - 2.0 * vm + v1)
-    steps = 10.0 * fastest * max(abs(v0), abs(vm), abs(v1)) * h
+    steps = STEPS * fastest * max(abs(v0), abs(vm), abs(v1)) * h
     x = turning(v0, vm, v1, low, high)
     for begin, end in ((low, high), (high, high)) if x < 0.0 else ((low, x), (x, high)):
         parts = 1 + int(steps * (end - begin))

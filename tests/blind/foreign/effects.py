@@ -356,7 +356,7 @@ EFFECTS: Mapping[str, Effect] = {
     "uneven friction": Effect(_uneven, None, ("friction_shape",), "rub"),
     "worn friction": Effect(_worn, None, ("drift",), "rub"),
     "lugre": Effect(_lugre, None, ("memory", "friction_shape"), "rub"),
-    "hysteresis": Effect(_loop, None, ("memory",), "slide"),
+    "hysteresis": Effect(_loop, "hysteresis", ("memory",), "slide"),
     "iwan": Effect(_sliders, None, ("memory",), "slide"),
     "fifth power": Effect(_fifth, None, ("spring_shape",), "spring"),
     "cogging": Effect(_cogging, None, ("spring_shape",), "spring"),
