@@ -649,8 +649,8 @@ def _seen(stages: Sequence[_Stage]) -> list[Stage]:
         refines = step.kind == "friction_shape" and step.location in rubbing
         seen.append(
             Stage(
-                error=stage.score.error, place=step.location, certain=is_certain(step), refines=refines, paired=stage.paired,
-                shown=stage.shown,
+                error=stage.score.error, place=step.location, kind=step.kind, certain=is_certain(step), refines=refines,
+                paired=stage.paired, shown=stage.shown,
             )
         )  # fmt: skip
         if step.kind == "friction_shape":

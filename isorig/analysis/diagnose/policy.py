@@ -254,8 +254,8 @@ class Stage:
     ----------
     error
         Its held-out errors, shape (runs, channels).
-    place
-        Place of the step that led to it; empty for the baseline.
+    place, kind
+        Place and kind of the step that led to it; empty for the baseline.
     certain
         Whether that step beats every rival of another kind or place, and a free shape bounds what any law of its kind can
         explain: without a bound, the closest of few guesses may remove much and still be wrong.
@@ -269,6 +269,7 @@ class Stage:
 
     error: FloatArray
     place: str = ""
+    kind: str = ""
     certain: bool = True
     refines: bool = False
     paired: bool = False
@@ -278,8 +279,9 @@ class Stage:
 def step_counts(stages: Sequence[Stage], k: int, floors: FloatArray, enough: float, policy: Policy = POLICY) -> bool:
     """Whether the step to stage k adds something to the stages before it."""
     whole, now, then = (excess(stages[i].error, floors) for i in (0, k - 1, k))
-    here = any(stages[k].place == stage.place for stage in stages[1:k])
-    if here and not stages[k].refines and now < policy.settled * whole:
+    there = [stage for stage in stages[1:k] if stage.place == stages[k].place]
+    here, own = bool(there), any(not _apart(stages[k].kind, stage.kind) for stage in there)
+    if own and not stages[k].refines and now < policy.settled * whole:
         return False  # what a form leaves at its own place may be due to its form
     if k == 0 or is_adequate(stages[k].error, floors, enough):
         return True
@@ -297,6 +299,12 @@ def step_counts(stages: Sequence[Stage], k: int, floors: FloatArray, enough: flo
     of_whole = policy.settled if explains else policy.later
     of_rest = policy.of_rest_here if here else policy.of_rest
     return now - then >= of_whole * whole and now - then >= of_rest * now
+
+
+def _apart(kind: str, other: str) -> bool:
+    # Whether what a form of one kind leaves cannot be due to its form and look like the other: forces over deflection and over
+    # velocity.
+    return {kind, other} in ({"spring_shape", "friction_shape"}, {"spring_shape", "damping_shape"})
 
 
 def verdict(

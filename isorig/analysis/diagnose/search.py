@@ -390,7 +390,8 @@ class Suspected:
     def _fitted(self, starts: Starts) -> Running:
         # Values from the equations are usually close; a further cause that is not close from the start is none.
         job = self.job
-        limit = LEAVES * misfit(job.current.model, job.rungs[-1].problem) if job.left < 1.0 else np.inf
+        near = job.left < 1.0 and not self.found.tentative
+        limit = LEAVES * misfit(job.current.model, job.rungs[-1].problem) if near else np.inf
         run = verified(starts, job.rungs[-1], job.progress, sure=self.found.shows, limit=limit)
         if job.left < 1.0 or (job.stays(run) and run[0][1].cost < LOST):
             return run
@@ -401,10 +402,12 @@ class Suspected:
     @property
     def leads(self) -> bool:
         """Equations that do not hold show the place and kind better than a simulation."""
-        return self.found.ranking.broken
+        return self.found.ranking.broken and not self.found.tentative
 
     def shapes(self, forms: Sequence[Entry], nearly: Entry | None = None) -> Running:
         """Fitted free shapes, best first, from the equations' values and from the best form of their kind."""
+        if self.found.tentative:
+            return []
         shown = self.found.shapes(self.job.current, self.job.evidence, refuted=not forms)
         suspected = [shape for shape in shown if _wanted(shape, nearly)]
         keys = {(shape.key, shape.shape, len(shape.free)) for shape in suspected}
@@ -419,7 +422,7 @@ class Suspected:
     def pairs(self) -> list[tuple[Candidate, Fit, Candidate, Fit]]:
         """Each suspected form at its starting values, with what the equations show then."""
         job, found = self.job, list[tuple[Candidate, Fit, Candidate, Fit]]()
-        if not self.found.leaves_another(job.current, job.evidence):
+        if self.found.tentative or not self.found.leaves_another(job.current, job.evidence):
             return found
         for begun in unlike(_with_curve(self._started, self.found, job.current, job.evidence))[:PAIRS]:
             if any(pair[3].cost <= AGREES for pair in found) and not self.found.blamed(begun[0].cause, begun[0].location):
@@ -474,7 +477,7 @@ class Suspected:
         # one.
         job, (first, free, model) = self.job, begun
         then = suspects(equations_of(job.campaign, model), further=True)
-        if then is None or not then.broken:
+        if then is None or then.tentative or not then.broken:
             return [], None
         extended = replace(job.current, model=model, free=free)
         evidence = job.evidence if len(model.links) == len(job.current.model.links) else job.evidence_of(model)
@@ -517,6 +520,8 @@ class Suspected:
 
     def allows(self, entry: Entry) -> bool:
         """Whether the equations blame its kind and place as much as any other, or, for a first cause, none clearly."""
+        if self.found.tentative:
+            return self.job.removes_most(entry)
         if not self.found.broken:
             return self.job.left >= 1.0
         return self.found.blamed(entry.candidate.cause, entry.candidate.location)

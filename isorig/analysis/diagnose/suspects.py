@@ -89,12 +89,16 @@ class Suspects:
         Names of links and contacts by those under which they are suspected: a contact beside a link has the same place.
     equations
         The equations behind them.
+    tentative
+        Whether no explanation repairs an equation with the causes found so far as they were fitted: only a simulation in which
+        these are fitted again with it can tell.
     """
 
     ranking: Ranking
     chosen: tuple[Explanation, ...]
     places: Mapping[str, frozenset[str]]
     equations: Equations
+    tentative: bool = False
     _values: dict[Explanation, tuple[dict[str, float], ElementForce | None]] = field(default_factory=dict)
     _fits: dict[tuple[object, ...], _Begun] = field(default_factory=dict)
 
@@ -130,7 +134,7 @@ class Suspects:
         """Whether no explanation of another kind or place comes close to this one in all equations, or in a broken one."""
         mine = [e for e in self.chosen if self._is(e, kind, place)]
         others = [e for e in self.ranking.explanations if not self._is(e, kind, place)]
-        if not mine:
+        if not mine or self.tentative:
             return False
         pairs = [(max(e.score for e in mine), max((e.score for e in others), default=0.0))]
         for name, before in self.ranking.residuals.items():
@@ -393,10 +397,13 @@ def suspects(equations: Equations, *, further: bool = False) -> Suspects | None:
     ranked = ranking(equations)
     listed = [item for item in ranked.explanations if not further or _repairs_alone(item, ranked)]
     chosen = suspected(listed, ranked.residuals, further=further)
+    tentative = further and not chosen and ranked.worst >= BROKEN
+    if tentative:
+        chosen = tuple([item for item in ranked.explanations if item.score >= LEAST_SCORE and item.kind != "memory"][:MOST])
     if not chosen:
         return None
     places = {element.name: element.names for element in equations.elements()}
-    return Suspects(ranking=ranked, chosen=chosen, places=places, equations=equations)
+    return Suspects(ranking=ranked, chosen=chosen, places=places, equations=equations, tentative=tentative)
 
 
 def _alike(kind: str, other: str) -> bool:
