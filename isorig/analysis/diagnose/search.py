@@ -50,6 +50,7 @@ from isorig.analysis.fitting.ladder import (
     horizon,
     ladder,
     misfit,
+    tried,
     unrolled,
     verified,
     with_more_points,
@@ -450,10 +451,14 @@ class Suspected:
             for candidate, both in [run[0], *(pair for pair in run[1:] if pair[1].cost <= AGREES)]:
                 first = behind.get(id(candidate), begun)
                 keys = {first[0].key, candidate.key}
-                alone = [pair for pair in self.forms if pair[0] is first[0]] if keys not in named else []
-                if keys not in named and (alone := alone or verified([first], job.rungs[-1], job.progress)):
+                if keys in named:
+                    continue
+                fitted = (done for one, done in self.forms if one is first[0])
+                # Without the other one its values may be none that would be named.
+                alone = next(fitted, None) or tried(first[2], first[1], job.rungs[-1])
+                if alone is not None:
                     named.append(keys)
-                    found.append((first[0], alone[0][1], candidate, both))
+                    found.append((first[0], alone, candidate, both))
         return sorted(found, key=lambda pair: pair[3].cost)[:FINALISTS]
 
     def _back(self, others: Starts, begun: Start) -> list[tuple[Start, Start]]:
