@@ -74,6 +74,24 @@ def test_a_second_cause_that_shows_later_in_the_runs_is_found() -> None:
     assert named(diagnosis) == {("sensor_gain", "sensor", "a2"), ("hardening_stiffness", "spring_shape", "l1")}
 
 
+def test_a_small_gain_and_a_play_are_found_together() -> None:
+    # The gain alone is fitted to 1: the play bends every value of a model without it.
+    loose = with_law(chain(), "l1", laws.Backlash(clearance=2e-4))
+    sensors = tuple(replace(one, chain=Chain(gain=1.04)) if one.channel == "a2" else one for one in loose.sensors)
+    diagnosis = found(chain(), replace(loose, sensors=sensors), SEED + 12)
+    assert named(diagnosis) == {("sensor_gain", "sensor", "a2"), ("backlash", "spring_shape", "l1")}
+    values = {name: value for step in diagnosis.steps for name, (value, _, _) in step.parameters.items()}
+    assert values["clearance"] == pytest.approx(2e-4, rel=0.01)
+
+
+def test_a_further_cause_that_repairs_no_equation_is_found_where_both_fit() -> None:
+    # With the friction that a fit without the other cause found, the equation remains broken.
+    truth = with_law(rubbing(chain(), "l1", 4.0), "l1", laws.Cubic(cubic_stiffness=2e5))
+    diagnosis = found(chain(), truth, SEED + 13)
+    assert [(step.kind, step.location) for step in diagnosis.steps] == [("friction_shape", "l1"), ("spring_shape", "l1")]
+    assert diagnosis.extended_error < diagnosis.floor
+
+
 def test_an_accelerometer_that_loses_slow_motion_is_found_with_its_corner_frequency() -> None:
     # By a filter that is not the program's: of second-order sections, from scipy.
     campaign, corner = played(chain(), seed=SEED + 11), 1.6

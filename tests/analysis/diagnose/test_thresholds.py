@@ -128,6 +128,20 @@ def test_what_a_form_leaves_at_its_own_place_is_no_further_cause(first: float, p
     assert step_counts(stages, 2, FLOORS, 1.5)
 
 
+@pytest.mark.parametrize(
+    ("first", "further", "counts"),
+    [
+        ("friction_shape", "spring_shape", True), ("spring_shape", "damping_shape", True), ("spring_shape", "memory", False),
+        ("friction_shape", "damping_shape", False), ("spring_shape", "spring_shape", False),
+    ],
+)  # fmt: skip
+def test_a_force_over_deflection_is_no_form_of_one_over_velocity(first: str, further: str, counts: bool) -> None:
+    stages = way(0.991, 1.0)
+    stages[1] = Stage(error=stages[1].error, place="p0", kind=first)
+    stages[2] = Stage(error=FLOORS, place="p0", kind=further)
+    assert step_counts(stages, 2, FLOORS, 1.5) is counts
+
+
 @pytest.mark.parametrize(("both", "counts"), [(0.801, True), (0.799, False)])
 def test_the_first_of_two_that_only_together_explain_counts_from_eight_tenths(both: float, counts: bool) -> None:
     # Alone it removes less than is worth a step.
