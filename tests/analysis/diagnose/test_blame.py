@@ -18,7 +18,18 @@ from isorig.analysis.diagnose.diagnosis import diagnose
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.search import Job, Suspected
 from isorig.analysis.diagnose.step import Entry
-from isorig.analysis.diagnose.suspects import APART, BROKEN, CONTRIBUTES, NEARLY, OWN, REPAIRED, SHOWN, Suspects, suspects
+from isorig.analysis.diagnose.suspects import (
+    APART,
+    BROKEN,
+    CONTRIBUTES,
+    LEAST_SCORE,
+    NEARLY,
+    OWN,
+    REPAIRED,
+    SHOWN,
+    Suspects,
+    suspects,
+)
 from isorig.analysis.equations.forms import ElementForce
 from isorig.analysis.equations.ranking import Explanation, Ranking
 from isorig.analysis.equations.system import Equations
@@ -121,7 +132,25 @@ def test_a_further_cause_repairs_a_broken_equation(
     worst: float, left: float, suspected: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ranked = blaming(("sensor", "motor", 0.6), ("memory", "rail", 0.6), worst=worst, after=left * worst).ranking
-    assert (further(ranked, monkeypatch) is not None) == suspected
+    found = further(ranked, monkeypatch)
+    assert (found is not None and not found.tentative) == suspected
+
+
+@pytest.mark.parametrize(("worst", "score", "kinds", "tried"), [
+    (BROKEN, LEAST_SCORE, ("sensor", "memory", "lock"), ["sensor", "lock"]), (BROKEN, 0.99 * LEAST_SCORE, ("sensor",), []),
+    (0.99 * BROKEN, LEAST_SCORE, ("sensor",), []), (BROKEN, LEAST_SCORE, 5 * ("sensor",), 3 * ["sensor"]),
+])  # fmt: skip
+def test_one_that_repairs_no_equation_is_tried_with_the_causes_so_far(
+    worst: float, score: float, kinds: tuple[str, ...], tried: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    explanations = tuple(
+        Explanation(kind=kind, place=f"p{k}", what="slip", score=score, residuals={"table": 0.9 * worst}, values={})
+        for k, kind in enumerate(kinds)
+    )
+    found = further(Ranking(residuals={"table": worst}, explanations=explanations), monkeypatch)
+    assert [item.kind for item in found.chosen if found.tentative] == tried if found is not None else not tried
+    if found is not None:
+        assert not found.shown("sensor", "p0")
 
 
 def further(ranked: Ranking, monkeypatch: pytest.MonkeyPatch) -> Suspects | None:
@@ -151,7 +180,7 @@ def test_a_further_cause_of_a_soiled_rig_removes_much_that_no_other_one_removes(
         for each, share in (("friction_shape", own), (kind, other))
     )
     found = further(Ranking(residuals={"table": before}, explanations=explanations), monkeypatch)
-    assert (found is not None) == suspected
+    assert (found is not None and not found.tentative) == suspected
 
 
 @pytest.mark.study
