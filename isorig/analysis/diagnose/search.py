@@ -342,6 +342,8 @@ def sources(job: Job) -> Iterator[Source]:
     equations = job.equations
     if job.curved is not None and not equations.hidden and job.suspects is not None and job.suspects.only(*job.curved):
         return  # what the free shape leaves there, no law of its kind explains
+    if equations.hidden and job.left < POLICY.settled:
+        return  # with estimated motions this little may be due to the form that was found
     compared = compared_places(job.current.model, job.trials) if equations.hidden else None
     possible = compared if compared is not None and compared.possible else None
     refuted = False

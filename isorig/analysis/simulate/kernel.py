@@ -26,6 +26,8 @@ FINE, ROUGH = 1e-6, 64 * 4e-6
 #: Shortest part of a step to which halving may lead; a kink this near to the start or, relative to the part, to the end of a part
 #: does not divide it.
 SHORTEST = 1e-4
+#: Number of times that one part is shortened to a kink, which the motion on the shorter part may move, before it is halved.
+KINKS = 3
 #: Factor per step by which the recent magnitude of a force decays.
 FADING = 0.9998
 #: Share of the drive below which a curved force need not be exact in relative terms.
@@ -433,14 +435,14 @@ def from_event_to_event(
         slope = (u[at + 1] - u[at]) * share
         y[m + 1], y[m + 2] = u[at] + slope * cut, slope
         further(more, at, cut, share, y)
-        now, left, part, trips, split, passed, after_kink = t0 + q * rig.step, 1.0, 1.0, 0, False, -1, 0.0
+        now, left, part, trips, split, passed, kinks = t0 + q * rig.step, 1.0, 1.0, 0, False, -1, 0
         while left > 1e-13:
             part = min(part, left)
             settle_forces(rig, motion, mode, part, now)
             if missed(rig, motion, part, now) > FINE and part > SHORTEST:
-                kink = first_kink(rig, motion, part)
+                kink = first_kink(rig, motion, part) if kinks < KINKS else part
                 if SHORTEST < kink < (1.0 - SHORTEST) * part:
-                    part, after_kink = kink, left
+                    part, kinks = kink, kinks + 1
                 else:
                     part *= 0.5
                     split = split or trips == 0
@@ -463,7 +465,7 @@ def from_event_to_event(
                     remember(rig.codes[c], motion.inner, motion.after, c)
                 now += tau * rig.step
                 calm = True
-                part, after_kink = max(2.0 * part, after_kink), 0.0
+                part, kinks = 1.0 if kinks > 0 else 2.0 * part, 0
                 continue
             if curves > 0:
                 point(motion.columns, 0.5 * tau, -(-2 * curves // 8), motion.middle)

@@ -7,6 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from msgspec.structs import replace
+from small_rigs import stage
+
+from isorig.analysis.laws import ElastoSlip
+from isorig.analysis.simulate.free_run import run_rig
 from isorig.analysis.simulate.step import falls, polynomial
 
 
@@ -49,3 +54,17 @@ def test_a_parabola_that_cannot_be_computed_is_replaced_by_halving(
     p: list[float], high: float, below: float, zero: float
 ) -> None:  # fmt: skip
     assert falls(np.array(p), high, below) == pytest.approx(zero, rel=1e-9, abs=1e-14 * high)
+
+
+def test_corners_of_a_force_refine_no_step() -> None:
+    # Eight sliders with play reverse, touch and slip in a fifth of the steps.
+    rail = stage().links[0]
+    sliders = tuple(ElastoSlip(spring_stiffness=700.0, slip_force=0.5 + 0.3 * k, clearance=2e-4 * k) for k in range(8))
+    model = replace(stage(), links=(replace(rail, laws=sliders),))
+    t = np.arange(800) / 400.0
+    drive = 60.0 * np.sin(2.0 * np.pi * 3.0 * t)
+    coarse, fine = np.zeros((1, len(t))), np.zeros((1, 16 * len(t)))
+    _, compiled = run_rig(model, "unlocked", drive, 1.0 / 400.0, 0.0, np.eye(2)[:1], coarse)
+    run_rig(model, "unlocked", np.interp(np.arange(16 * len(t)) / 6400.0, t, drive), 1.0 / 6400.0, 0.0, np.eye(2)[:1], fine)
+    assert compiled.cuts == 1
+    assert coarse[0] == pytest.approx(fine[0, ::16], abs=1e-5 * float(np.abs(fine).max()))
