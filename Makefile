@@ -20,8 +20,9 @@ demo: setup
 	$(BIN)/rig demo -o demo-out
 
 # The tests, on two cores: those of instruments, sessions and screens wait most of the time, so many of their files run side by side
-# next to the others, and before them: they keep time. A file is run by one process (its tests may follow from each other), those
-# of `conftest.py` first.
+# next to the others, and before them: they keep time. One that fails is run once more, on its own: a computer that is busy with
+# something else may have been late. A file is run by one process (its tests may follow from each other), those of `conftest.py`
+# first.
 WIRE := tests/drivers tests/rig/acquire tests/rig/view
 PYTEST := $(BIN)/python -m pytest -q -m "not study" --dist loadfile --no-loadscope-reorder
 
@@ -29,7 +30,7 @@ test: setup
 	@$(MAKE) --jobs=2 --output-sync=target test-wire test-work
 
 test-wire: setup
-	$(PYTEST) -n 4 $(WIRE)
+	$(PYTEST) -n 4 $(WIRE) || $(PYTEST) -n 0 --last-failed --last-failed-no-failures none $(WIRE)
 
 test-work: setup
 	nice -n 19 $(PYTEST) -n 2 $(WIRE:%=--ignore=%)

@@ -248,7 +248,7 @@ def test_an_instrument_that_does_not_stop_is_refused(tmp_path: Path) -> None:
             self.running = self.running or (word == "STOP" and self.sent > 0)
 
     with Endless(frames=10**9, speed=4.0) as far, within(15.0), pytest.raises(InstrumentError, match="keeps sending"):
-        acquire(plan(1.0), far.port, tmp_path / "c.h5", Watcher().operator, force=True, waits=SessionWaits(transit=0.5))
+        acquire(plan(1.0), far.port, tmp_path / "c.h5", Watcher().operator, force=True, waits=SessionWaits(transit=0.05))
     assert len(read(tmp_path / "c.h5").runs[0]) >= 1000
 
 
