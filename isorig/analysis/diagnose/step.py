@@ -209,7 +209,7 @@ def best_kind(
             if sure[other.place] < POLICY.certain or ratio(other.score.error, best.score.error, floors) < POLICY.matters
         ),
     ]
-    chosen = min(close, key=lambda entry: len(entry.candidate.free))
+    chosen = min(close, key=lambda entry: (len(entry.candidate.free), entry.candidate.rank))
     mates = [entry for entry in entries if entry.place == chosen.place and entry.candidate.shape is None]
     standing = [
         entry

@@ -192,8 +192,8 @@ class Regressions:
     def _repeating(self, add: _Add, before: Mapping[str, float], found: Sequence[Explanation]) -> None:
         # A force that repeats with the position, in equations that no other shape repairs: a curve follows a few periods.
         for balance in self.on.balances:
-            left = min((item.residuals[balance.name] for item in found), default=before.get(balance.name, 0.0))
-            if before.get(balance.name, 0.0) < self.least or left < self.least:
+            whole = before.get(balance.name, 0.0)  # none where nothing of it remains to be tested
+            if whole < self.least or min((item.residuals[balance.name] for item in found), default=whole) < self.least:
                 continue
             for element, _ in balance.crossing:
                 in_time = self.on.in_time(balance, element)

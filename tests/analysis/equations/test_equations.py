@@ -405,6 +405,16 @@ def test_two_causes_are_both_found() -> None:
     assert changed(then, chosen=()).includes("hardening_stiffness", "l1") is False
 
 
+def test_an_equation_of_which_nothing_remains_to_be_tested_is_left_out() -> None:
+    # A body that friction holds most of the time leaves an equation without a usable moment.
+    equations = equations_of(played(with_law(chain(), "l1", laws.Cubic(cubic_stiffness=2e7)), seed=4), chain())
+    gone = next(name for name in equations.prepared if name in {balance.name for balance in equations.balances})
+    del equations.prepared[gone]
+    ranked = ranking(equations)
+    assert gone not in ranked.residuals
+    assert ranked.explanations
+
+
 @pytest.mark.parametrize(
     ("fault", "what"),
     [(Chain(corner=2.5), "high-pass"), (Chain(bend=((-80.0, 0.0), (-2.0, 0.0), (2.0, 0.0), (80.0, -70.0))), "static curve")],
