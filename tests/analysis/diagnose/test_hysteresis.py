@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import msgspec
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from small_rigs import Take, chain, played
 
 from isorig.analysis import laws
@@ -37,6 +37,12 @@ def test_it_replaces_dry_friction_and_is_proposed_once() -> None:
     assert kind_of("hysteresis") == "memory"
 
 
+def test_it_resists_the_elongation_of_a_link_with_arms() -> None:
+    rig = replace(chain(), links=tuple(replace(x, arms={"m0": 0.5}) if x.name == "l1" else x for x in chain().links))
+    found = next(c for c in Hysteresis().candidates(rig, Swings()) if c.location == "l1")
+    assert found.starts[0].contact("l1").arms == {"m0": 0.5}
+
+
 def test_its_size_keeps_the_level_of_a_dry_friction_and_is_a_share_of_the_spring_elsewhere() -> None:
     bonder = wire_bonder().replace({"contacts.isolation.law.friction_force": 9.0})
     there = Hysteresis().sized(bonder, Swings(), "isolation", 1.0, WeakestSizes())
@@ -49,7 +55,7 @@ def test_its_size_keeps_the_level_of_a_dry_friction_and_is_a_share_of_the_spring
 def test_a_fit_finds_the_hidden_loop() -> None:
     law = laws.BoucWen(friction_force=0.4, initial_stiffness=2e3, sharpness=2.0, pinching=0.6)
     link = chain().link("l1")
-    hidden = msgspec.structs.replace(chain(), contacts=(*chain().contacts, Contact(name="l1", a=link.a, b=link.b, law=law)))
+    hidden = replace(chain(), contacts=(*chain().contacts, Contact(name="l1", a=link.a, b=link.b, law=law)))
     problem = Problem(prepare(played(hidden, seed=1, takes=(Take(3.0, 1),)), chain()))
     candidate = next(c for c in Hysteresis().candidates(chain(), Swings()) if c.location == "l1")
     costs = np.nansum(problem.residuals(candidate.starts) ** 2, axis=1)

@@ -21,7 +21,7 @@ from isorig.analysis.diagnose.causes.base import (
 )  # fmt: skip
 from isorig.analysis.fitting.candidate import Candidate, Reported, always
 from isorig.analysis.fitting.solve import Free
-from isorig.analysis.laws import Coulomb, SpringLaw
+from isorig.analysis.laws import Coulomb, FrictionLaw, SpringLaw
 from isorig.analysis.model.rig_model import Link, RigModel
 
 
@@ -33,6 +33,11 @@ def natural(model: RigModel, link: Link) -> float:
 def added(model: RigModel, link: Link, law: SpringLaw) -> RigModel:
     """The rig with one more law on a link."""
     return msgspec.structs.replace(model, links=exchange(model.links, link.name, laws=(*link.laws, law)))
+
+
+def rubbed(model: RigModel, link: Link, law: FrictionLaw) -> RigModel:
+    """The rig with friction that resists a link's elongation."""
+    return msgspec.structs.replace(model, contacts=(*model.contacts, link.rubbing(law)))
 
 
 @dataclass(frozen=True)
@@ -62,6 +67,11 @@ class LinkInRuns:
     def speed(self) -> float:
         """Largest velocity, m/s."""
         return self.runs.speed[self.name]
+
+    @property
+    def largest_force(self) -> float:
+        """The spring's or the damper's largest force, whichever is larger, N."""
+        return max(self.stiffness * self.deflection, self.link.damping * self.speed, 1e-12)
 
     @property
     def resistance(self) -> float:

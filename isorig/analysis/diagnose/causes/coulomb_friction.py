@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-import msgspec
-
-from isorig.analysis.diagnose.causes.at_link import LinkInRuns, blocked_throughout
+from isorig.analysis.diagnose.causes.at_link import LinkInRuns, blocked_throughout, rubbed
 from isorig.analysis.diagnose.causes.base import Amplitudes, Cause, Evidence, RecordedRuns, RigWithCause, Sizes, sliding_links
 from isorig.analysis.fitting.candidate import Candidate, Reported
 from isorig.analysis.fitting.solve import Free
 from isorig.analysis.laws import Coulomb
-from isorig.analysis.model.rig_model import Link, RigModel
+from isorig.analysis.model.rig_model import RigModel
 
 #: Friction if unknown, as a share of the largest force of the drive: a starting value for fits.
 SHARE_OF_PUSH = 0.2
@@ -45,20 +43,15 @@ class CoulombFriction(Cause):
         path = f"contacts.{place}.law.friction_force"
         yield Candidate(
             cause=self.name, location=place, family=self.family, rank=self.rank,
-            starts=tuple(_rubbing(model, link, level) for level in levels),
+            starts=tuple(rubbed(model, link, Coulomb(friction_force=level)) for level in levels),
             free=(Free(path=path, low=1e-4 * force, high=3.0 * max(force, evidence.push)),),
             reported=(Reported(name="friction_force", path=path, unit="N"),),
         )  # fmt: skip
 
     def sized(self, model: RigModel, runs: Amplitudes, place: str, size: float, sizes: Sizes) -> RigWithCause:
         link = LinkInRuns(model, runs, place)
-        most = max(link.stiffness * link.deflection, link.link.damping * link.speed)
-        force = size * sizes.weak_to_strong(0.06, 0.3) * most
-        return RigWithCause(model=_rubbing(model, link.link, force), parameters={"friction_force": force})
+        force = size * sizes.weak_to_strong(0.06, 0.3) * link.largest_force
+        return RigWithCause(model=rubbed(model, link.link, Coulomb(friction_force=force)), parameters={"friction_force": force})
 
     def not_identifiable(self, model: RigModel, runs: RecordedRuns) -> Iterable[tuple[str, str]]:
         return blocked_throughout(model, runs)
-
-
-def _rubbing(model: RigModel, link: Link, force: float) -> RigModel:
-    return msgspec.structs.replace(model, contacts=(*model.contacts, link.rubbing(Coulomb(friction_force=force))))

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 
 import msgspec
 
-from isorig.analysis.diagnose.causes.at_link import LinkInRuns, blocked_throughout
+from isorig.analysis.diagnose.causes.at_link import LinkInRuns, blocked_throughout, rubbed
 from isorig.analysis.diagnose.causes.base import (
     Amplitudes,
     Cause,
@@ -20,10 +20,10 @@ from isorig.analysis.diagnose.causes.base import (
 from isorig.analysis.fitting.candidate import Candidate, Reported
 from isorig.analysis.fitting.solve import Free
 from isorig.analysis.laws import BoucWen, Coulomb
-from isorig.analysis.model.rig_model import Contact, Link, RigModel
+from isorig.analysis.model.rig_model import Link, RigModel
 
-#: Friction at the starts, as shares of the link's largest force; deflection in which it builds up, as shares of the largest one.
-FORCES, GIVES = (0.15,), (0.05, 0.3)
+#: Friction at the starts, as a share of the link's largest force; deflection in which it builds up, as shares of the largest one.
+FORCE, GIVES = 0.15, (0.05, 0.3)
 #: Sharpness and pinching at the starts. Chosen: between Dahl's loop (1 and 1) and sharp corners with unloading less stiff.
 SHARPNESS, PINCHING = 1.5, 0.7
 
@@ -43,11 +43,11 @@ class Hysteresis(Cause):
 
     def proposed(self, model: RigModel, evidence: Evidence, place: str) -> Iterator[Candidate]:
         link, path = LinkInRuns(model, evidence, place), f"contacts.{place}.law"
-        most, swing = _largest_force(link), link.deflection
-        laws = (_law(share * most, give * swing) for share in FORCES for give in GIVES)
+        most, swing = link.largest_force, link.deflection
+        laws = (_law(FORCE * most, give * swing) for give in GIVES)
         yield Candidate(
             cause=self.name, location=place, family=self.family, rank=self.rank,
-            starts=tuple(_rubbing(model, link.link, law) for law in laws), dropped=(f"{path}.friction_force",),
+            starts=tuple(_having(model, link.link, law) for law in laws), dropped=(f"{path}.friction_force",),
             free=(
                 Free(path=f"{path}.friction_force", low=1e-3 * most, high=1e2 * most),
                 Free(path=f"{path}.initial_stiffness", low=1e-2 * most / swing, high=1e4 * most / swing),
@@ -63,10 +63,10 @@ class Hysteresis(Cause):
     def sized(self, model: RigModel, runs: Amplitudes, place: str, size: float, sizes: Sizes) -> RigWithCause:
         link = LinkInRuns(model, runs, place)
         dry = [c.law.friction_force for c in model.contacts if c.name == place and isinstance(c.law, Coulomb)]
-        force = dry[0] if dry and dry[0] > 0.0 else size * sizes.weak_to_strong(0.06, 0.25) * _largest_force(link)
+        force = dry[0] if dry and dry[0] > 0.0 else size * sizes.weak_to_strong(0.06, 0.25) * link.largest_force
         law = _law(force, (size if dry else 1.0) * sizes.weak_to_strong(0.05, 0.2) * link.deflection)
         return RigWithCause(
-            model=_rubbing(model, link.link, law),
+            model=_having(model, link.link, law),
             parameters={"friction_force": force, "initial_stiffness": law.initial_stiffness},
         )
 
@@ -78,14 +78,9 @@ def _law(force: float, give: float) -> BoucWen:
     return BoucWen(friction_force=force, initial_stiffness=force / give, sharpness=SHARPNESS, pinching=PINCHING)
 
 
-def _largest_force(link: LinkInRuns) -> float:
-    return max(link.stiffness * link.deflection, link.link.damping * link.speed, 1e-12)
-
-
-def _rubbing(model: RigModel, link: Link, law: BoucWen) -> RigModel:
+def _having(model: RigModel, link: Link, law: BoucWen) -> RigModel:
     # The law replaces dry friction there.
-    if any(contact.name == link.name for contact in model.contacts):
-        contacts = exchange(model.contacts, link.name, law=law)
-        free = tuple(path for path in model.free if not path.startswith(f"contacts.{link.name}."))
-        return msgspec.structs.replace(model, contacts=contacts, free=free)
-    return msgspec.structs.replace(model, contacts=(*model.contacts, Contact(name=link.name, a=link.a, b=link.b, law=law)))
+    if all(contact.name != link.name for contact in model.contacts):
+        return rubbed(model, link, law)
+    free = tuple(path for path in model.free if not path.startswith(f"contacts.{link.name}."))
+    return msgspec.structs.replace(model, contacts=exchange(model.contacts, link.name, law=law), free=free)
