@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from isorig.analysis.campaign import FloatArray
@@ -46,13 +46,15 @@ class ConsideredCandidate:
 
 
 def all_considered(
-    searches: Sequence[tuple[Score, Sequence[Entry]]], steps: Sequence[Step], replaced: Collection[tuple[str, str]], first: Score,
-    floors: FloatArray, model: RigModel, trials: Sequence[Trial], pointed: tuple[str, str] | None,
+    searches: Sequence[tuple[Score, Sequence[Entry]]], steps: Sequence[Step], replaced: Collection[tuple[str, str]],
+    exchanged: Mapping[tuple[str, str], tuple[str, str]], first: Score, floors: FloatArray, model: RigModel,
+    trials: Sequence[Trial], pointed: tuple[str, str] | None,
 ) -> tuple[ConsideredCandidate, ...]:  # fmt: skip
     """All candidates of all searches, the largest contribution first, followed by the untested causes.
 
-    `replaced` are the causes and places of steps that a more general friction at the same place replaced; `pointed` is the kind
-    and place to which the equations of motion point where no simulation confirms any cause.
+    `replaced` are the causes and places of steps that a more general friction at the same place replaced, `exchanged` of those
+    whose place another cause took once later ones were found; `pointed` is the kind and place to which the equations of motion
+    point where no simulation confirms any cause.
     """
     named = {(step.cause, step.location) for step in steps}
     sets = [{(step.cause, step.location), *step.indistinguishable} for step in steps if step.indistinguishable]
@@ -73,6 +75,9 @@ def all_considered(
                 found[key] = _considered(entry, share, best, floors, key in named, any(key in one for one in sets))
             if key in replaced and key not in named:
                 why = f"It removes {_percent(share)}; a more general friction at the same place replaces it."
+                found[key] = replace(found[key], standing="ruled out", why=why)
+            if key in exchanged and key not in named:
+                why = f"It removes {_percent(share)}; {' at '.join(exchanged[key])} explains more together with the later causes."
                 found[key] = replace(found[key], standing="ruled out", why=why)
     for key, one in found.items():
         if (one.kind, one.location) == pointed and one.standing == "ruled out":

@@ -12,6 +12,7 @@ import numpy as np
 from isorig.analysis.campaign import Campaign, FloatArray
 from isorig.analysis.deadline import ask_time, keep_time, out_of_time, time_spent
 from isorig.analysis.diagnose.budget import Budget, budget
+from isorig.analysis.diagnose.causes.base import Evidence
 from isorig.analysis.diagnose.considered import ConsideredCandidate, all_considered
 from isorig.analysis.diagnose.early_answer import pointed
 from isorig.analysis.diagnose.estimate_pairs import Doubles, doubles
@@ -19,27 +20,26 @@ from isorig.analysis.diagnose.evidence import Sign, record_signs, signs
 from isorig.analysis.diagnose.guides import with_guides
 from isorig.analysis.diagnose.kinds import SHAPED, kind_of
 from isorig.analysis.diagnose.misfit import Discrepancy, at_first, discrepancies
+from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.policy import (
     POLICY,
     Stage,
     adequacy_threshold,
     explains_own_channel,
-    is_superfluous,
     may_be_noise,
     more_draws,
     step_counts,
     verdict,
 )
+from isorig.analysis.diagnose.revise import Revision, SearchStage, merged, stage_of
 from isorig.analysis.diagnose.search import Job, next_step
-from isorig.analysis.diagnose.step import Entry, Found, Step, rescored, updated, with_evidence, without_form
-from isorig.analysis.diagnose.superfluous import without_cause
+from isorig.analysis.diagnose.step import Entry, Step, updated, with_evidence, without_form
 from isorig.analysis.diagnose.suspects import BROKEN, suspects
 from isorig.analysis.equations.forms import fit_start, start_values
 from isorig.analysis.equations.system import Equations, equations_of
 from isorig.analysis.errors import FitError, OutOfTimeError
-from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.division import Divide, Division, beginnings, ends, refined
-from isorig.analysis.fitting.excess import SIMULATION_LIMIT, is_adequate, log_excess, ratio, share_removed
+from isorig.analysis.fitting.excess import SIMULATION_LIMIT, is_adequate, log_excess, share_removed
 from isorig.analysis.fitting.ladder import (
     bare_cost,
     baseline_fit,
@@ -285,8 +285,8 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
         ),
         budgets=(search.budget(first.fit.model, found.division), search.budget(last.fit.model, found.division)),
         considered=all_considered(
-            search.entries, [stage.step for stage in stages[1 : found.kept + 1] if stage.step], found.replaced, first.score,
-            _allowed(found.quiet), first.fit.model, trials, shown_by_equations,
+            search.entries, [stage.step for stage in stages[1 : found.kept + 1] if stage.step], found.replaced, found.exchanged,
+            first.score, _allowed(found.quiet), first.fit.model, trials, shown_by_equations,
         ),
         searched=tuple((before, tuple(_lean(entry) for entry in entries)) for before, entries in search.entries),
         tolerance=tolerance, cut_short=search.cut_short,
@@ -319,29 +319,18 @@ def _lean(entry: Entry) -> Entry:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Stage:
-    # An intermediate model, the step that led to it (None for the baseline) with its candidate, whether the next one belongs to
-    # it, and whether the equations of motion show the step's kind and place.
-    fit: Fit
-    score: Score
-    step: Step | None = None
-    candidate: Candidate | None = None
-    paired: bool = False
-    shown: bool = False
-
-
-@dataclass(frozen=True, kw_only=True)
 class _Found:
-    # Result of a search: division of the runs, intermediate models, how many of them count, their allowed errors, and the causes
-    # whose steps were replaced.
+    # Result of a search: division of the runs, intermediate models, how many of them count, their allowed errors, the causes
+    # whose steps were replaced, and those exchanged for others (cause and place of both).
     division: Division
-    stages: Sequence[_Stage]
+    stages: Sequence[SearchStage]
     verdict: str
     kept: int
     quiet: FloatArray
     enough: float
     calibration: float | None
     replaced: frozenset[tuple[str, str]]
+    exchanged: Mapping[tuple[str, str], tuple[str, str]]
 
 
 class _Search:
@@ -364,7 +353,7 @@ class _Search:
     def causes(self, baseline: Fit, divide: Divide) -> _Found:
         division = divide(self._trials)
         judged = division.judged
-        stages = [_Stage(fit=baseline, score=score(baseline.model, judged))]
+        stages = [SearchStage(fit=baseline, score=score(baseline.model, judged))]
         quiet = self.floors(baseline.model, judged)
         calibration = self._calibration(stages[0], divide, quiet)
         enough = adequacy_threshold(calibration)
@@ -400,12 +389,12 @@ class _Search:
                 tries, repeated = tries + 1, step.form is not None
                 continue
             if found.then is not None:
-                stages += [_stage(now.score, found), _stage(found.entry.score, found.then)]
+                stages += [stage_of(now.score, found), stage_of(found.entry.score, found.then)]
                 self.entries.append((found.entry.score, found.then.entries))
                 quiet = np.maximum(quiet, self.floors(better.model, judged))
                 continue
             repeated = False
-            stage = _stage(now.score, found)
+            stage = stage_of(now.score, found)
             if not (
                 step_counts(_seen([*stages, stage]), len(stages), floors, enough)
                 and explains_own_channel(now.score.error, best.error, floors, _of_sensors(step, judged[0].channels))
@@ -418,38 +407,48 @@ class _Search:
             # Where a cause makes the rig sensitive, noise on the drive may be as large as the baseline's error: that is no noise
             # of the baseline.
             quiet = self.floors(stages[0].fit.model, judged)
-        word, named, replaced = self._concluded(stages, division, _allowed(quiet), enough)
+        word, named, replaced, exchanged = self._concluded(stages, division, _allowed(quiet), enough)
         return _Found(
             division=division, stages=named, verdict=word, kept=len(named) - 1, quiet=quiet, enough=enough,
-            calibration=calibration, replaced=replaced,
+            calibration=calibration, replaced=replaced, exchanged=exchanged,
         )  # fmt: skip
 
     def _concluded(
-        self, stages: Sequence[_Stage], division: Division, floors: FloatArray, enough: float
-    ) -> tuple[str, list[_Stage], frozenset[tuple[str, str]]]:  # fmt: skip
-        # The verdict, the stages that count, and the causes whose steps were replaced.
+        self, stages: Sequence[SearchStage], division: Division, floors: FloatArray, enough: float
+    ) -> tuple[str, list[SearchStage], frozenset[tuple[str, str]], Mapping[tuple[str, str], tuple[str, str]]]:  # fmt: skip
+        # The verdict, the stages that count, the causes whose steps were replaced, and those exchanged for others.
         word, kept = verdict(_seen(stages), floors, enough, self._tolerance)
         named, replaced = merged(stages[: kept + 1], floors)
-        needed = named
+        revision = Revision(
+            division=division, floors=floors, enough=enough, tolerance=self._tolerance, evidence_of=self._evidence_of,
+            progress=self._progress,
+        )  # fmt: skip
+        revised = named
         with self.until_the_time_ends():
-            needed = self._needed(named, division, floors, enough)
-        if len(needed) < len(named):
-            word, kept = verdict(_seen(needed), floors, enough, self._tolerance)
-            named = needed[: kept + 1]
-        return word, named, replaced
+            revised = revision.revised(named)
+        if revised is not named:
+            word, kept = verdict(_seen(revised), floors, enough, self._tolerance)
+            named = revised[: kept + 1]
+        return word, named, replaced, revision.exchanged
 
-    def _ends(self, stages: Sequence[_Stage], quiet: FloatArray, enough: float) -> bool:
+    def _evidence_of(self, model: RigModel) -> Evidence:
+        # What the records show of a model without a fit.
+        return observe(self._campaign, model, self._trials, self._described, self._guess)
+
+    def _ends(self, stages: Sequence[SearchStage], quiet: FloatArray, enough: float) -> bool:
         # Whether the last stage is adequate, or a free shape that leaves little.
         step = stages[-1].step
         shaped = step is not None and step.form is None and self._left(stages, quiet) < POLICY.rest
         return shaped or self._adequate(stages[-1].score, _allowed(quiet), enough)
 
     @staticmethod
-    def _left(stages: Sequence[_Stage], quiet: FloatArray) -> float:
+    def _left(stages: Sequence[SearchStage], quiet: FloatArray) -> float:
         # Share of the baseline's excess that the last stage leaves.
         return 1.0 - share_removed(stages[0].score.error, stages[-1].score.error, _allowed(quiet))
 
-    def _job(self, stages: Sequence[_Stage], division: Division, floors: FloatArray, left: float, *, forms_only: bool) -> Job:
+    def _job(
+        self, stages: Sequence[SearchStage], division: Division, floors: FloatArray, left: float, *, forms_only: bool
+    ) -> Job:
         step = stages[-1].step
         job = Job(
             campaign=self._campaign, described=self._described, guess=self._guess, current=stages[-1].fit, now=stages[-1].score,
@@ -462,14 +461,14 @@ class _Search:
         self.first = self.first or job
         return job
 
-    def _equations_for(self, stages: Sequence[_Stage]) -> Equations:
+    def _equations_for(self, stages: Sequence[SearchStage]) -> Equations:
         # Bodies without sensors are estimated with fitted values, which a given rig has not.
         given = len(stages) == 1 and not self._equations.hidden
         return self._equations if given else equations_of(self._campaign, stages[-1].fit.model)
 
     def _compared(
-        self, stages: list[_Stage], step: Step, better: Fit, division: Division, floors: FloatArray
-    ) -> tuple[list[_Stage], float]:  # fmt: skip
+        self, stages: list[SearchStage], step: Step, better: Fit, division: Division, floors: FloatArray
+    ) -> tuple[list[SearchStage], float]:  # fmt: skip
         # The stages with the last one as it is without the step; and its improvement, which is infinite where from there the
         # steps before it are superfluous, too.
         last, moved = self._without(step, better, stages[-1], division, floors)
@@ -481,7 +480,9 @@ class _Search:
                 return [first], np.inf
         return [*stages[:-1], last], moved
 
-    def _without(self, step: Step, better: Fit, now: _Stage, division: Division, floors: FloatArray) -> tuple[_Stage, float]:
+    def _without(
+        self, step: Step, better: Fit, now: SearchStage, division: Division, floors: FloatArray
+    ) -> tuple[SearchStage, float]:
         # The model without a step, refitted from the parameters after it: the stage from now on if it improved by more than
         # `Policy.refitted`; and the improvement. The first seconds of the runs tell whether there may be one.
         rung = ladder(division.fits)[-1]
@@ -496,45 +497,6 @@ class _Search:
             return now, moved
         self._progress(f"without {step.cause} the same parameters reach {plain.figure:.3g}")
         return replace(now, fit=widened(bare), score=plain), moved
-
-    def _needed(self, stages: list[_Stage], division: Division, floors: FloatArray, enough: float) -> list[_Stage]:
-        # The stages without the causes that later ones leave nothing to explain: an early cause may have stood for what the model
-        # lacked then. Those that remain are refitted without it.
-        k = 1
-        while k < len(stages) - 1:
-            leaner = self._leaner(stages, k, division, floors, enough)
-            stages, k = (stages, k + 1) if leaner is None else ([*stages[:k], *leaner], k)
-        return stages
-
-    def _leaner(
-        self, stages: Sequence[_Stage], k: int, division: Division, floors: FloatArray, enough: float
-    ) -> list[_Stage] | None:  # fmt: skip
-        # The stages after stage k as they are without its cause; None if the last one needs that.
-        before, gone, last = stages[k - 1], stages[k], stages[-1]
-        assert gone.step is not None
-        assert gone.candidate is not None
-        found: list[_Stage] = []
-        for stage in stages[:k:-1]:  # the last one first: it decides
-            extended = without_cause(before.fit, gone.fit, stage.fit)
-            rough = extended and tried(*extended, ladder(division.fits)[-1])
-            if not rough:
-                return None
-            try:
-                bare = finished(rough, division.fits)
-            except FitError:
-                return None
-            plain = score(bare.model, division.judged)
-            if not found:
-                superfluous = is_superfluous(plain.error, last.score.error, floors, enough, self._tolerance)
-                if gone.candidate.plausible(last.fit.model) and not superfluous:
-                    return None
-                self._progress(f"without {gone.step.cause} at {gone.step.location} the later causes reach {plain.figure:.3g}")
-            found.insert(0, replace(stage, fit=widened(bare), score=plain))
-        errors = [before.score.figure, *(stage.score.figure for stage in found)]
-        return [
-            replace(now, step=now.step and rescored(now.step, pair, (stage.fit.model, now.fit.model)))
-            for stage, now, pair in zip(stages[k + 1 :], found, pairwise(errors), strict=True)
-        ]
 
     @contextmanager
     def until_the_time_ends(self) -> Iterator[None]:
@@ -587,7 +549,7 @@ class _Search:
         """Composition of a model's error."""
         return budget(model, division.judged, self._noise_floor(model, division.judged))
 
-    def _calibration(self, stage: _Stage, divide: Divide, quiet: FloatArray) -> float | None:
+    def _calibration(self, stage: SearchStage, divide: Divide, quiet: FloatArray) -> float | None:
         # Only needed near the noise; a rig judged by its drive has no simulated motion.
         floors = _allowed(quiet)
         measured = worst(stage.score, floors)
@@ -601,43 +563,11 @@ class _Search:
         return max(draws, default=None)
 
 
-def _stage(before: Score, found: Found) -> _Stage:
-    entry = found.entry
-    step = replace(found.step, before=before.figure, after=entry.score.figure)
-    return _Stage(
-        fit=widened(entry.fit), score=entry.score, step=step, candidate=entry.candidate, paired=found.then is not None,
-        shown=found.shown,
-    )  # fmt: skip
-
-
-def merged(stages: Sequence[_Stage], floors: FloatArray) -> tuple[list[_Stage], frozenset[tuple[str, str]]]:
-    """The stages of a search without steps that the next one makes superfluous, and the causes and places of those steps.
-
-    A contact has one friction law: a friction that generalizes the one before it there replaces that step, unless the earlier one
-    is nearly as good (`Policy.form_close`) and the later one a refinement.
-    """
-    found: list[_Stage] = []
-    replaced: set[tuple[str, str]] = set()
-    for stage in stages:
-        step, earlier = stage.step, found[-1].step if found else None
-        alike = step and earlier and step.kind == earlier.kind == "friction_shape" and step.location == earlier.location
-        if step and earlier and alike and ratio(found[-1].score.error, stage.score.error, floors) > POLICY.form_close:
-            replaced.add((earlier.cause, earlier.location))
-            sentence = (
-                f"It replaces {earlier.cause} at {earlier.location}, which alone reduces the error from {earlier.before:.3g} to "
-                f"{earlier.after:.3g}."
-            )
-            found[-1] = replace(stage, step=replace(step, before=earlier.before, evidence=(*step.evidence, sentence)))
-        else:
-            found.append(stage)
-    return found, frozenset(replaced)
-
-
 def _allowed(quiet: FloatArray) -> FloatArray:
     return np.asarray(np.hypot(quiet, SIMULATION_LIMIT))
 
 
-def _seen(stages: Sequence[_Stage]) -> list[Stage]:
+def _seen(stages: Sequence[SearchStage]) -> list[Stage]:
     seen: list[Stage] = []
     rubbing: set[str] = set()
     for stage in stages:

@@ -246,6 +246,31 @@ def is_superfluous(
     return is_adequate(without, floors, enough, tolerance) or ratio(without, present, floors) < policy.matters
 
 
+def explains_better(
+    other: FloatArray, present: FloatArray, floors: FloatArray, enough: float, tolerance: float = 0.0, policy: Policy = POLICY
+) -> bool:  # fmt: skip
+    """Whether a model with another cause is clearly better: it alone is adequate, or its error is lower by `Policy.refitted`.
+
+    Parameters
+    ----------
+    other, present
+        Errors of the other model and of the present one, shape (runs, channels).
+    floors
+        Shape (runs, channels).
+    enough
+        The adequacy threshold for these data.
+    tolerance
+        Error that counts as adequate.
+    policy
+        The thresholds.
+    """
+    if is_adequate(present, floors, enough, tolerance):
+        return False
+    return (
+        is_adequate(other, floors, enough, tolerance) or log_excess(present, floors) - log_excess(other, floors) > policy.refitted
+    )
+
+
 @dataclass(frozen=True, kw_only=True)
 class Stage:
     """An intermediate model of a diagnosis, as needed for the verdict.

@@ -1,11 +1,14 @@
-"""A model without one of its causes: whether the causes that were found later leave that one anything to explain."""
+"""A model without one of its causes, or with another one in place of it."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import Any
 
+from isorig.analysis.diagnose.causes import CATALOGUE
+from isorig.analysis.diagnose.causes.base import Evidence
 from isorig.analysis.errors import ModelError
+from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.solve import Fit, Free
 from isorig.analysis.model.rig_model import RigModel, from_tree, to_tree
 
@@ -38,6 +41,32 @@ def without_cause(before: Fit, after: Fit, last: Fit) -> tuple[RigModel, tuple[F
     except (_BuiltOnError, ModelError):
         return None
     return model, free
+
+
+def with_cause(
+    model: RigModel, free: Sequence[Free], candidate: Candidate, fitted: Fit, evidence: Evidence
+) -> tuple[RigModel, tuple[Free, ...]] | None:  # fmt: skip
+    """A model with the cause of a candidate that was fitted to another one, and its fitted parameters; None if it cannot have it.
+
+    Parameters
+    ----------
+    model, free
+        The model and its fitted parameters.
+    candidate, fitted
+        A form of a cause for another model of the rig, and its fit, whose values the cause has.
+    evidence
+        What the records show of the model.
+    """
+    own = [item.path for item in candidate.free]
+    proposed = (c for cause in CATALOGUE if cause.name == candidate.cause for c in cause.candidates(model, evidence))
+    alike = (c for c in proposed if c.key == candidate.key and [item.path for item in c.free] == own)
+    found = next(alike, None)
+    if found is None:
+        return None
+    try:
+        return found.starts[0].replace({path: fitted.model.get(path) for path in own}), found.parameters(model, free)
+    except ModelError:
+        return None
 
 
 def _by_name(item: Any) -> Any:

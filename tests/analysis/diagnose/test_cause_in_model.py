@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from isorig.analysis.diagnose.superfluous import without_cause
+from isorig.analysis.diagnose.cause_in_model import without_cause
 from isorig.analysis.fitting.ladder import not_fitted
 from isorig.analysis.fitting.solve import Fit, Free
 from isorig.analysis.laws import Coulomb, Cubic, FrictionCurve

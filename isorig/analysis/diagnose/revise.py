@@ -1,0 +1,207 @@
+"""Earlier steps revised once later causes are in the model.
+
+A cause that was chosen while a later one was missing may have stood for some of that. With the later causes in place, it is left
+out if it explains nothing any more, or exchanged for a rival of its search that explains more. A contact has one friction law, so
+that a more general one there takes the earlier one's place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.diagnose.cause_in_model import with_cause, without_cause
+from isorig.analysis.diagnose.causes.base import Evidence
+from isorig.analysis.diagnose.policy import POLICY, explains_better, is_superfluous
+from isorig.analysis.diagnose.step import Entry, Found, Step, found_step, rescored
+from isorig.analysis.errors import FitError
+from isorig.analysis.fitting.candidate import Candidate
+from isorig.analysis.fitting.division import Division
+from isorig.analysis.fitting.excess import ratio
+from isorig.analysis.fitting.ladder import finished, ladder, tried, widened
+from isorig.analysis.fitting.score import Score, confidence, score
+from isorig.analysis.fitting.screen import Progress
+from isorig.analysis.fitting.solve import Fit
+from isorig.analysis.model.rig_model import RigModel
+
+#: Maximum number of rivals with which a cause is exchanged. Chosen: one or two were as near in the sealed campaigns.
+RIVALS = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchStage:
+    """An intermediate model of a search.
+
+    Parameters
+    ----------
+    fit, score
+        The fitted model and its score.
+    step, candidate
+        The step that led to it and its candidate; None for the baseline.
+    entries
+        All fits of the step's search.
+    paired
+        Whether the next stage belongs to it.
+    shown
+        Whether the equations of motion show the step's kind and place.
+    """
+
+    fit: Fit
+    score: Score
+    step: Step | None = None
+    candidate: Candidate | None = None
+    entries: tuple[Entry, ...] = ()
+    paired: bool = False
+    shown: bool = False
+
+
+def stage_of(before: Score, found: Found) -> SearchStage:
+    """The stage to which a step leads from a score."""
+    entry = found.entry
+    step = replace(found.step, before=before.figure, after=entry.score.figure)
+    return SearchStage(
+        fit=widened(entry.fit), score=entry.score, step=step, candidate=entry.candidate, entries=found.entries,
+        paired=found.then is not None, shown=found.shown,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Revision:
+    """The revision of a search's stages.
+
+    Parameters
+    ----------
+    division, floors, enough, tolerance
+        Fitted and held-out runs, the error allowed in each of the latter, the adequacy threshold, and the user's tolerance.
+    evidence_of
+        What the records show of a model.
+    progress
+        Called with one line for each change.
+    exchanged
+        Cause and place of the exchanged causes, and of those that took their place.
+    """
+
+    division: Division
+    floors: FloatArray
+    enough: float
+    tolerance: float
+    evidence_of: Callable[[RigModel], Evidence]
+    progress: Progress
+    exchanged: dict[tuple[str, str], tuple[str, str]] = field(default_factory=dict)
+
+    def revised(self, stages: list[SearchStage]) -> list[SearchStage]:
+        """The stages with better rivals, and without the causes that the later ones leave nothing to explain."""
+        k = 1
+        while k < len(stages) - 1:
+            later = self._leaner(stages, k)
+            if later is None:
+                stages, k = self._with_best_rival(stages, k), k + 1
+            else:
+                stages = [*stages[:k], *later]
+        return stages
+
+    def _leaner(self, stages: Sequence[SearchStage], k: int) -> list[SearchStage] | None:
+        # The stages after stage k without its cause; None if the last one needs that.
+        gone, now = stages[k], stages[-1]
+        last = self._refitted(stages, k, now)
+        if last is None or gone.step is None or gone.candidate is None:
+            return None
+        superfluous = is_superfluous(last.score.error, now.score.error, self.floors, self.enough, self.tolerance)
+        if gone.candidate.plausible(now.fit.model) and not superfluous:
+            return None
+        self.progress(f"without {gone.step.cause} at {gone.step.location} the later causes reach {last.score.figure:.3g}")
+        return self._later(stages, k, stages[k - 1].score, last)
+
+    def _with_best_rival(self, stages: list[SearchStage], k: int) -> list[SearchStage]:
+        # The stages with the cause of stage k exchanged for a rival that explains more together with the later ones.
+        gone, before, now = stages[k], stages[k - 1], stages[-1]
+        if gone.step is None or gone.paired:
+            return stages
+        for rival in near_rivals(gone, self.floors):
+            last = self._refitted(stages, k, now, rival)
+            print(
+                rival.candidate.key,
+                last and (last.score.error / now.score.error).mean(),
+                last and last.score.figure,
+                now.score.figure,
+            )
+            if last is None or not explains_better(last.score.error, now.score.error, self.floors, self.enough, self.tolerance):
+                continue
+            later = self._later(stages, k, rival.score, last, rival)
+            if later is None:
+                continue
+            key = gone.step.cause, gone.step.location
+            self.progress(f"with {' at '.join(rival.candidate.key)} in place of {' at '.join(key)}: {last.score.figure:.3g}")
+            self.exchanged[key] = rival.candidate.key
+            sure = confidence(last.score, [now.score])
+            return [*stages[:k], stage_of(before.score, found_step(rival, gone.entries, before.score, set(), sure)), *later]
+        return stages
+
+    def _later(
+        self, stages: Sequence[SearchStage], k: int, before: Score, last: SearchStage, rival: Entry | None = None
+    ) -> list[SearchStage] | None:  # fmt: skip
+        # All stages after stage k without its cause, or with a rival in place of it, which begin at the score `before`; the last
+        # one is known.
+        between = [self._refitted(stages, k, stage, rival) for stage in stages[k + 1 : -1]]
+        found = [*(stage for stage in between if stage is not None), last]
+        if len(found) <= len(between):
+            return None
+        figures = [before.figure, *(stage.score.figure for stage in found)]
+        return [
+            replace(now, step=now.step and rescored(now.step, pair, (stage.fit.model, now.fit.model)))
+            for stage, now, pair in zip(stages[k + 1 :], found, pairwise(figures), strict=True)
+        ]
+
+    def _refitted(
+        self, stages: Sequence[SearchStage], k: int, stage: SearchStage, rival: Entry | None = None
+    ) -> SearchStage | None:  # fmt: skip
+        # A stage after stage k refitted without the cause of that, or with a rival in place of it; None if that cannot be.
+        extended = without_cause(stages[k - 1].fit, stages[k].fit, stage.fit)
+        if extended is not None and rival is not None:
+            extended = with_cause(*extended, rival.candidate, rival.fit, self.evidence_of(extended[0]))
+        rough = extended and tried(*extended, ladder(self.division.fits)[-1])
+        if not rough:
+            return None
+        try:
+            done = finished(rough, self.division.fits)
+        except FitError:
+            return None
+        return replace(stage, fit=widened(done), score=score(done.model, self.division.judged))
+
+
+def near_rivals(stage: SearchStage, floors: FloatArray) -> list[Entry]:
+    """The forms of other kinds or places that came close to a step (`Policy.form_close`), the closest first."""
+    step = stage.step
+    assert step is not None
+    near = [
+        (apart, k, entry)
+        for k, entry in enumerate(stage.entries)
+        if entry.place != (step.kind, step.location) and entry.candidate.shape is None
+        if (apart := ratio(entry.score.error, stage.score.error, floors)) < POLICY.form_close
+    ]
+    return [entry for _, _, entry in sorted(near)[:RIVALS]]
+
+
+def merged(stages: Sequence[SearchStage], floors: FloatArray) -> tuple[list[SearchStage], frozenset[tuple[str, str]]]:
+    """The stages of a search without steps that the next one makes superfluous, and the causes and places of those steps.
+
+    A contact has one friction law: a friction that generalizes the one before it there replaces that step, unless the earlier one
+    is nearly as good (`Policy.form_close`) and the later one a refinement.
+    """
+    found: list[SearchStage] = []
+    replaced: set[tuple[str, str]] = set()
+    for stage in stages:
+        step, earlier = stage.step, found[-1].step if found else None
+        alike = step and earlier and step.kind == earlier.kind == "friction_shape" and step.location == earlier.location
+        if step and earlier and alike and ratio(found[-1].score.error, stage.score.error, floors) > POLICY.form_close:
+            replaced.add((earlier.cause, earlier.location))
+            sentence = (
+                f"It replaces {earlier.cause} at {earlier.location}, which alone reduces the error from {earlier.before:.3g} to "
+                f"{earlier.after:.3g}."
+            )
+            found[-1] = replace(stage, step=replace(step, before=earlier.before, evidence=(*step.evidence, sentence)))
+        else:
+            found.append(stage)
+    return found, frozenset(replaced)
