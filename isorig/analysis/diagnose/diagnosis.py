@@ -32,8 +32,8 @@ from isorig.analysis.diagnose.policy import (
     verdict,
 )
 from isorig.analysis.diagnose.revise import Revision, SearchStage, merged, stage_of
-from isorig.analysis.diagnose.search import Job, next_step
-from isorig.analysis.diagnose.step import Entry, Step, updated, with_evidence, without_form
+from isorig.analysis.diagnose.search import Job, best_fits, next_step
+from isorig.analysis.diagnose.step import Entry, Found, Step, updated, with_evidence, without_form
 from isorig.analysis.diagnose.suspects import BROKEN, suspects
 from isorig.analysis.equations.forms import fit_start, start_values
 from isorig.analysis.equations.system import Equations, equations_of
@@ -363,14 +363,9 @@ class _Search:
             self._progress(
                 f"held-out error {now.score.figure:.3g} against a noise floor of {np.median(quiet):.3g}; searching for a cause"
             )
-            left = self._left(stages, quiet)
-            found = None
-            with self.until_the_time_ends():
-                ask_time()
-                found = next_step(self._job(stages, division, floors, left, forms_only=repeated))
+            found = self._next_step(stages, division, floors, self._left(stages, quiet), forms_only=repeated)
             if found is None:
                 break
-            self.entries.append((now.score, found.entries))
             if found.then is not None and self._adequate(found.entry.score, floors, enough):
                 found = replace(found, then=None)  # the first of two suffices, once it starts from both
             step, last = found.step, found.then or found
@@ -446,14 +441,28 @@ class _Search:
         # Share of the baseline's excess that the last stage leaves.
         return 1.0 - share_removed(stages[0].score.error, stages[-1].score.error, _allowed(quiet))
 
-    def _job(
+    def _next_step(
         self, stages: Sequence[SearchStage], division: Division, floors: FloatArray, left: float, *, forms_only: bool
-    ) -> Job:
+    ) -> Found | None:  # fmt: skip
+        # The next step, if there is one; what each candidate removes is kept in any case.
+        found, judged = None, list[Entry]()
+        with self.until_the_time_ends():
+            ask_time()
+            found = next_step(self._job(stages, division, floors, left, judged, forms_only=forms_only))
+        fitted = found.entries if found else tuple(best_fits(judged, floors))
+        if fitted:
+            self.entries.append((stages[-1].score, fitted))
+        return found
+
+    def _job(
+        self, stages: Sequence[SearchStage], division: Division, floors: FloatArray, left: float, judged: list[Entry], *,
+        forms_only: bool,
+    ) -> Job:  # fmt: skip
         step = stages[-1].step
         job = Job(
             campaign=self._campaign, described=self._described, guess=self._guess, current=stages[-1].fit, now=stages[-1].score,
             equations=self._equations_for(stages), trials=division.fits, fine=division.judged, floors=floors,
-            progress=self._progress, left=left, steps=self._most_steps - len(stages) + 1, forms_only=forms_only,
+            progress=self._progress, left=left, judged=judged, steps=self._most_steps - len(stages) + 1, forms_only=forms_only,
             allowed=lambda model: _allowed(self.floors(model, division.judged)),
             rubbing=step.location if step and step.kind == "friction_shape" else "",
             curved=(step.kind, step.location) if step and step.form is None and step.kind in SHAPED else None,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -109,6 +109,8 @@ class Job:
         Place at which the step before found dry friction; empty for none.
     curved
         Kind and place of the free shape that the step before found; None for a form, and for the first step.
+    judged
+        Takes every candidate that is judged on held-out data.
     """
 
     campaign: Campaign
@@ -127,6 +129,7 @@ class Job:
     allowed: Callable[[RigModel], FloatArray]
     rubbing: str = ""
     curved: tuple[Kind, str] | None = None
+    judged: list[Entry] = field(default_factory=list)
 
     @cached_property
     def evidence(self) -> Evidence:
@@ -225,15 +228,17 @@ class Job:
                 if done:
                     break
             done.append(entry)
+            self.judged.append(entry)
             self.progress(f"{entry.candidate.cause} ({entry.candidate.location}): held-out error {entry.score.figure:.3g}")
         return done
 
-    def better(self, entries: Sequence[Entry]) -> list[Entry]:
-        """Of several fits of one candidate the best."""
-        best: dict[tuple[str, str], Entry] = {}
-        for entry in sorted(entries, key=lambda entry: excess(entry.score.error, self.floors)):
-            best.setdefault(entry.candidate.key, entry)
-        return list(best.values())
+
+def best_fits(entries: Sequence[Entry], floors: FloatArray) -> list[Entry]:
+    """Of several fits of one candidate the best."""
+    best: dict[tuple[str, str], Entry] = {}
+    for entry in sorted(entries, key=lambda entry: excess(entry.score.error, floors)):
+        best.setdefault(entry.candidate.key, entry)
+    return list(best.values())
 
 
 class Source(Protocol):
@@ -298,7 +303,7 @@ def next_step(job: Job) -> Found | None:
                 return both
         more = job.finished(rough)
         source = each if source is None or (more and not source.leads) else source
-        forms = job.better([*forms, *(entry for entry in more if job.explains(entry) or each.allows(entry))])
+        forms = best_fits([*forms, *(entry for entry in more if job.explains(entry) or each.allows(entry))], job.floors)
         if more and not each.doubtful(forms):
             break
         shapes = _without_forms(job, each) if whole and each.leads and not more else shapes
@@ -772,7 +777,7 @@ def _kind_and_form(
                 starts += [(candidate, free, start) for start in candidate.starts]
     if starts:
         more = followed(starts, job.rungs, job.current, job.progress, job.promising)
-        forms = job.better([*forms, *job.finished(job.entries(more))])
+        forms = best_fits([*forms, *job.finished(job.entries(more))], job.floors)
         named = best_kind(forms, shapes, job.now, job.floors, job.evidence)
     stand = any(adequate(entry.score, job.floors) for entry in forms)
     return best_form(forms, job.now, job.floors) if stand else named

@@ -164,10 +164,14 @@ def _error(holdout: HeldOut, extended: bool) -> str:
 
 def _ruled_out(findings: Findings) -> str:
     unconfirmed, out = (_fitted(findings, standing) for standing in ("not confirmed", "ruled out"))
+    named = {(step.cause, step.location) for step in findings.steps}
+    unsure = [pair for pair in _fitted(findings, "main contributor") if (pair[1].cause, pair[1].location) not in named]
     alike = [f"{words(c.cause)} at {with_article(c.location)}" for group in findings.indistinguishable for c in group[1:]]
     said = []
     if unconfirmed:
         said.append(f"Of this kind and place, not confirmed, with the error each leaves: {_listed(unconfirmed)}.")
+    if unsure:
+        said.append(f"Not certain enough to be named, with the error it leaves: {_listed(unsure)}.")
     if out:
         said.append(f"Ruled out, with the error each leaves: {_listed(out)}.")
     if alike:

@@ -231,9 +231,10 @@ def test_a_free_shape_that_explains_where_the_equations_show_a_cause_ends_the_se
 
     job = SimpleNamespace(
         progress=lambda text: None, left=1.0, forms_only=False, steps=1, curved=None, explains=lambda entry: explains,
-        helps=lambda forms: False, nearly=lambda entry: False, better=list, finished=list, floors=np.zeros((1, 1)),
+        helps=lambda forms: False, nearly=lambda entry: False, finished=list, floors=np.zeros((1, 1)),
         entries=lambda run: [Entry(candidate=candidate, fit=done, score=cast("Score", None)) for candidate, done in run],
     )  # fmt: skip
+    monkeypatch.setattr(search, "best_fits", lambda entries, floors: list(entries))
     monkeypatch.setattr(search, "sources", lambda job: [Places("equations"), Places("screen")])
     monkeypatch.setattr(search, "_kind_and_form", lambda *given: None)
     search.next_step(cast("search.Job", job))
