@@ -302,8 +302,9 @@ def next_step(job: Job) -> Found | None:
             if both is not None:
                 return both
         more = job.finished(rough)
-        source = each if source is None or (more and not source.leads) else source
-        forms = best_fits([*forms, *(entry for entry in more if job.explains(entry) or each.allows(entry))], job.floors)
+        allowed = [entry for entry in more if job.explains(entry) or each.allows(entry)]
+        source = each if source is None or (more and not source.leads) or job.helps(allowed) else source
+        forms = best_fits([*forms, *allowed], job.floors)
         if more and not each.doubtful(forms):
             break
         shapes = _without_forms(job, each) if whole and each.leads and not more else shapes
@@ -658,8 +659,10 @@ class Screened:
         return False
 
     def allows(self, entry: Entry) -> bool:
-        """Not where the equations give no reason: what is merely closer is no cause; for given kinds, only for a first cause."""
-        return not self.strict and (self.kinds is None or self.job.left >= 1.0)
+        """Where the equations give no reason, only a first cause that removes what no other single one can, of what they miss."""
+        if self.strict:
+            return self.kinds is not None and self.job.left >= 1.0 and self.job.helps([entry])
+        return self.kinds is None or self.job.left >= 1.0
 
     def shown(self, cause: str, place: str) -> bool:
         """The equations show nothing."""

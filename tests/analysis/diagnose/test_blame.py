@@ -16,7 +16,7 @@ from isorig.analysis.diagnose import search
 from isorig.analysis.diagnose.causes.base import Kind
 from isorig.analysis.diagnose.diagnosis import diagnose
 from isorig.analysis.diagnose.observe import observe
-from isorig.analysis.diagnose.search import Job, Suspected
+from isorig.analysis.diagnose.search import UNSEEN, Job, Screened, Suspected
 from isorig.analysis.diagnose.step import Entry
 from isorig.analysis.diagnose.suspects import (
     APART,
@@ -91,6 +91,24 @@ def test_a_form_that_leaves_an_error_is_named_only_where_the_equations_blame_it(
     found = blaming(("spring_shape", "rail", 0.7), ("drift", "rail", 0.3), worst=worst)
     source = Suspected(job=cast(Job, SimpleNamespace(left=left)), found=found)
     assert source.allows(cast(Entry, SimpleNamespace(candidate=SimpleNamespace(cause=cause, location="rail")))) == allowed
+
+
+@pytest.mark.parametrize(
+    ("strict", "kinds", "left", "helps", "allowed"),
+    [
+        (True, UNSEEN, 1.0, True, True),
+        (True, UNSEEN, 1.0, False, False),  # merely closer
+        (True, None, 1.0, True, False),  # all equations hold
+        (True, UNSEEN, 0.3, True, False),  # a second cause of what the equations do not see
+        (False, UNSEEN, 0.3, True, False),
+        (False, None, 0.3, False, True),
+    ],
+)
+def test_without_reason_by_the_equations_only_the_main_share_of_the_error_allows_a_first_cause_that_they_miss(
+    strict: bool, kinds: frozenset[Kind] | None, left: float, helps: bool, allowed: bool
+) -> None:
+    job = cast("Job", SimpleNamespace(left=left, helps=lambda entries: helps))
+    assert Screened(job=job, strict=strict, kinds=kinds).allows(cast(Entry, None)) == allowed
 
 
 @pytest.mark.parametrize(
