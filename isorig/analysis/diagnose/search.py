@@ -557,8 +557,8 @@ class Screened:
     only
         The only place, also of candidates that are always tried; empty for none.
     strict
-        Whether only a candidate that explains the error counts: all equations of motion hold, or a simulation refuted what they
-        show.
+        Whether only a candidate that explains the error counts, or, of given kinds, one that removes what no other can: all
+        equations of motion hold, or a simulation refuted what they show.
     tried
         Places at which another source has tried all causes; None for none.
     """
