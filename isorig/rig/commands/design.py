@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
-from cyclopts import Parameter
+from isorig.rig.options import Method, Output
 
 #: Largest number of points and of draws.
 MOST = 100_000
@@ -14,10 +14,10 @@ MOST = 100_000
 def design(
     plan: Path,
     *,
-    output: Annotated[Path, Parameter(name=["-o", "--output"])],
+    output: Output,
     model: str | None = None,
     parameters: Path | None = None,
-    method: Literal["joint", "half-power"] = "joint",
+    method: Method = "joint",
     points: int = 100,
     draws: int = 100,
     offset: tuple[float, ...] = (0.0, 0.01, 0.02),
@@ -88,7 +88,7 @@ def _parameters(plan: Path, output: Path, model: str, table: Path | None, *, poi
 
 
 def _moves(
-    profile: Path, output: Path, parameters: Path | None, method: Literal["joint", "half-power"], points: int, draws: int,
+    profile: Path, output: Path, parameters: Path | None, method: Method, points: int, draws: int,
     offset: tuple[float, ...], rocking_frequency: float, seed: int,
 ) -> None:  # fmt: skip
     import numpy as np

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from math import log10
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-from cyclopts import Parameter
+from isorig.rig.options import Output
 
 if TYPE_CHECKING:
     from isorig.analysis.campaign import Campaign
@@ -29,7 +29,7 @@ AS_THEY_ARE = "These are transfer functions of another program, written as they 
 def frf(
     campaign: Path,
     *others: Path,
-    output: Annotated[Path, Parameter(name=["-o", "--output"])],
+    output: Output,
     reference: tuple[str, ...] = (),
     response: tuple[str, ...] = (),
     resolution: float = 0.25,

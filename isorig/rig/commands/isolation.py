@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
 
-from cyclopts import Parameter
+from isorig.rig.options import Method, Output
 
 
 def isolation(
     campaign: Path,
     *,
-    output: Annotated[Path, Parameter(name=["-o", "--output"])],
+    output: Output,
     model: Path | None = None,
     parameters: Path | None = None,
-    method: Literal["joint", "half-power"] | None = None,
+    method: Method | None = None,
     stitch: float = 15.0,
     resolution: float = 0.25,
     reference: str | None = None,

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from math import isclose
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-from cyclopts import Parameter
+from isorig.rig.options import Output
 
 if TYPE_CHECKING:
     from isorig.analysis.spectra.modal import ModeShape
@@ -17,7 +17,7 @@ def modes(
     campaign: Path,
     *,
     band: tuple[float, float],
-    output: Annotated[Path, Parameter(name=["-o", "--output"])],
+    output: Output,
     configuration: str | None = None,
     gain: float | None = None,
     reference: tuple[str, ...] = (),

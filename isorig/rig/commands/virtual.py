@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
-from cyclopts import App, Parameter
+from cyclopts import App
+
+from isorig.rig.options import Output
 
 virtual = App(name="virtual", help="A virtual rig, as a recording or as a simulated instrument.")
 
@@ -14,7 +16,7 @@ virtual = App(name="virtual", help="A virtual rig, as a recording or as a simula
 @virtual.command
 def campaign(
     *,
-    output: Annotated[Path, Parameter(name=["-o", "--output"])],
+    output: Output,
     model: str | None = None,
     seed: int = 0,
     noise: float = 1e-3,
