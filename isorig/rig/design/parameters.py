@@ -39,11 +39,10 @@ from isorig.rig.files.rigtext import description_text
 from isorig.rig.files.tomlfile import read_toml
 from isorig.rig.frf.figures import ratio_figure, save
 from isorig.rig.isolation.transmissibility import transmissibility
-from isorig.rig.model.prediction import predicted
+from isorig.rig.model.prediction import Model, predicted
 from isorig.rig.virtual.levels import BEGIN
 from isorig.rig.virtual.simulated_recording import synthetic_drive, usual_run
 from isorig.rig.wire_bonder.design_study import RATE
-from isorig.rig.wire_bonder.isolation import Model
 
 #: Quantiles of the drawn parameter sets that are shown.
 DRAWN = (0.05, 0.95)

@@ -16,8 +16,7 @@ from isorig.rig.files.output import write_csv, write_json
 from isorig.rig.files.rigfile import rig_of
 from isorig.rig.frf.figures import ratio_figure, save
 from isorig.rig.frf.transfer import Transfer, transfer_functions
-from isorig.rig.model.prediction import predicted
-from isorig.rig.wire_bonder.isolation import Model
+from isorig.rig.model.prediction import Model, measured_and_simulated
 
 #: Factor by which the Hann window's correlation of neighbouring frequency bins increases the variance of a mean over bins.
 CORRELATED = 2.0
@@ -101,9 +100,8 @@ def transmissibility(
     for name in configurations:
         if name and name not in measured:
             raise PlanError(f"{campaign.source} has no run in the configuration {name!r}; it has {', '.join(measured)}")
-    played = {"measured": campaign} | {m.name: predicted(m.rig, campaign, origin=m.origin, as_recorded=True) for m in models}
     ratios = {}
-    for name, each in played.items():
+    for name, each in measured_and_simulated(campaign, models).items():
         found = transfer_functions(each, reference=reference, responses=[response], resolution=resolution)
         ratios[name] = _ratios(found, configurations, campaign.source)
     units = [next(run.channels[name].unit for run in campaign.runs if name in run.channels) for name in (response, reference)]

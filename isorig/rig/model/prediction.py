@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import datetime
 
 import numpy as np
@@ -11,6 +13,15 @@ from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate import simulate
 from isorig.analysis.simulate.free_run import excitation_of
 from isorig.rig.errors import RecordingError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Model:
+    """A rig to be simulated for comparison: its name, and the time of a drifting model's zero."""
+
+    name: str
+    rig: RigModel
+    origin: datetime | None = None
 
 
 def predicted(model: RigModel, campaign: Campaign, *, origin: datetime | None = None, as_recorded: bool = False) -> Campaign:
@@ -63,6 +74,11 @@ def predicted(model: RigModel, campaign: Campaign, *, origin: datetime | None = 
             )
         )  # fmt: skip
     return Campaign(runs=tuple(runs), known=campaign.known, description=campaign.description, source=campaign.source)
+
+
+def measured_and_simulated(campaign: Campaign, models: Sequence[Model]) -> dict[str, Campaign]:
+    """A campaign as "measured", and the same runs as each model predicts their records, by the names of the models."""
+    return {"measured": campaign} | {m.name: predicted(m.rig, campaign, origin=m.origin, as_recorded=True) for m in models}
 
 
 def errors(measured: Campaign, other: Campaign) -> dict[str, dict[str, float]]:
