@@ -12,7 +12,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import ModelError
-from isorig.analysis.isolation.optimum import isolated
+from isorig.analysis.isolation.optimum import isolated, uncoupled_frequency
 from isorig.analysis.isolation.ratio import IsolationRatio, isolation_ratio
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate.move_profile import Move, head_acceleration
@@ -220,8 +220,7 @@ def designed(
         name: stroke_study(models, grid, head, RATE, limit=plan.limit, safety=plan.safety)
         for name, models in (("without friction", free), ("with friction", rigs))
     }
-    isolation = rig.link("isolation")
-    present = math.sqrt(isolation.stiffness / rig.body("motor").mass) / (2.0 * math.pi)
+    present = uncoupled_frequency(rig, "isolation")
     cases = {f"present, {present:.2f} Hz with friction": rig}
     chosen = plan.shown or studies["without friction"].recommended
     if math.isfinite(chosen):

@@ -15,11 +15,12 @@ import numpy as np
 
 from isorig.analysis.campaign import Campaign, ComplexArray, FloatArray, Run, broad
 from isorig.analysis.errors import AnalysisError, DataError
+from isorig.analysis.isolation.optimum import uncoupled_frequency
 from isorig.analysis.model.rig_model import RigModel, matrices
 from isorig.analysis.spectra.half_power import HalfPower, half_power, peaks
 from isorig.analysis.spectra.modes import Kind, ModalFit, Mode, fit_modes
 from isorig.analysis.spectra.welch import Frf, estimate
-from isorig.rig.wire_bonder.description import wire_bonder
+from isorig.rig.wire_bonder.description import LINKS, wire_bonder
 
 #: Required frequency bins per bandwidth, and minimum segments in a record.
 LINES, SEGMENTS = 12.0, 12.0
@@ -110,7 +111,7 @@ def classic(campaign: Campaign, model: RigModel) -> FourSetUps:
     model
         The wire bonder with starting values: expected frequencies, and the known masses.
     """
-    guess = {name: _frequency(model, name) for name in ("table", "heatblock", "motor")}
+    guess = {body: uncoupled_frequency(model, link) for body, link in LINKS.items()}
     low = LOW_BAND[0] * guess["motor"], LOW_BAND[1] * guess["table"]
     unlocked = broad(campaign.select(configuration="unlocked"))
     wanted: tuple[tuple[Name, str, str, tuple[float, float], list[Run], Kind], ...] = (
@@ -142,20 +143,14 @@ def rig_of_set_ups(read: FourSetUps, model: RigModel) -> RigModel:
     if read.surface is not None:
         mass = read.surface.best[0]
         changes["bodies.table.mass"] = mass
-        changes["links.table.stiffness"] = (2.0 * np.pi * _frequency(model, "table")) ** 2 * mass
+        changes["links.table.stiffness"] = (2.0 * np.pi * uncoupled_frequency(model, "table")) ** 2 * mass
     for item in read.set_ups:
-        link = "isolation" if item.name == "motor" else item.name
         mass = changes.get(f"bodies.{item.name}.mass", model.body(item.name).mass)
         if item.mode is not None:
             omega = 2.0 * np.pi * item.mode.frequency
-            changes[f"links.{link}.stiffness"] = omega**2 * mass
-            changes[f"links.{link}.damping"] = 2.0 * item.mode.damping * omega * mass
+            changes[f"links.{LINKS[item.name]}.stiffness"] = omega**2 * mass
+            changes[f"links.{LINKS[item.name]}.damping"] = 2.0 * item.mode.damping * omega * mass
     return model.replace(changes)
-
-
-def _frequency(model: RigModel, body: str) -> float:
-    link = model.link("isolation" if body == "motor" else body)
-    return float(np.sqrt(link.stiffness / model.body(body).mass) / (2.0 * np.pi))
 
 
 def _reaching(runs: list[Run], band: tuple[float, float], name: str) -> list[Run]:
