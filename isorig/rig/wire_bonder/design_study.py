@@ -188,23 +188,20 @@ def with_head(values: RigValues, plan: DesignPlan) -> RigValues:
     return values if plan.head is None else values.with_value("head_mass", plan.head.mass, plan.head.std)
 
 
-def rigs_of(values: RigValues, plan: DesignPlan, *, draws: int, seed: int) -> list[RigModel]:
-    """The rig with the plan's head, followed by `draws` of it with parameters drawn from their uncertainties."""
-    values = with_head(values, plan)
-    return [values.model, *values.drawn(draws, seed)]
-
-
 def designed(
-    plan: DesignPlan, rigs: list[RigModel], *, points: int = 100, offsets: tuple[float, ...] = (), rocking_frequency: float = 30.0
-) -> Designed:
+    plan: DesignPlan, values: RigValues, *, draws: int = 0, seed: int = 0, points: int = 100, offsets: tuple[float, ...] = (),
+    rocking_frequency: float = 30.0,
+) -> Designed:  # fmt: skip
     """Run the whole study.
 
     Parameters
     ----------
     plan
         Moves, limit, frequencies.
-    rigs
-        The present rig, then its draws.
+    values
+        Those of the present rig, with the plan's head.
+    draws, seed
+        Number of further rigs with values drawn from their uncertainties, and random seed.
     points
         Number of isolation frequencies; each is studied for all rigs, with and without friction.
     offsets
@@ -212,7 +209,8 @@ def designed(
     rocking_frequency
         Frequency at which the motor rocks on its bearings, Hz.
     """
-    rig = rigs[0]
+    rig = values.model
+    rigs = [rig, *values.drawn(draws, seed)]
     grid = np.geomspace(*plan.frequencies, points)
     head = plan.drive()
     free = [frictionless(model) for model in rigs]
