@@ -7,9 +7,10 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.simulate.move_profile import Move
+from isorig.rig.virtual.levels import MOVE_RATE
 from isorig.rig.wire_bonder.description import THESIS
 from isorig.rig.wire_bonder.design_files import history_figure, offset_figure, stroke_figure
-from isorig.rig.wire_bonder.design_study import RATE, Designed, DesignPlan, HeadPlan, designed, with_head
+from isorig.rig.wire_bonder.design_study import Designed, DesignPlan, HeadPlan, designed, with_head
 from isorig.rig.wire_bonder.figures import isolation_figure
 from isorig.rig.wire_bonder.flexure import SPRING_STEEL, thinnest
 from isorig.rig.wire_bonder.parameters import OF_THESIS
@@ -39,7 +40,7 @@ def lowest(points: int, *, mass: float = 6.5, repeat: int = 10, after: bool = Fa
     plan = msgspec.structs.replace(PLAN, head=HeadPlan(mass=mass), moves=moves, after=after)
     rigs = [frictionless(with_head(OF_THESIS, plan).model)]
     grid = np.geomspace(*plan.frequencies, points)
-    return stroke_study(rigs, grid, plan.drive(), RATE, limit=plan.limit).lowest
+    return stroke_study(rigs, grid, plan.drive(), MOVE_RATE, limit=plan.limit).lowest
 
 
 def strokes(*, points: int = 100, draws: int = 50) -> Step:

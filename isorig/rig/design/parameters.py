@@ -10,7 +10,6 @@ from typing import Any, Literal
 
 import msgspec
 import numpy as np
-from matplotlib.figure import Figure
 
 from isorig.analysis.campaign import BROAD, SI_UNIT, Campaign, FloatArray, Run
 from isorig.analysis.errors import DataError, ModelError
@@ -37,12 +36,11 @@ from isorig.rig.files.parameter_table import read_parameters
 from isorig.rig.files.rigfile import GivenRig
 from isorig.rig.files.rigtext import description_text
 from isorig.rig.files.tomlfile import read_toml
-from isorig.rig.frf.figures import ratio_figure, save
+from isorig.rig.frf.figures import Figure, gridded, ratio_figure, save
 from isorig.rig.isolation.transmissibility import transmissibility
 from isorig.rig.model.prediction import Model, predicted
-from isorig.rig.virtual.levels import BEGIN
+from isorig.rig.virtual.levels import BEGIN, MOVE_RATE
 from isorig.rig.virtual.simulated_recording import synthetic_drive, usual_run
-from isorig.rig.wire_bonder.design_study import RATE
 
 #: Quantiles of the drawn parameter sets that are shown.
 DRAWN = (0.05, 0.95)
@@ -202,9 +200,9 @@ def _run(plan: ParameterPlan, given: GivenRig, seed: int) -> Run:
                 f"{', '.join(f'{d.channel} ({d.quantity})' for d in rig.drives)}, so give drive instead"
             )
         channel = synthetic_drive(given, usual_run(rig)).runs[0].channels[rig.drive.channel]
-        samples = head_acceleration(plan.moves, RATE)
+        samples = head_acceleration(plan.moves, MOVE_RATE)
         return Run(
-            id="moves", configuration=next(iter(rig.configurations)), sample_rate=RATE, gain=1.0, excitation="moves",
+            id="moves", configuration=next(iter(rig.configurations)), sample_rate=MOVE_RATE, gain=1.0, excitation="moves",
             channels={rig.drive.channel: replace(channel, samples=samples)}, started=BEGIN,
         )  # fmt: skip
     try:
@@ -387,10 +385,9 @@ def sweeps_figure(design: ParameterDesign) -> Figure:
         best = design.found.values[parameter]
         axis.axvline(best, color="tab:green", ls=":", lw=1.4, label=f"best, {best:.4g}")
         axis.set(xscale="log", yscale="log", xlabel=f"{parameter}, {parameter_unit(parameter, design.rig)}")
-        axis.grid(visible=True, which="both", alpha=0.25, lw=0.5)
         axis.legend(fontsize=8)
     figure.supylabel(f"{name}{'' if unit == '1' else f', {unit}'}", fontsize=8)
-    return figure
+    return gridded(figure)
 
 
 def response_figure(design: ParameterDesign) -> Figure:

@@ -10,7 +10,8 @@ import numpy as np
 from isorig.analysis.model.rig_model import RigModel
 from isorig.rig.files.output import write_csv, write_json
 from isorig.rig.frf.figures import Figure, gridded, save
-from isorig.rig.wire_bonder.design_study import ISOLATED, RATE, BondPlan, Designed, DesignPlan
+from isorig.rig.virtual.levels import MOVE_RATE
+from isorig.rig.wire_bonder.design_study import ISOLATED, BondPlan, Designed, DesignPlan
 from isorig.rig.wire_bonder.figures import isolation_figure
 from isorig.rig.wire_bonder.move_isolation import MoveIsolation, move_within, on_move
 from isorig.rig.wire_bonder.parameters import RigValues
@@ -39,7 +40,7 @@ def write_design(folder: Path, plan: DesignPlan, values: RigValues, found: Desig
         if len(study.draws):
             columns[f"stroke_{_plain(name)}_std_m"] = study.draws.std(axis=0, ddof=1)
     write_csv(folder / "strokes.csv", columns)
-    times = {"time_s": np.arange(len(found.head)) / RATE, "head_m_s2": found.head}
+    times = {"time_s": np.arange(len(found.head)) / MOVE_RATE, "head_m_s2": found.head}
     for name, bodies in found.histories.items():
         times |= {f"{_plain(name)}_{body}_m": positions for body, positions in bodies.items()}
     write_csv(folder / "histories.csv", times)
@@ -135,7 +136,7 @@ def history_figure(designed: Designed) -> Figure:
         for body, values in bodies.items():
             # The heatblock moves with the table, so its line is dashed and on top.
             dash = "--" if body == "heatblock" else "-"
-            axis.plot(np.arange(len(values)) / RATE, 1e3 * values, dash, lw=1.0, label=body)
+            axis.plot(np.arange(len(values)) / MOVE_RATE, 1e3 * values, dash, lw=1.0, label=body)
         axis.set(title=name, ylabel="displacement, mm")
     axes[0].legend(fontsize=8)
     axes[-1].set(xlabel="time, s")
