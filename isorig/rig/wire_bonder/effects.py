@@ -249,20 +249,15 @@ def hide(kind: str, model: RigModel, runs: Amplitudes, size: float, draw: Draw) 
 def played(hidden: Hidden, takes: Sequence[VirtualRun], seed: int, noise: float = 1e-3) -> Campaign:
     """A session on a rig with a hidden effect; see `virtual_campaign`."""
     campaign = virtual_campaign(hidden.model, takes, seed=seed, noise=noise)
-    known = {**known_of(hidden.model), **hidden.known}
     runs = list(campaign.runs)
-    if hidden.per_run is not None:
-        for k, take in enumerate(takes):
+    for k, take in enumerate(takes):
+        if hidden.per_run is not None:
             runs[k] = virtual_campaign(hidden.per_run(hidden.model, runs[k]), [take], seed=seed + 7 * k, noise=noise).runs[0]
-    if hidden.wire is not None:
-        for k, run in enumerate(runs):
-            records = hidden.wire(run, {name: run.read(name) for name in run.channels})
+        if hidden.wire is not None:
+            records = hidden.wire(runs[k], {name: runs[k].read(name) for name in runs[k].channels})
             channels = {
-                name: Channel(
-                    name=name, samples=np.round(values / run.channels[name].scale).astype(np.int32),
-                    scale=run.channels[name].scale, full_scale=run.channels[name].full_scale, about=run.channels[name].about,
-                )
-                for name, values in records.items()
-            }  # fmt: skip
-            runs[k] = replace(run, channels=channels)
-    return Campaign(runs=tuple(runs), known=known, source="virtual rig")
+                name: replace(channel, samples=np.round(records[name] / channel.scale).astype(np.int32))
+                for name, channel in runs[k].channels.items()
+            }
+            runs[k] = replace(runs[k], channels=channels)
+    return replace(campaign, runs=tuple(runs), known={**campaign.known, **hidden.known})

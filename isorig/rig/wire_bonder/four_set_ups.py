@@ -181,7 +181,8 @@ def _read(
     fit, reason, mode, method = None, "", found.mode, "half-power"
     try:
         if kind == "transmissibility":
-            at = max(_inside(peaks(frf), band), key=lambda f: _size(frf, f), default=guess[name])
+            inside = [f for f in peaks(frf) if band[0] <= f <= band[1]]
+            at = max(inside, key=lambda f: abs(frf.value[np.argmin(np.abs(frf.frequency - f))]), default=guess[name])
             width = 2.0 * found.mode.damping * at if found.mode else width
             reach = (max(band[0], at - 5.0 * width), min(band[1], at + 5.0 * width))
             fit = fit_modes(frf, reach, kind=kind, guesses=[(at, width / (2.0 * at))], residuals=1)
@@ -193,14 +194,6 @@ def _read(
     except AnalysisError as error:
         reason = str(error)
     return SetUp(name=name, frf=frf, band=band, half_power=found, fit=fit, refused=reason, mode=mode, method=method)
-
-
-def _inside(frequencies: tuple[float, ...], band: tuple[float, float]) -> list[float]:
-    return [f for f in frequencies if band[0] <= f <= band[1]]
-
-
-def _size(frf: Frf, frequency: float) -> float:
-    return float(np.abs(frf.value[np.argmin(np.abs(frf.frequency - frequency))]))
 
 
 def _around(guess: dict[str, float], name: Name, band: tuple[float, float]) -> tuple[float, float]:
@@ -230,7 +223,7 @@ def head_to_table(values: Mapping[str, float], frequency: FloatArray) -> Complex
     return np.asarray((s[:, 0] ** 2 * motion[:, 0])[:, 0])
 
 
-def error_surface(set_ups: Mapping[Name, SetUp], model: RigModel) -> ErrorSurface:
+def error_surface(set_ups: Mapping[str, SetUp], model: RigModel) -> ErrorSurface:
     """The error surface over table mass and damping, with the other values from the set-ups.
 
     Raises
@@ -241,8 +234,7 @@ def error_surface(set_ups: Mapping[Name, SetUp], model: RigModel) -> ErrorSurfac
     from scipy.optimize import minimize
 
     values = {"head_mass": model.drive.factor, "friction_force": 0.0}
-    names: tuple[Name, ...] = ("table", "heatblock", "motor")
-    for name in names:
+    for name in LINKS:
         values[f"{name}_mass"] = model.body(name).mass
         mode = set_ups[name].mode if name in set_ups else None
         if mode is None:
