@@ -55,21 +55,20 @@ def campaign(
     from isorig.analysis.parameters.joint_fit import is_wire_bonder
     from isorig.rig.errors import PlanError
     from isorig.rig.files.recording import write
-    from isorig.rig.files.rigfile import GivenRig, read_rig
+    from isorig.rig.files.rigfile import read_rig
     from isorig.rig.virtual.described import described_campaign
-    from isorig.rig.wire_bonder.description import wire_bonder
     from isorig.rig.wire_bonder.effects import hidden_in, played
     from isorig.rig.wire_bonder.session import LATER, SESSION
 
-    given = GivenRig(model=wire_bonder()) if model is None else read_rig(model)
-    rig = given.model
-    if not is_wire_bonder(rig):
-        if hide is not None or session != "first":
-            raise PlanError(f"--hide and --session are available for the wire bonder only; omit them for {rig.name}")
-        write(output, described_campaign(given, seed=seed, noise=noise, seconds=seconds))
-        print(output)
-        return
-    write(output, played(hidden_in(rig, hide, size, seed), SESSION if session == "first" else LATER, seed, noise))
+    given = read_rig(model or "wire-bonder")
+    if is_wire_bonder(given.model):
+        takes = SESSION if session == "first" else LATER
+        simulated = played(hidden_in(given.model, hide, size, seed), takes, seed, noise)
+    elif hide is not None or session != "first":
+        raise PlanError(f"--hide and --session are available for the wire bonder only; omit them for {given.model.name}")
+    else:
+        simulated = described_campaign(given, seed=seed, noise=noise, seconds=seconds)
+    write(output, simulated)
     print(output)
 
 

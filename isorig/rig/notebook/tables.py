@@ -32,10 +32,7 @@ Columns = tuple[str, Column, Mapping[str, Column], Mapping[str, Any]]
 """The name of a coordinate with its values, the columns over it by name, and what is known about them."""
 
 
-@shows(Campaign, "rig")
-def rig_of_campaign(campaign: Campaign) -> Any:
-    """The rig of a campaign with starting values."""
-    return baseline_model(campaign)
+shows(Campaign, "rig")(baseline_model)
 
 
 def needed(name: str) -> ModuleType:

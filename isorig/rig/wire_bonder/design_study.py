@@ -184,7 +184,7 @@ def read_design(path: Path) -> DesignPlan:
 
 def with_head(values: RigValues, plan: DesignPlan) -> RigValues:
     """The parameters with the head of the plan, if it gives one."""
-    return values if plan.head is None else values.with_value("head_mass", plan.head.mass, plan.head.std)
+    return values if plan.head is None else values.with_head(plan.head.mass, plan.head.std)
 
 
 def designed(

@@ -46,11 +46,11 @@ class RigValues:
         """The rig with these values."""
         return wire_bonder(self.values)
 
-    def with_value(self, name: str, value: float, std: float) -> RigValues:
-        """The same with another value, which then does not count as assumed."""
+    def with_head(self, mass: float, std: float) -> RigValues:
+        """The same with another head, whose mass (kg) then does not count as assumed."""
         return replace(
-            self, values={**self.values, name: value}, stds={**self.stds, name: std},
-            assumed=tuple(other for other in self.assumed if other != name),
+            self, values={**self.values, "head_mass": mass}, stds={**self.stds, "head_mass": std},
+            assumed=tuple(name for name in self.assumed if name != "head_mass"),
         )  # fmt: skip
 
     def drawn(self, draws: int, seed: int) -> Iterator[RigModel]:
