@@ -100,7 +100,6 @@ class ParameterDesign:
 
     rig: RigModel
     target: Target
-    limits: Limits
     found: Optimum
     sweeps: Mapping[str, Sweep]
     spread: tuple[float, float] | None
@@ -174,7 +173,7 @@ def designed_parameters(
         values = [each.value for each in outcomes([with_values(d, found.values) for d in drawn], target, limits, drive)]
         low, high = np.quantile(values, DRAWN)
         spread = float(low), float(high)
-    return ParameterDesign(rig=rig, target=target, limits=limits, found=found, sweeps=sweeps, spread=spread, run=run)
+    return ParameterDesign(rig=rig, target=target, found=found, sweeps=sweeps, spread=spread, run=run)
 
 
 def _check(rig: RigModel, varied: Varied) -> None:
@@ -217,11 +216,10 @@ def _run(plan: ParameterPlan, given: GivenRig, seed: int) -> Run:
 
 
 def _target(rig: RigModel, plan: TargetPlan, run: Run) -> Target:
-    sensors, drives = [s.channel for s in rig.sensors], [d.channel for d in rig.drives]
-    reference = plan.reference or drives[0]
-    response = plan.response or next((name for name in reversed(sensors) if name != reference), "")
+    reference = plan.reference or rig.drive.channel
+    response = plan.response or next((sensor.channel for sensor in reversed(rig.sensors) if sensor.channel != reference), "")
     for name in (response, reference):
-        if name not in (*sensors, *drives):
+        if name not in rig.channels:
             raise PlanError(
                 f"target names the channel {name!r}, which {rig.name} does not have; it has {', '.join(rig.channels)}"
             )

@@ -21,19 +21,7 @@ SHOWN = 120.0
 
 
 def write_design(folder: Path, plan: DesignPlan, values: RigValues, found: Designed) -> list[str]:
-    """Write design.json, tables and figures; the sentences about moves and drive offsets.
-
-    Parameters
-    ----------
-    folder
-        Where to write.
-    plan
-        The plan.
-    values
-        Those of the present rig, with the plan's head.
-    found
-        The results.
-    """
+    """Write design.json, tables and figures; the sentences about moves and drive offsets."""
     columns = {"frequency_hz": found.studies["with friction"].frequency}
     for name, study in found.studies.items():
         columns[f"stroke_{_plain(name)}_m"] = study.stroke

@@ -16,10 +16,10 @@ from isorig.analysis.diagnose.causes import CATALOGUE
 from isorig.analysis.diagnose.causes.base import Amplitudes, Cause, RandomSizes
 from isorig.analysis.errors import ModelError
 from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel, Sensor
-from isorig.analysis.simulate import Excitation, record, simulate
+from isorig.analysis.simulate import Excitation, simulate
 from isorig.rig.errors import RigError
 from isorig.rig.wire_bonder.description import FRICTION, wire_bonder
-from isorig.rig.wire_bonder.session import VirtualRun, head_of, known_of, virtual_campaign, without_faults
+from isorig.rig.wire_bonder.session import VirtualRun, head_of, known_of, records_of, virtual_campaign
 
 Draw = np.random.Generator
 Wire = Callable[[Run, dict[str, FloatArray]], dict[str, FloatArray]]
@@ -69,9 +69,7 @@ class Hidden:
             channels={name: Channel(name=name, samples=drive)},
         )  # fmt: skip
         model = self.model if self.per_run is None else self.per_run(self.model, played)
-        excitation = Excitation.prepare(drive, sample_rate, oversample=16)
-        seen = simulate(without_faults(model), excitation, configuration=configuration, start_time=start_time).channels
-        found = record(model, {name: drive, **seen}, sample_rate)
+        found = records_of(model, drive, sample_rate, configuration, start_time)
         return found if self.wire is None else self.wire(played, found)
 
 
@@ -187,19 +185,7 @@ def drawing(seed: int, kind: str) -> Draw:
 
 
 def drawn_effect(kind: str, model: RigModel, size: float, draw: Draw) -> Hidden:
-    """An effect of that kind, or a pair of effects, added to a rig with random place and parameters.
-
-    Parameters
-    ----------
-    kind
-        One of `KINDS`.
-    model
-        The rig without it.
-    size
-        Relative size, 1 is full size.
-    draw
-        Random generator for place and parameters.
-    """
+    """An effect of one of `KINDS`, or a pair of effects, added with random place and parameters; `size` 1 is full size."""
     runs = amplitudes_of(model)
     if kind != "two":
         return hide(kind, model, runs, size, draw)
