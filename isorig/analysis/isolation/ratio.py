@@ -289,15 +289,13 @@ def _peaks(piece: Piece, around: tuple[float, float]) -> Peaks:
     near = np.flatnonzero((f >= around[0]) & (f <= min(around[1], piece.band[1])))
     if len(near) < 3:
         return Peaks(*[float("nan")] * 5)
-    both = (piece.unlocked, piece.locked)
-    u, k = tops = [int(near[np.argmax(np.abs(frf.value[near]))]) for frf in both]
-    (size_u, std_u), (size_k, std_k) = (
-        (float(np.abs(frf.value[top])), float(frf.magnitude_std[top])) for frf, top in zip(both, tops, strict=True)
-    )
+    unlocked, locked = piece.unlocked, piece.locked
+    u, k = (int(near[np.argmax(np.abs(frf.value[near]))]) for frf in (unlocked, locked))
+    size_u, size_k = float(np.abs(unlocked.value[u])), float(np.abs(locked.value[k]))
+    relative = float(np.hypot(unlocked.magnitude_std[u] / size_u, locked.magnitude_std[k] / size_k))
     ratio = size_u / size_k
     return Peaks(
-        unlocked=float(f[u]), locked=float(f[k]), ratio=ratio, std=ratio * float(np.hypot(std_u / size_u, std_k / size_k)),
-        by_line=float(piece.ratio[u]),
+        unlocked=float(f[u]), locked=float(f[k]), ratio=ratio, std=ratio * relative, by_line=float(piece.ratio[u])
     )  # fmt: skip
 
 

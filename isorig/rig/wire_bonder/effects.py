@@ -186,12 +186,9 @@ def drawing(seed: int, kind: str) -> Draw:
 
 def drawn_effect(kind: str, model: RigModel, size: float, draw: Draw) -> Hidden:
     """An effect of one of `KINDS`, or a pair of effects, added with random place and parameters; `size` 1 is full size."""
-    runs = amplitudes_of(model)
-    if kind != "two":
-        return hide(kind, model, runs, size, draw)
-    hidden = Hidden(model=model)
-    for cause in PAIRS[int(draw.integers(len(PAIRS)))]:
-        more = hide(cause, hidden.model, runs, size, draw)
+    runs, hidden = amplitudes_of(model), Hidden(model=model)
+    for each in PAIRS[int(draw.integers(len(PAIRS)))] if kind == "two" else (kind,):
+        more = hide(each, hidden.model, runs, size, draw)
         parameters = {**hidden.parameters, **more.parameters}
         hidden = replace(more, truth=hidden.truth + more.truth, parameters=parameters, known=known_of(model))
     return hidden

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -48,11 +48,11 @@ class Compared:
 
     ratios: dict[str, IsolationRatio]
     stuck: dict[float, float]
-    isolated: dict[str, Isolated] = field(default_factory=dict)
-    offsets: dict[str, PeakOffset] = field(default_factory=dict)
-    offset_refused: str = ""
-    faults: tuple[Fault, ...] = ()
-    swept: tuple[str, ...] = ()
+    isolated: dict[str, Isolated]
+    offsets: dict[str, PeakOffset]
+    offset_refused: str
+    faults: tuple[Fault, ...]
+    swept: tuple[str, ...]
 
     @property
     def measured(self) -> IsolationRatio:
