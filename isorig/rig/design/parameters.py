@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -27,7 +27,6 @@ from isorig.analysis.isolation.optimum import (
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.model.rig_model import RigModel, Usual
-from isorig.analysis.simulate import Excitation
 from isorig.analysis.simulate.free_run import excitation_of
 from isorig.analysis.simulate.move_profile import Move, head_acceleration
 from isorig.rig.errors import PlanError
@@ -167,11 +166,14 @@ def designed_parameters(
     except DataError as error:
         raise PlanError(str(error)) from None
     drawn = [] if parameters is None else _drawn(rig, parameters, {v.parameter for v in plan.vary}, draws, seed)
-    sweeps = {v.parameter: _sweep(found, drawn, v, target, limits, drive, points) for v in plan.vary}
+
+    def tried(rigs: Sequence[RigModel]) -> list[Outcome]:
+        return outcomes(rigs, target, limits, drive)
+
+    sweeps = {v.parameter: _sweep(found, drawn, v, points, tried) for v in plan.vary}
     spread = None
     if drawn:
-        values = [each.value for each in outcomes([with_values(d, found.values) for d in drawn], target, limits, drive)]
-        low, high = np.quantile(values, DRAWN)
+        low, high = np.quantile([each.value for each in tried([with_values(d, found.values) for d in drawn])], DRAWN)
         spread = float(low), float(high)
     return ParameterDesign(rig=rig, target=target, found=found, sweeps=sweeps, spread=spread, run=run)
 
@@ -264,16 +266,14 @@ def _drawn(rig: RigModel, path: Path, varied: set[str], draws: int, seed: int) -
 
 
 def _sweep(
-    found: Optimum, drawn: Sequence[RigModel], varied: Varied, target: Target, limits: Limits, drive: Excitation, points: int
+    found: Optimum, drawn: Sequence[RigModel], varied: Varied, points: int, tried: Callable[[Sequence[RigModel]], list[Outcome]]
 ) -> Sweep:
     values = varied.at(np.linspace(0.0, 1.0, points))
     rigs = [with_values(found.model, {varied.parameter: float(v)}) for v in values]
     # Each drawn rig has the best values of all other varied parameters.
     others = [with_values(d, {**found.values, varied.parameter: float(v)}) for d in drawn for v in values]
-    seen = [each.value for each in outcomes(others, target, limits, drive)]
-    return Sweep(
-        values=values, outcomes=outcomes(rigs, target, limits, drive), draws=np.array(seen).reshape(len(drawn), len(values))
-    )  # fmt: skip
+    draws = np.array([each.value for each in tried(others)]).reshape(len(drawn), len(values))
+    return Sweep(values=values, outcomes=tried(rigs), draws=draws)
 
 
 def parameter_unit(parameter: str, rig: RigModel) -> str:
