@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 
 import numpy as np
@@ -66,14 +66,9 @@ def predicted(model: RigModel, campaign: Campaign, *, origin: datetime | None = 
                 name=sensor.channel, samples=response.channels[sensor.channel], quantity=sensor.quantity,
                 unit=SI_UNIT[sensor.quantity],
             )  # fmt: skip
-        runs.append(
-            Run(
-                id=run.id, configuration=run.configuration, sample_rate=run.sample_rate, gain=run.gain,
-                channels=channels, excitation=run.excitation, started=run.started, band=run.band, period=run.period,
-                use=run.use,
-            )
-        )  # fmt: skip
-    return Campaign(runs=tuple(runs), known=campaign.known, description=campaign.description, source=campaign.source)
+        # What is known of the records, such as gaps and spectra, is not true of simulated ones.
+        runs.append(replace(run, channels=channels, repeat_of=None, gaps=(), usable_to=None, spectra=()))
+    return replace(campaign, runs=tuple(runs))
 
 
 def measured_and_simulated(campaign: Campaign, models: Sequence[Model]) -> dict[str, Campaign]:

@@ -145,12 +145,13 @@ def plot_parameters(found: Characterization, *others: Characterization) -> Figur
     figure = Figure(figsize=(8.0, 1.2 + 0.3 * len(first)), layout="constrained")
     axis = figure.subplots()
     for k, one in enumerate((found, *others)):
-        rows = [(j, one.table[name]) for j, name in enumerate(first) if name in one.table and one.table[name].value]
-        values = np.array([[(entry.value or 0.0), entry.std or 0.0] for _, entry in rows]).reshape(-1, 2)
-        scale = np.array([first[list(first)[j]] for j, _ in rows], dtype=float)
-        places = np.array([j for j, _ in rows]) + 0.15 * k
-        away, width = 100.0 * (values[:, 0] / scale - 1.0), 100.0 * values[:, 1] / np.abs(scale)
-        axis.errorbar(away, places, xerr=width, fmt="o", ms=4, label=f"{k + 1}")
+        shown = [
+            (place, entry.value / value, (entry.std or 0.0) / abs(value))
+            for place, (name, value) in enumerate(first.items())
+            if (entry := one.table.get(name)) is not None and entry.value
+        ]
+        places, ratios, widths = np.array(shown).reshape(-1, 3).T
+        axis.errorbar(100.0 * (ratios - 1.0), places + 0.15 * k, xerr=100.0 * widths, fmt="o", ms=4, label=f"{k + 1}")
     axis.set_yticks(range(len(first)), labels=[name.replace("_", " ") for name in first])
     axis.invert_yaxis()
     axis.set_xlabel("difference from the first value, %")
