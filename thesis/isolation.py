@@ -10,9 +10,10 @@ from matplotlib.figure import Figure
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.isolation.ratio import isolation_ratio, stuck_share
+from isorig.rig.model.prediction import Model
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 from isorig.rig.wire_bonder.figures import isolation_figure
-from isorig.rig.wire_bonder.isolation import Model, compared_isolation
+from isorig.rig.wire_bonder.isolation import compared_isolation
 from isorig.rig.wire_bonder.peak_offset import PeakOffset, loaded_frequencies, peak_offset
 from isorig.rig.wire_bonder.stroke import linear_ratio, rocking
 from thesis.campaign import BANDS, HIGH, LOW, Played, play, take

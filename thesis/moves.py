@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from isorig.rig.wire_bonder.description import wire_bonder
-from isorig.rig.wire_bonder.design_figures import bond_figure, level_figure
+from isorig.rig.wire_bonder.design_files import bond_figure, level_figure
 from isorig.rig.wire_bonder.design_study import BOND, BondPlan
 from isorig.rig.wire_bonder.move_isolation import MoveIsolation, MoveResponse, isolation_by_level, level_for, move_within, on_move
 from isorig.rig.wire_bonder.stroke import frictionless

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import inspect
-
 import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.simulate.move_profile import Move
+from isorig.rig.virtual.levels import MOVE_RATE
 from isorig.rig.wire_bonder.description import THESIS
-from isorig.rig.wire_bonder.design_figures import history_figure, offset_figure, stroke_figure
-from isorig.rig.wire_bonder.design_study import RATE, Designed, DesignPlan, HeadPlan, designed, rigs_of
+from isorig.rig.wire_bonder.design_files import history_figure, offset_figure, stroke_figure
+from isorig.rig.wire_bonder.design_study import Designed, DesignPlan, HeadPlan, designed, with_head
 from isorig.rig.wire_bonder.figures import isolation_figure
 from isorig.rig.wire_bonder.flexure import SPRING_STEEL, thinnest
 from isorig.rig.wire_bonder.parameters import OF_THESIS
-from isorig.rig.wire_bonder.stroke import frictionless, rocking, stroke_study
+from isorig.rig.wire_bonder.stroke import DAMPING_RATIO, HEIGHT, RADIUS, frictionless, stroke_study
 from thesis.published_values import above, printed
 from thesis.step import Step, judged, plain
 
@@ -39,15 +38,16 @@ def lowest(points: int, *, mass: float = 6.5, repeat: int = 10, after: bool = Fa
     """Lowest frequency inside the limit without friction for another head (kg) and number of moves, Hz."""
     moves = (msgspec.structs.replace(PLAN.moves[0], repeat=repeat),)
     plan = msgspec.structs.replace(PLAN, head=HeadPlan(mass=mass), moves=moves, after=after)
-    rigs = [frictionless(rig) for rig in rigs_of(OF_THESIS, plan, draws=0, seed=0)]
+    rigs = [frictionless(with_head(OF_THESIS, plan).model)]
     grid = np.geomspace(*plan.frequencies, points)
-    return stroke_study(rigs, grid, plan.drive(), RATE, limit=plan.limit).lowest
+    return stroke_study(rigs, grid, plan.drive(), MOVE_RATE, limit=plan.limit).lowest
 
 
 def strokes(*, points: int = 100, draws: int = 50) -> Step:
     """The worst case and its dependence on the assumptions."""
-    rigs = rigs_of(OF_THESIS, PLAN, draws=draws, seed=0)
-    found: Designed = designed(PLAN, rigs, points=points, offsets=OFFSETS, rocking_frequency=ROCKING)
+    found = designed(
+        PLAN, with_head(OF_THESIS, PLAN), draws=draws, points=points, offsets=OFFSETS, rocking_frequency=ROCKING
+    )  # fmt: skip
     free, rough = found.studies["without friction"], found.studies["with friction"]
     middle = {name: _median(r.frequency, r.ratio) for name, r in found.ratios.items()}
     present, soft = next(iter(middle.values())), list(middle.values())[-1]
@@ -131,13 +131,12 @@ def _flexures() -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
 
 
 def _text() -> list[str]:
-    given = {name: p.default for name, p in inspect.signature(rocking).parameters.items()}
     soft = thinnest(THESIS["motor_mass"], SOFT, PLAN.limit, width=WIDTHS[0])
     return [
         "**Assumed:** the head's mass and the number of moves; the damping ratio is that at 5.06 Hz "
         f"({THESIS['motor_damping']:g}). The drive off the centre of gravity: rocking at {ROCKING:g} Hz with a damping ratio of "
-        f"{given['damping_ratio']:g}, a radius of gyration of {1e3 * given['radius']:g} mm, springs and bearings "
-        f"{1e3 * given['bearing_height']:g} mm from the centre of gravity.",
+        f"{DAMPING_RATIO:g}, a radius of gyration of {1e3 * RADIUS:g} mm, springs and bearings {1e3 * HEIGHT:g} mm from the "
+        "centre of gravity.",
         "**End of the moves.** Continuing moves load the spring with a constant mean force; above seven, their number no longer "
         "matters. The last move removes this force, and depending on the phase, the oscillation afterwards can be larger. "
         "`rig design` includes it unless the profile has `after = false`.",

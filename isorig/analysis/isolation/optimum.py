@@ -116,27 +116,27 @@ class Optimum:
 
 def value_of(model: RigModel, parameter: str) -> float:
     """The present value of a varied parameter."""
-    link, is_frequency = _frequency_of(parameter)
-    if not is_frequency:
-        return model.get(parameter)
-    part = model.link(link)
-    return float(np.sqrt(part.stiffness / model.body(part.a).mass) / (2.0 * np.pi))
+    link = _link_of(parameter)
+    return model.get(parameter) if link is None else uncoupled_frequency(model, link)
 
 
 def with_values(model: RigModel, values: Mapping[str, float]) -> RigModel:
     """The rig with other values of varied parameters; masses first, because a frequency refers to its body's mass."""
-    frequencies = {name: value for name, value in values.items() if _frequency_of(name)[1]}
-    plain = {name: value for name, value in values.items() if name not in frequencies}
+    frequencies = {link: value for name, value in values.items() if (link := _link_of(name)) is not None}
+    plain = {name: value for name, value in values.items() if _link_of(name) is None}
     model = model.replace({name: value for name, value in plain.items() if name.startswith("bodies.")})
     free = model.free
-    for name, value in frequencies.items():
-        model = isolated(model, value, link=_frequency_of(name)[0])
+    for link, value in frequencies.items():
+        model = isolated(model, value, link=link)
     return msgspec.structs.replace(model, free=free).replace(plain)
 
 
-def _frequency_of(parameter: str) -> tuple[str, bool]:
-    way = parameter.split(".")
-    return (way[1], True) if len(way) == 3 and way[0] == "links" and way[2] == FREQUENCY else ("", False)
+def _link_of(parameter: str) -> str | None:
+    # The link whose frequency varies; None if another parameter does.
+    match parameter.split("."):
+        case "links", link, last if last == FREQUENCY:
+            return link
+    return None
 
 
 def outcome(model: RigModel, target: Target, limits: Limits, drive: Excitation) -> Outcome:
@@ -263,6 +263,12 @@ def optimum(
         at_bound=tuple(v.parameter for v, s in zip(varied, share, strict=True) if min(s, 1.0 - s) < AT_BOUND),
         designs=len(shares) + int(refined.nfev),
     )  # fmt: skip
+
+
+def uncoupled_frequency(model: RigModel, link: str) -> float:
+    """Natural frequency sqrt(k / m) / 2 pi of a link's body `a` alone, Hz."""
+    part = model.link(link)
+    return float(np.sqrt(part.stiffness / model.body(part.a).mass) / (2.0 * np.pi))
 
 
 def isolated(model: RigModel, frequency: float, *, link: str = "isolation") -> RigModel:

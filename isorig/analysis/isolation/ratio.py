@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from isorig.analysis.campaign import Campaign, FloatArray, Run, broad
 from isorig.analysis.errors import DataError
+from isorig.analysis.isolation.optimum import uncoupled_frequency
 from isorig.analysis.model.rig_model import RigModel, Sensor
 from isorig.analysis.simulate import simulate
 from isorig.analysis.simulate.free_run import excitation_of
@@ -176,12 +177,12 @@ def isolation_ratio(
         if not last:
             stitches.append(high)
         low = max(low, high)
-    kept = source >= 0
-    rows = np.arange(len(frequency))[kept], source[kept]
-    ratios, stds = np.stack([p.ratio for p in pieces]), np.stack([p.std for p in pieces])
+    kept = np.flatnonzero(source >= 0)
+    piece_of = source[kept]
     return IsolationRatio(
-        frequency=frequency[kept], ratio=ratios[rows[1], rows[0]], std=stds[rows[1], rows[0]],
-        gain=np.array([p.gain for p in pieces])[rows[1]], pieces=pieces, stitches=tuple(stitches),
+        frequency=frequency[kept], ratio=np.stack([p.ratio for p in pieces])[piece_of, kept],
+        std=np.stack([p.std for p in pieces])[piece_of, kept], gain=np.array([p.gain for p in pieces])[piece_of],
+        pieces=pieces, stitches=tuple(stitches),
         steps=tuple(_step(a, b, at) for a, b, at in zip(pieces, pieces[1:], stitches, strict=False)),
         peaks=_peaks(pieces[-1], around_peak),
     )  # fmt: skip
@@ -211,23 +212,15 @@ def isolated_share(found: IsolationRatio, above: float) -> Isolated:
             f"gain {piece.gain:g} covers frequencies up to {piece.band[1]:g} Hz, below the {above:.3g} Hz above which the "
             "isolation is effective; extend its band"
         )
-    squares, spreads = [], []
-    for frf in (piece.unlocked, piece.locked):
-        size = np.abs(frf.value[kept])
-        squares.append(float((size**2).sum()))
-        spreads.append(TIED * float(((2.0 * size * frf.magnitude_std[kept]) ** 2).sum()) / squares[-1] ** 2)
-    passed = float(np.sqrt(squares[0] / squares[1]))
-    band = (float(f[kept][0]), float(f[kept][-1]))
-    return Isolated(share=1.0 - passed, std=0.5 * passed * float(np.sqrt(sum(spreads))), band=band, gain=piece.gain)
+    unlocked, locked = ((np.abs(frf.value[kept]), frf.magnitude_std[kept]) for frf in (piece.unlocked, piece.locked))
+    passed, std = rms_ratio(*unlocked, *locked)
+    return Isolated(share=1.0 - passed, std=std, band=(float(f[kept][0]), float(f[kept][-1])), gain=piece.gain)
 
 
 def isolation_frequency(model: RigModel) -> float:
     """Natural frequency of the link that can be locked, sqrt(k / m) / 2 pi, Hz; 0 if nothing can be locked."""
     locked = model.configurations.get("locked")
-    if locked is None or not locked.rigid:
-        return 0.0
-    link = model.link(locked.rigid[0])
-    return float(np.sqrt(link.stiffness / model.body(link.a).mass) / (2.0 * np.pi))
+    return 0.0 if locked is None or not locked.rigid else uncoupled_frequency(model, locked.rigid[0])
 
 
 def magnitude_ratio(upper: Frf, lower: Frf) -> tuple[FloatArray, FloatArray]:
@@ -236,6 +229,16 @@ def magnitude_ratio(upper: Frf, lower: Frf) -> tuple[FloatArray, FloatArray]:
     size_u, size_l = np.abs(upper.value), np.maximum(np.abs(lower.value), tiny)
     ratio = size_u / size_l
     return ratio, ratio * np.hypot(upper.magnitude_std / np.maximum(size_u, tiny), lower.magnitude_std / size_l)
+
+
+def rms_ratio(upper: FloatArray, upper_std: FloatArray, lower: FloatArray, lower_std: FloatArray) -> tuple[float, float]:
+    """rms of a magnitude over frequency bins divided by that of another, and its standard deviation by first-order propagation.
+
+    All have the shape (bins,).
+    """
+    ratio = float(np.sqrt((upper**2).sum() / (lower**2).sum()))
+    parts = [np.sqrt(TIED * ((x * s) ** 2).sum()) / (x**2).sum() for x, s in ((upper, upper_std), (lower, lower_std))]
+    return ratio, ratio * float(np.hypot(*parts))
 
 
 def _pieces(
@@ -286,15 +289,13 @@ def _peaks(piece: Piece, around: tuple[float, float]) -> Peaks:
     near = np.flatnonzero((f >= around[0]) & (f <= min(around[1], piece.band[1])))
     if len(near) < 3:
         return Peaks(*[float("nan")] * 5)
-    both = (piece.unlocked, piece.locked)
-    u, k = tops = [int(near[np.argmax(np.abs(frf.value[near]))]) for frf in both]
-    (size_u, std_u), (size_k, std_k) = (
-        (float(np.abs(frf.value[top])), float(frf.magnitude_std[top])) for frf, top in zip(both, tops, strict=True)
-    )
+    unlocked, locked = piece.unlocked, piece.locked
+    u, k = (int(near[np.argmax(np.abs(frf.value[near]))]) for frf in (unlocked, locked))
+    size_u, size_k = float(np.abs(unlocked.value[u])), float(np.abs(locked.value[k]))
+    relative = float(np.hypot(unlocked.magnitude_std[u] / size_u, locked.magnitude_std[k] / size_k))
     ratio = size_u / size_k
     return Peaks(
-        unlocked=float(f[u]), locked=float(f[k]), ratio=ratio, std=ratio * float(np.hypot(std_u / size_u, std_k / size_k)),
-        by_line=float(piece.ratio[u]),
+        unlocked=float(f[u]), locked=float(f[k]), ratio=ratio, std=ratio * relative, by_line=float(piece.ratio[u])
     )  # fmt: skip
 
 

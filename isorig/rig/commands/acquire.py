@@ -6,9 +6,9 @@ import sys
 from contextlib import nullcontext, suppress
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-from cyclopts import Parameter
+from isorig.rig.options import Output
 
 if TYPE_CHECKING:
     from isorig.rig.acquire.equations import EquationsReport
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def acquire(
     plan: Path,
     *,
-    output: Annotated[Path, Parameter(name=["-o", "--output"])],
+    output: Output,
     port: str | None = None,
     resume: bool = False,
     again: tuple[str, ...] = (),

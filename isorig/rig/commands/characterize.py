@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-from cyclopts import Parameter
+from isorig.rig.options import Output
 
 
-def characterize(
-    campaign: Path, *, output: Annotated[Path, Parameter(name=["-o", "--output"])], model: str | None = None
-) -> None:
+def characterize(campaign: Path, *, output: Output, model: str | None = None) -> None:
     """Fit a rig's free parameters to all runs, and write the parameter table with standard uncertainties.
 
     For the wire bonder these are masses, frequencies, damping ratios and friction, and the values from the thesis's method for

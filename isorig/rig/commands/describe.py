@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated
-
-from cyclopts import Parameter
+from isorig.rig.options import Flag, Output
 
 
 def describe(
     rig: str | None = None,
     *,
-    output: Annotated[Path | None, Parameter(name=["-o", "--output"])] = None,
-    new: Annotated[bool, Parameter(negative=())] = False,
+    output: Output | None = None,
+    new: Flag = False,
     sensors: bool = True,
 ) -> None:
     """Show a rig's description: bodies, springs, contacts, drive and sensors, what is known, and what its sensors determine.

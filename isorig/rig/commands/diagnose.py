@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING
 
-from cyclopts import Parameter
+from isorig.rig.options import Baseline, Output
 
 if TYPE_CHECKING:
     from isorig.rig.diagnose.many import CampaignOutcome
@@ -18,8 +18,8 @@ LIMIT = 300.0
 
 def diagnose(
     *campaigns: Path,
-    output: Annotated[Path, Parameter(name=["-o", "--output"])],
-    baseline: Literal["coulomb", "linear"] = "coulomb",
+    output: Output,
+    baseline: Baseline = "coulomb",
     tolerance: float = 0.0,
     seconds: float = LIMIT,
     scheduler: str | None = None,

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
-from cyclopts import Parameter
+from isorig.rig.options import Flag, Output
 
 
 def export(
     source: Path,
     *,
-    output: Annotated[Path, Parameter(name=["-o", "--output"])],
+    output: Output,
     what: Literal["samples", "frf"] = "samples",
     run: tuple[str, ...] = (),
     reference: str | None = None,
     resolution: float = 0.25,
-    text: Annotated[bool, Parameter(negative=())] = False,
+    text: Flag = False,
 ) -> None:
     """Export a recording's samples or transfer functions, or a parameter table, in the format given by the output's extension.
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
+
+from isorig.rig.options import Baseline, Output
 
 if TYPE_CHECKING:
     from isorig.rig.fleet.catalogue import StoredAnswer
@@ -13,7 +15,6 @@ if TYPE_CHECKING:
 fleet = App(name="fleet", help="Diagnoses every recording of many rigs once, tracks every parameter, dates each change.")
 
 Where = Annotated[Path, Parameter(name=["-c", "--catalogue"])]
-Baseline = Literal["coulomb", "linear"]
 HERE = Path("fleet")
 
 
@@ -228,7 +229,7 @@ def watch(
 @fleet.command
 def report(
     *,
-    output: Annotated[Path, Parameter(name=["-o", "--output"])],
+    output: Output,
     catalogue: Where = HERE,
     baseline: Baseline = "coulomb",
     false_alarms: float | None = None,

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from math import log10
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-from cyclopts import Parameter
+from isorig.rig.options import Output
 
 if TYPE_CHECKING:
     from isorig.analysis.campaign import Campaign
@@ -29,7 +29,7 @@ AS_THEY_ARE = "These are transfer functions of another program, written as they 
 def frf(
     campaign: Path,
     *others: Path,
-    output: Annotated[Path, Parameter(name=["-o", "--output"])],
+    output: Output,
     reference: tuple[str, ...] = (),
     response: tuple[str, ...] = (),
     resolution: float = 0.25,
@@ -239,37 +239,28 @@ def _write_tables(found: Sequence[Transfer], wrong: Sequence[str], remarks: Sequ
     rows = [about(item) for item in found]
     content = {"format": "rig-frf", "format_version": 1, "transfer_functions": rows, "faults": [*wrong], "remarks": [*remarks]}
     write_json(output / "frf.json", content)
-    several, set_up = len({item.frf.reference for item in found}) > 1, not all(item.alone for item in found)
-    levels = any(item.level for item in found)
-    show_table(
-        f"{name}: {found[0].frf.estimator} at {found[0].frf.resolution:g} Hz",
-        (
-            "response over reference" if several else "response",
-            *(["set-up"] if set_up else []),
-            "gain",
-            *(["rms of drive"] if levels else []),
-            "avg",
-            "band, Hz",
-            "peak, Hz",
-            "magnitude (95 %)",
-            "coh.",
-        ),
-        [_row(row, several, set_up, levels) for row in rows],
-    )
+    several = len({item.frf.reference for item in found}) > 1
+    hidden = {
+        "response": several, "response over reference": not several, "set-up": all(item.alone for item in found),
+        "rms of drive": not any(item.level for item in found),
+    }  # fmt: skip
+    shown = [{name: cell for name, cell in _row(row).items() if not hidden.get(name)} for row in rows]
+    title = f"{name}: {found[0].frf.estimator} at {found[0].frf.resolution:g} Hz"
+    show_table(title, list(shown[0]), [list(row.values()) for row in shown])
     hammers = dict.fromkeys(text for row in rows if "hammer" in row for text in row["hammer"]["text"])
     for sentence in [*wrong, *hammers, *(row["periods"]["text"] for row in rows if "periods" in row), *remarks]:
         print(sentence)
 
 
-def _row(result: dict[str, Any], several: bool, set_up: bool, levels: bool) -> list[str]:
+def _row(result: dict[str, Any]) -> dict[str, str]:
     band, peak = result["band_hz"], result["peak"]
-    averages = "–" if result["averages"] is None else f"{result['averages']:.0f}"
-    return [
-        f"{result['response']} / {result['reference']}" if several else result["response"],
-        *([result["configuration"]] if set_up else []),
-        f"{result['gain']:g}", *([result["level"] or "–"] if levels else []), averages, f"{band[0]:.3g}–{band[1]:.3g}",
-        f"{peak['frequency_hz']:.2f}", f"{_magnitude(peak)}{_per(result['units'])}", f"{result['median_coherence']:.3f}",
-    ]  # fmt: skip
+    return {
+        "response": result["response"], "response over reference": f"{result['response']} / {result['reference']}",
+        "set-up": result["configuration"], "gain": f"{result['gain']:g}", "rms of drive": result["level"] or "–",
+        "avg": "–" if result["averages"] is None else f"{result['averages']:.0f}", "band, Hz": f"{band[0]:.3g}–{band[1]:.3g}",
+        "peak, Hz": f"{peak['frequency_hz']:.2f}", "magnitude (95 %)": f"{_magnitude(peak)}{_per(result['units'])}",
+        "coh.": f"{result['median_coherence']:.3f}",
+    }  # fmt: skip
 
 
 def _per(units: Sequence[str]) -> str:

@@ -8,15 +8,16 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from isorig.rig.exchange.formats import FORMATS
+from isorig.rig.options import Flag, Output
 
 
 def import_(
     files: Annotated[list[Path], Parameter(negative=())],
     /,
     *,
-    output: Annotated[Path, Parameter(name=["-o", "--output"])],
+    output: Output,
     data: Path | None = None,
-    draft: Annotated[bool, Parameter(negative=())] = False,
+    draft: Flag = False,
 ) -> None:
     """Import files of other programs according to a mapping, as one recording.
 

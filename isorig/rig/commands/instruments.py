@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-from cyclopts import Parameter
+from isorig.rig.options import Flag, Output
 
 if TYPE_CHECKING:
     from isorig.drivers.connected import Connected
@@ -14,12 +13,12 @@ if TYPE_CHECKING:
 
 def instruments(
     *,
-    draft: Annotated[bool, Parameter(negative=())] = False,
-    output: Annotated[Path | None, Parameter(name=["-o", "--output"])] = None,
+    draft: Flag = False,
+    output: Output | None = None,
     kind: str | None = None,
     port: str | None = None,
-    ask: Annotated[bool, Parameter(negative=())] = False,
-    json: Annotated[bool, Parameter(negative=())] = False,
+    ask: Flag = False,
+    json: Flag = False,
 ) -> None:
     """List what is connected to this computer, and the kind of instrument that would serve each.
 

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
 
-from cyclopts import Parameter
+from isorig.rig.options import Baseline, Output
 
 
 def investigate(
     plan: Path,
     *,
-    output: Annotated[Path, Parameter(name=["-o", "--output"])],
+    output: Output,
     port: str | None = None,
     limits: Path | None = None,
-    baseline: Literal["coulomb", "linear"] = "coulomb",
+    baseline: Baseline = "coulomb",
     tolerance: float = 0.0,
     runs: int = 12,
     seconds: float = 300.0,

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
 
-from cyclopts import Parameter
+from isorig.rig.options import Method, Output
 
 
 def isolation(
     campaign: Path,
     *,
-    output: Annotated[Path, Parameter(name=["-o", "--output"])],
+    output: Output,
     model: Path | None = None,
     parameters: Path | None = None,
-    method: Literal["joint", "half-power"] | None = None,
+    method: Method | None = None,
     stitch: float = 15.0,
     resolution: float = 0.25,
     reference: str | None = None,
@@ -56,56 +55,21 @@ def isolation(
     configurations
         Numerator and denominator; by default the first two measured ones of the description.
     """
-    import numpy as np
-
-    from isorig.analysis.isolation.ratio import friction_bound
     from isorig.analysis.parameters.joint_fit import is_wire_bonder
-    from isorig.rig.files.output import write_csv, write_json
     from isorig.rig.files.recording import read
     from isorig.rig.files.rigfile import rig_of
-    from isorig.rig.frf.figures import save
     from isorig.rig.isolation.transmissibility import transmissibility, write_transmissibility
-    from isorig.rig.wire_bonder.figures import isolation_figure
-    from isorig.rig.wire_bonder.isolation import (
-        about_isolated,
-        about_offset,
-        about_peaks,
-        compared_isolation,
-        given_models,
-        isolation_sentences,
-    )
+    from isorig.rig.wire_bonder.isolation import compared_isolation, given_models, write_isolation
 
     measured = read(campaign)
     models, notes = given_models(model, parameters, method)
-    if not is_wire_bonder(rig_of(measured)) or reference or response or configurations:
+    if is_wire_bonder(rig_of(measured)) and not (reference or response or configurations):
+        sentences = write_isolation(output, compared_isolation(measured, models, stitch=stitch, resolution=resolution), notes)
+    else:
         compared = transmissibility(
             measured, models, reference=reference, response=response, configurations=configurations, resolution=resolution
-        )  # fmt: skip
-        for sentence in [*notes, *write_transmissibility(output, compared)]:
-            print(sentence)
-        print(output)
-        return
-    found = compared_isolation(measured, models, stitch=stitch, resolution=resolution)
-    columns = {"frequency_hz": found.measured.frequency, "gain": found.measured.gain}
-    for name, ratio in found.ratios.items():
-        plain = name.replace(" ", "_").replace("-", "_")
-        columns |= {f"ratio_{plain}": ratio.ratio, f"ratio_{plain}_std": ratio.std}
-    if found.stuck:
-        columns["friction_bound"] = friction_bound(found.measured, found.stuck).astype(np.float64)
-    write_csv(output / "isolation.csv", columns)
-    save(isolation_figure(found.ratios, found.stuck), output / "isolation.png")
-    sentences = [*notes, *isolation_sentences(found)]
-    write_json(
-        output / "isolation.json",
-        {
-            "format": "rig-isolation", "format_version": 1, "stitches_hz": found.measured.stitches,
-            "steps": [{"ratio": s, "std": d} for s, d in found.measured.steps],
-            "stuck_share": {f"{gain:g}": share for gain, share in found.stuck.items()},
-            "isolated": {name: about_isolated(share) for name, share in found.isolated.items()},
-            "peaks": {name: about_peaks(ratio.peaks) for name, ratio in found.ratios.items()},
-            "peak_offset": {name: about_offset(offset) for name, offset in found.offsets.items()}, "text": sentences,
-        },
-    )  # fmt: skip
+        )
+        sentences = [*notes, *write_transmissibility(output, compared)]
     for sentence in sentences:
         print(sentence)
     print(output)

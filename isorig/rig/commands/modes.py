@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from math import isclose
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-from cyclopts import Parameter
+from isorig.rig.options import Output
 
 if TYPE_CHECKING:
-    from isorig.analysis.spectra.modal import ModeShape
+    from isorig.analysis.spectra.modal import ModalModel
+    from isorig.analysis.spectra.operating import OperatingModes
 
 
 def modes(
     campaign: Path,
     *,
     band: tuple[float, float],
-    output: Annotated[Path, Parameter(name=["-o", "--output"])],
+    output: Output,
     configuration: str | None = None,
     gain: float | None = None,
     reference: tuple[str, ...] = (),
@@ -58,7 +59,6 @@ def modes(
     """
     from isorig.analysis.errors import DataError
     from isorig.analysis.spectra.modal import modal_analysis
-    from isorig.rig.files.output import write_text
     from isorig.rig.files.recording import open_recording
     from isorig.rig.files.rigfile import references_of
     from isorig.rig.frf.transfer import Transfer, transfer_functions
@@ -91,11 +91,8 @@ def modes(
         "responses": list(model.responses), "references": list(model.references), "misfit": model.misfit,
         "warnings": list(model.warnings),
     }  # fmt: skip
-    _write(output, content, model.modes, model.responses)
-    page = modes_page(model, f"{campaign.name}, {chosen[0].label}", chosen[0].units, ())
-    write_text(output / "modes.html", page)
-    _show(f"{campaign.name}, {chosen[0].label}", model.modes, model.responses, model.warnings)
-    print(output / "modes.html")
+    title = f"{campaign.name}, {chosen[0].label}"
+    _write(output, content, model, title, modes_page(model, title, chosen[0].units, ()))
 
 
 def _operating(
@@ -107,7 +104,6 @@ def _operating(
     from isorig.analysis.campaign import SI_UNIT
     from isorig.analysis.errors import DataError
     from isorig.analysis.spectra.operating import operating_modes
-    from isorig.rig.files.output import write_text
     from isorig.rig.files.recording import open_recording
     from isorig.rig.files.rigfile import references_of
     from isorig.rig.report.modes import operating_page
@@ -127,55 +123,41 @@ def _operating(
         alike = [name for name in names if response or run.channel(name).quantity == run.channel(names[0]).quantity]
         records = np.stack([run.read(name) for name in alike])
         unit = SI_UNIT[run.channel(alike[0]).quantity]
-        rate, label = run.sample_rate, f"run {run.id}"
-    found = operating_modes(records, rate, band, responses=alike, resolution=resolution, count=count)
+    found = operating_modes(records, run.sample_rate, band, responses=alike, resolution=resolution, count=count)
     content = {
         "format": "rig-operating-modes", "format_version": 1, "campaign": campaign.name, "run": run.id, "band_hz": list(band),
         "responses": list(found.responses), "warnings": list(found.warnings),
     }  # fmt: skip
-    own = [{"envelope_variation": mode.variation} for mode in found.modes]
-    _write(output, content, found.modes, found.responses, own)
-    write_text(output / "modes.html", operating_page(found, f"{campaign.name}, {label}", unit, ()))
-    _show(f"{campaign.name}, {label}, in operation", found.modes, found.responses, found.warnings)
-    print(output / "modes.html")
+    title = f"{campaign.name}, run {run.id}"
+    _write(output, content, found, f"{title}, in operation", operating_page(found, title, unit, ()))
 
 
-def _write(
-    output: Path, content: Mapping[str, Any], modes: Sequence[ModeShape], responses: Sequence[str],
-    own: Sequence[Mapping[str, float]] = (),
-) -> None:  # fmt: skip
-    # modes.json and modes.csv, with further values of each mode's `own`.
+def _write(output: Path, content: Mapping[str, Any], found: ModalModel | OperatingModes, title: str, page: str) -> None:
+    # modes.json, modes.csv and modes.html; the table on the terminal.
     import numpy as np
 
-    from isorig.rig.files.output import write_csv, write_json
+    from isorig.analysis.wording import sized
+    from isorig.rig.files.output import write_csv, write_json, write_text
+    from isorig.rig.process.terminal import show_table
 
-    numbers = [
-        {
+    numbers, shapes, shown = [], [], []
+    for mode in found.modes:
+        numbers.append({
             "frequency_hz": mode.frequency, "frequency_std": mode.frequency_std, "damping": mode.damping,
-            "damping_std": mode.damping_std, "collinearity": mode.collinearity, **(own[k] if own else {}),
-        }
-        for k, mode in enumerate(modes)
-    ]  # fmt: skip
-    shapes = [{name: [part.real, part.imag] for name, part in zip(responses, mode.shape.tolist(), strict=True)} for mode in modes]
+            "damping_std": mode.damping_std, "collinearity": mode.collinearity,
+        })  # fmt: skip
+        if hasattr(mode, "variation"):
+            numbers[-1]["envelope_variation"] = mode.variation
+        parts = dict(zip(found.responses, mode.shape.tolist(), strict=True))
+        shapes.append({name: [part.real, part.imag] for name, part in parts.items()})
+        frequency = sized(mode.frequency, "Hz", mode.frequency_std).removesuffix(" Hz")
+        shape = ", ".join(f"{name} {part.real:+.2f}" for name, part in parts.items())
+        shown.append((frequency, sized(mode.damping, "1", mode.damping_std), shape))
     rows = [{**values, "shape": shape} for values, shape in zip(numbers, shapes, strict=True)]
     write_json(output / "modes.json", {**content, "modes": rows})
     write_csv(output / "modes.csv", {key: np.array([row[key] for row in numbers]) for key in numbers[0]})
-
-
-def _show(title: str, modes: Sequence[ModeShape], responses: Sequence[str], warnings: Sequence[str]) -> None:
-    from isorig.analysis.wording import sized
-    from isorig.rig.process.terminal import show_table
-
-    show_table(
-        title,
-        ("Hz", "damping ratio", "shape"),
-        [
-            (
-                sized(mode.frequency, "Hz", mode.frequency_std).removesuffix(" Hz"), sized(mode.damping, "1", mode.damping_std),
-                ", ".join(f"{name} {part:+.2f}" for name, part in zip(responses, mode.shape.real, strict=True)),
-            )
-            for mode in modes
-        ],
-    )  # fmt: skip
-    for warning in warnings:
+    write_text(output / "modes.html", page)
+    show_table(title, ("Hz", "damping ratio", "shape"), shown)
+    for warning in found.warnings:
         print(warning)
+    print(output / "modes.html")

@@ -7,10 +7,12 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from isorig.rig.options import Output
+
 
 def next_(
     *diagnoses: Path,
-    output: Annotated[Path, Parameter(name=["-o", "--output"])],
+    output: Output,
     limits: Path | None = None,
     plan: Path | None = None,
     seconds: float = 60.0,

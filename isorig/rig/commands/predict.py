@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
+from isorig.rig.options import Output
 
 
 def predict(
     model: Path,
     runs: Path,
     *,
-    output: Annotated[Path, Parameter(name=["-o", "--output"])],
+    output: Output,
     as_recorded: bool = False,
 ) -> None:
     """Predict the responses of a model to the drive of a recording.

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
+from isorig.rig.options import Output
 
 
-def recover(working: Path, *, output: Annotated[Path, Parameter(name=["-o", "--output"])]) -> None:
+def recover(working: Path, *, output: Output) -> None:
     """Make a recording of the working file left by an interrupted session, and report what was saved and lost.
 
     Example: rig recover campaign.h5.partial -o recovered.h5

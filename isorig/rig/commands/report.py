@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
+from isorig.rig.options import Output
 
 
-def report(
-    campaign: Path, *, output: Annotated[Path, Parameter(name=["-o", "--output"])], history: tuple[Path, ...] = ()
-) -> None:
+def report(campaign: Path, *, output: Output, history: tuple[Path, ...] = ()) -> None:
     """Write one page about a recording, for readers who were not present.
 
     It has the runs, transfer functions with coherence, parameters, measured and simulated records, for the wire bonder the

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
-from cyclopts import Parameter
+from isorig.rig.options import Method, Output
 
 
 def simulate(
     *,
-    output: Annotated[Path, Parameter(name=["-o", "--output"])],
+    output: Output,
     model: str | None = None,
     parameters: Path | None = None,
-    method: Literal["joint", "half-power"] = "joint",
+    method: Method = "joint",
     drive: Path | None = None,
     excitation: Literal["random", "multisine", "sweep", "half-sine", "hits", "moves", "free"] | None = None,
     configuration: str | None = None,

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
-from cyclopts import App, Parameter
+from cyclopts import App
+
+from isorig.rig.options import Output
 
 virtual = App(name="virtual", help="A virtual rig, as a recording or as a simulated instrument.")
 
@@ -14,7 +16,7 @@ virtual = App(name="virtual", help="A virtual rig, as a recording or as a simula
 @virtual.command
 def campaign(
     *,
-    output: Annotated[Path, Parameter(name=["-o", "--output"])],
+    output: Output,
     model: str | None = None,
     seed: int = 0,
     noise: float = 1e-3,
@@ -53,21 +55,20 @@ def campaign(
     from isorig.analysis.parameters.joint_fit import is_wire_bonder
     from isorig.rig.errors import PlanError
     from isorig.rig.files.recording import write
-    from isorig.rig.files.rigfile import GivenRig, read_rig
+    from isorig.rig.files.rigfile import read_rig
     from isorig.rig.virtual.described import described_campaign
-    from isorig.rig.wire_bonder.description import wire_bonder
     from isorig.rig.wire_bonder.effects import hidden_in, played
     from isorig.rig.wire_bonder.session import LATER, SESSION
 
-    given = GivenRig(model=wire_bonder()) if model is None else read_rig(model)
-    rig = given.model
-    if not is_wire_bonder(rig):
-        if hide is not None or session != "first":
-            raise PlanError(f"--hide and --session are available for the wire bonder only; omit them for {rig.name}")
-        write(output, described_campaign(given, seed=seed, noise=noise, seconds=seconds))
-        print(output)
-        return
-    write(output, played(hidden_in(rig, hide, size, seed), SESSION if session == "first" else LATER, seed, noise))
+    given = read_rig(model or "wire-bonder")
+    if is_wire_bonder(given.model):
+        takes = SESSION if session == "first" else LATER
+        simulated = played(hidden_in(given.model, hide, size, seed), takes, seed, noise)
+    elif hide is not None or session != "first":
+        raise PlanError(f"--hide and --session are available for the wire bonder only; omit them for {given.model.name}")
+    else:
+        simulated = described_campaign(given, seed=seed, noise=noise, seconds=seconds)
+    write(output, simulated)
     print(output)
 
 

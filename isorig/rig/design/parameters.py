@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import msgspec
 import numpy as np
-from matplotlib.figure import Figure
 
 from isorig.analysis.campaign import BROAD, SI_UNIT, Campaign, FloatArray, Run
 from isorig.analysis.errors import DataError, ModelError
@@ -28,7 +27,6 @@ from isorig.analysis.isolation.optimum import (
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.model.rig_model import RigModel, Usual
-from isorig.analysis.simulate import Excitation
 from isorig.analysis.simulate.free_run import excitation_of
 from isorig.analysis.simulate.move_profile import Move, head_acceleration
 from isorig.rig.errors import PlanError
@@ -37,13 +35,11 @@ from isorig.rig.files.parameter_table import read_parameters
 from isorig.rig.files.rigfile import GivenRig
 from isorig.rig.files.rigtext import description_text
 from isorig.rig.files.tomlfile import read_toml
-from isorig.rig.frf.figures import ratio_figure, save
+from isorig.rig.frf.figures import Figure, gridded, ratio_figure, save
 from isorig.rig.isolation.transmissibility import transmissibility
-from isorig.rig.model.prediction import predicted
-from isorig.rig.virtual.levels import BEGIN
+from isorig.rig.model.prediction import Model, predicted
+from isorig.rig.virtual.levels import BEGIN, MOVE_RATE
 from isorig.rig.virtual.simulated_recording import synthetic_drive, usual_run
-from isorig.rig.wire_bonder.design_study import RATE
-from isorig.rig.wire_bonder.isolation import Model
 
 #: Quantiles of the drawn parameter sets that are shown.
 DRAWN = (0.05, 0.95)
@@ -103,7 +99,6 @@ class ParameterDesign:
 
     rig: RigModel
     target: Target
-    limits: Limits
     found: Optimum
     sweeps: Mapping[str, Sweep]
     spread: tuple[float, float] | None
@@ -171,13 +166,16 @@ def designed_parameters(
     except DataError as error:
         raise PlanError(str(error)) from None
     drawn = [] if parameters is None else _drawn(rig, parameters, {v.parameter for v in plan.vary}, draws, seed)
-    sweeps = {v.parameter: _sweep(found, drawn, v, target, limits, drive, points) for v in plan.vary}
+
+    def tried(rigs: Sequence[RigModel]) -> list[Outcome]:
+        return outcomes(rigs, target, limits, drive)
+
+    sweeps = {v.parameter: _sweep(found, drawn, v, points, tried) for v in plan.vary}
     spread = None
     if drawn:
-        values = [each.value for each in outcomes([with_values(d, found.values) for d in drawn], target, limits, drive)]
-        low, high = np.quantile(values, DRAWN)
+        low, high = np.quantile([each.value for each in tried([with_values(d, found.values) for d in drawn])], DRAWN)
         spread = float(low), float(high)
-    return ParameterDesign(rig=rig, target=target, limits=limits, found=found, sweeps=sweeps, spread=spread, run=run)
+    return ParameterDesign(rig=rig, target=target, found=found, sweeps=sweeps, spread=spread, run=run)
 
 
 def _check(rig: RigModel, varied: Varied) -> None:
@@ -203,9 +201,9 @@ def _run(plan: ParameterPlan, given: GivenRig, seed: int) -> Run:
                 f"{', '.join(f'{d.channel} ({d.quantity})' for d in rig.drives)}, so give drive instead"
             )
         channel = synthetic_drive(given, usual_run(rig)).runs[0].channels[rig.drive.channel]
-        samples = head_acceleration(plan.moves, RATE)
+        samples = head_acceleration(plan.moves, MOVE_RATE)
         return Run(
-            id="moves", configuration=next(iter(rig.configurations)), sample_rate=RATE, gain=1.0, excitation="moves",
+            id="moves", configuration=next(iter(rig.configurations)), sample_rate=MOVE_RATE, gain=1.0, excitation="moves",
             channels={rig.drive.channel: replace(channel, samples=samples)}, started=BEGIN,
         )  # fmt: skip
     try:
@@ -220,11 +218,10 @@ def _run(plan: ParameterPlan, given: GivenRig, seed: int) -> Run:
 
 
 def _target(rig: RigModel, plan: TargetPlan, run: Run) -> Target:
-    sensors, drives = [s.channel for s in rig.sensors], [d.channel for d in rig.drives]
-    reference = plan.reference or drives[0]
-    response = plan.response or next((name for name in reversed(sensors) if name != reference), "")
+    reference = plan.reference or rig.drive.channel
+    response = plan.response or next((sensor.channel for sensor in reversed(rig.sensors) if sensor.channel != reference), "")
     for name in (response, reference):
-        if name not in (*sensors, *drives):
+        if name not in rig.channels:
             raise PlanError(
                 f"target names the channel {name!r}, which {rig.name} does not have; it has {', '.join(rig.channels)}"
             )
@@ -269,16 +266,14 @@ def _drawn(rig: RigModel, path: Path, varied: set[str], draws: int, seed: int) -
 
 
 def _sweep(
-    found: Optimum, drawn: Sequence[RigModel], varied: Varied, target: Target, limits: Limits, drive: Excitation, points: int
+    found: Optimum, drawn: Sequence[RigModel], varied: Varied, points: int, tried: Callable[[Sequence[RigModel]], list[Outcome]]
 ) -> Sweep:
     values = varied.at(np.linspace(0.0, 1.0, points))
     rigs = [with_values(found.model, {varied.parameter: float(v)}) for v in values]
     # Each drawn rig has the best values of all other varied parameters.
     others = [with_values(d, {**found.values, varied.parameter: float(v)}) for d in drawn for v in values]
-    seen = [each.value for each in outcomes(others, target, limits, drive)]
-    return Sweep(
-        values=values, outcomes=outcomes(rigs, target, limits, drive), draws=np.array(seen).reshape(len(drawn), len(values))
-    )  # fmt: skip
+    draws = np.array([each.value for each in tried(others)]).reshape(len(drawn), len(values))
+    return Sweep(values=values, outcomes=tried(rigs), draws=draws)
 
 
 def parameter_unit(parameter: str, rig: RigModel) -> str:
@@ -388,10 +383,9 @@ def sweeps_figure(design: ParameterDesign) -> Figure:
         best = design.found.values[parameter]
         axis.axvline(best, color="tab:green", ls=":", lw=1.4, label=f"best, {best:.4g}")
         axis.set(xscale="log", yscale="log", xlabel=f"{parameter}, {parameter_unit(parameter, design.rig)}")
-        axis.grid(visible=True, which="both", alpha=0.25, lw=0.5)
         axis.legend(fontsize=8)
     figure.supylabel(f"{name}{'' if unit == '1' else f', {unit}'}", fontsize=8)
-    return figure
+    return gridded(figure)
 
 
 def response_figure(design: ParameterDesign) -> Figure:

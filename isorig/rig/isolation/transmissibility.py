@@ -10,17 +10,14 @@ import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray
 from isorig.analysis.errors import DataError
+from isorig.analysis.isolation.ratio import rms_ratio
 from isorig.analysis.wording import by_factor
 from isorig.rig.errors import PlanError
 from isorig.rig.files.output import write_csv, write_json
 from isorig.rig.files.rigfile import rig_of
 from isorig.rig.frf.figures import ratio_figure, save
 from isorig.rig.frf.transfer import Transfer, transfer_functions
-from isorig.rig.model.prediction import predicted
-from isorig.rig.wire_bonder.isolation import Model
-
-#: Factor by which the Hann window's correlation of neighbouring frequency bins increases the variance of a mean over bins.
-CORRELATED = 2.0
+from isorig.rig.model.prediction import Model, measured_and_simulated
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,9 +98,8 @@ def transmissibility(
     for name in configurations:
         if name and name not in measured:
             raise PlanError(f"{campaign.source} has no run in the configuration {name!r}; it has {', '.join(measured)}")
-    played = {"measured": campaign} | {m.name: predicted(m.rig, campaign, origin=m.origin, as_recorded=True) for m in models}
     ratios = {}
-    for name, each in played.items():
+    for name, each in measured_and_simulated(campaign, models).items():
         found = transfer_functions(each, reference=reference, responses=[response], resolution=resolution)
         ratios[name] = _ratios(found, configurations, campaign.source)
     units = [next(run.channels[name].unit for run in campaign.runs if name in run.channels) for name in (response, reference)]
@@ -141,12 +137,10 @@ def _ratio(
 ) -> Ratio:  # fmt: skip
     value = top / bottom
     std = value * np.hypot(top_std / top, bottom_std / bottom)
-    mean = float(np.sqrt((top**2).sum() / (bottom**2).sum()))
-    # First-order propagation through the two sums of squares.
-    parts = [np.sqrt(CORRELATED * ((x * s) ** 2).sum()) / (x**2).sum() for x, s in ((top, top_std), (bottom, bottom_std))]
+    mean, mean_std = rms_ratio(top, top_std, bottom, bottom_std)
     return Ratio(
         gain=gain, configuration=names[0], relative_to=names[1], frequency=frequency, value=value, std=std, mean=mean,
-        mean_std=mean * float(np.hypot(*parts)),
+        mean_std=mean_std,
     )  # fmt: skip
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from datetime import datetime
 
 import numpy as np
@@ -11,6 +13,15 @@ from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate import simulate
 from isorig.analysis.simulate.free_run import excitation_of
 from isorig.rig.errors import RecordingError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Model:
+    """A rig to be simulated for comparison: its name, and the time of a drifting model's zero."""
+
+    name: str
+    rig: RigModel
+    origin: datetime | None = None
 
 
 def predicted(model: RigModel, campaign: Campaign, *, origin: datetime | None = None, as_recorded: bool = False) -> Campaign:
@@ -55,14 +66,14 @@ def predicted(model: RigModel, campaign: Campaign, *, origin: datetime | None = 
                 name=sensor.channel, samples=response.channels[sensor.channel], quantity=sensor.quantity,
                 unit=SI_UNIT[sensor.quantity],
             )  # fmt: skip
-        runs.append(
-            Run(
-                id=run.id, configuration=run.configuration, sample_rate=run.sample_rate, gain=run.gain,
-                channels=channels, excitation=run.excitation, started=run.started, band=run.band, period=run.period,
-                use=run.use,
-            )
-        )  # fmt: skip
-    return Campaign(runs=tuple(runs), known=campaign.known, description=campaign.description, source=campaign.source)
+        # What is known of the records, such as gaps and spectra, is not true of simulated ones.
+        runs.append(replace(run, channels=channels, repeat_of=None, gaps=(), usable_to=None, spectra=()))
+    return replace(campaign, runs=tuple(runs))
+
+
+def measured_and_simulated(campaign: Campaign, models: Sequence[Model]) -> dict[str, Campaign]:
+    """A campaign as "measured", and the same runs as each model predicts their records, by the names of the models."""
+    return {"measured": campaign} | {m.name: predicted(m.rig, campaign, origin=m.origin, as_recorded=True) for m in models}
 
 
 def errors(measured: Campaign, other: Campaign) -> dict[str, dict[str, float]]:

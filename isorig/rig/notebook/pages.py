@@ -87,7 +87,4 @@ def of_modes(found: ModalModel) -> str:
     return table("modes", ("frequency", "damping ratio", "shape"), rows)
 
 
-@shows(RigModel, "html")
-def of_rig(model: RigModel) -> str:
-    """Its sketch as SVG."""
-    return picture(model)
+shows(RigModel, "html")(picture)

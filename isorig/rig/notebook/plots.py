@@ -16,7 +16,7 @@ from isorig.analysis.simulate.free_run import Response
 from isorig.analysis.spectra.modal import ModalModel
 from isorig.analysis.spectra.welch import Frf
 from isorig.analysis.views import shows
-from isorig.rig.frf.figures import Figure, View, frf_view, ratio_figure
+from isorig.rig.frf.figures import Figure, View, frf_view, gridded, ratio_figure
 from isorig.rig.frf.transfer import Transfer
 from isorig.rig.report.before_after import HeldOutRecord
 from isorig.rig.report.sections import unit
@@ -38,11 +38,10 @@ def records_figure(records: Mapping[str, Mapping[str, tuple[FloatArray, FloatArr
             if name in record:
                 axis.plot(*record[name], lw=0.9, label=label)
         axis.set_ylabel(f"{name}, {unit(units.get(name, ''))}")
-        axis.grid(visible=True, alpha=0.25, lw=0.5)
     axes[-1].set_xlabel("time, s")
     if len(records) > 1:
         axes[0].legend(fontsize=8)
-    return figure
+    return gridded(figure)
 
 
 def second_figure(record: HeldOutRecord) -> Figure:
@@ -57,10 +56,9 @@ def second_figure(record: HeldOutRecord) -> Figure:
         below.axhspan(-2.0 * record.noise, 2.0 * record.noise, color="0.8", label="sensor noise, ±2 σ")
     above.set(ylabel=f"{record.channel}, {unit(record.unit)}", title=f"run {record.run}, held-out data")
     below.set(ylabel=f"residual, {unit(record.unit)}", xlabel="time, s")
-    for axis in (above, below):
-        axis.grid(visible=True, alpha=0.25, lw=0.5)
-        axis.legend(fontsize=8)
-    return figure
+    above.legend(fontsize=8)
+    below.legend(fontsize=8)
+    return gridded(figure)
 
 
 class Drawing(str):
@@ -80,14 +78,20 @@ def plot_rig(model: RigModel) -> Drawing:
 def plot_run(run: Run, *others: Run, channels: Sequence[str] = (), seconds: tuple[float, float] | None = None) -> Figure:
     """Channels over time, of one or more runs; the first seconds if none are named."""
     names = list(channels) or list(run.sensors)
-    start, stop = seconds or (0.0, SHOWN)
-    records = {}
-    for one in (run, *others):
-        part = slice(max(round(start * one.sample_rate), 0), round(stop * one.sample_rate))
-        n = len(one)
-        time = np.arange(n)[part] / one.sample_rate
-        records[one.id] = {name: (time, one.read(name)[part]) for name in names if name in one.channels}
+    records = {
+        one.id: _part({name: one.read(name) for name in names if name in one.channels}, one.sample_rate, seconds)
+        for one in (run, *others)
+    }
     return records_figure(records, {name: run.channel(name).unit for name in names})
+
+
+def _part(
+    channels: Mapping[str, FloatArray], rate: float, seconds: tuple[float, float] | None
+) -> dict[str, tuple[FloatArray, FloatArray]]:  # fmt: skip
+    # Times and values within the seconds, or within the first ones.
+    start, stop = seconds or (0.0, SHOWN)
+    part = slice(max(round(start * rate), 0), round(stop * rate))
+    return {name: (np.arange(len(values))[part] / rate, values[part]) for name, values in channels.items()}
 
 
 @shows(Campaign, "plot")
@@ -102,13 +106,10 @@ def plot_campaign(campaign: Campaign, *others: Campaign, channels: Sequence[str]
 @shows(Response, "plot")
 def plot_response(response: Response, *others: Response, seconds: tuple[float, float] | None = None) -> Figure:
     """Sensors over time."""
-    start, stop = seconds or (0.0, SHOWN)
-    records = {}
-    for k, one in enumerate((response, *others)):
-        part = slice(round(start * one.sample_rate), round(stop * one.sample_rate))
-        records[f"response {k + 1}" if others else "response"] = {
-            name: (np.arange(len(values))[part] / one.sample_rate, values[part]) for name, values in one.channels.items()
-        }
+    records = {
+        f"response {k + 1}" if others else "response": _part(one.channels, one.sample_rate, seconds)
+        for k, one in enumerate((response, *others))
+    }
     return records_figure(records, response.units)
 
 
@@ -144,19 +145,19 @@ def plot_parameters(found: Characterization, *others: Characterization) -> Figur
     figure = Figure(figsize=(8.0, 1.2 + 0.3 * len(first)), layout="constrained")
     axis = figure.subplots()
     for k, one in enumerate((found, *others)):
-        rows = [(j, one.table[name]) for j, name in enumerate(first) if name in one.table and one.table[name].value]
-        values = np.array([[(entry.value or 0.0), entry.std or 0.0] for _, entry in rows]).reshape(-1, 2)
-        scale = np.array([first[list(first)[j]] for j, _ in rows], dtype=float)
-        places = np.array([j for j, _ in rows]) + 0.15 * k
-        away, width = 100.0 * (values[:, 0] / scale - 1.0), 100.0 * values[:, 1] / np.abs(scale)
-        axis.errorbar(away, places, xerr=width, fmt="o", ms=4, label=f"{k + 1}")
+        shown = [
+            (place, entry.value / value, (entry.std or 0.0) / abs(value))
+            for place, (name, value) in enumerate(first.items())
+            if (entry := one.table.get(name)) is not None and entry.value
+        ]
+        places, ratios, widths = np.array(shown).reshape(-1, 3).T
+        axis.errorbar(100.0 * (ratios - 1.0), places + 0.15 * k, xerr=100.0 * widths, fmt="o", ms=4, label=f"{k + 1}")
     axis.set_yticks(range(len(first)), labels=[name.replace("_", " ") for name in first])
     axis.invert_yaxis()
     axis.set_xlabel("difference from the first value, %")
-    axis.grid(visible=True, alpha=0.25, lw=0.5)
     if others:
         axis.legend(fontsize=8)
-    return figure
+    return gridded(figure)
 
 
 @shows(ModalModel, "plot")

@@ -32,10 +32,7 @@ Columns = tuple[str, Column, Mapping[str, Column], Mapping[str, Any]]
 """The name of a coordinate with its values, the columns over it by name, and what is known about them."""
 
 
-@shows(Campaign, "rig")
-def rig_of_campaign(campaign: Campaign) -> Any:
-    """The rig of a campaign with starting values."""
-    return baseline_model(campaign)
+shows(Campaign, "rig")(baseline_model)
 
 
 def needed(name: str) -> ModuleType:
@@ -112,14 +109,9 @@ for _kind, _columns_of in ((Run, _run), (Response, _response), (Frf, _frf), (Iso
 @shows(Campaign, "to_pandas")
 def campaign_to_pandas(campaign: Campaign) -> pd.DataFrame:
     """A row for each run."""
-    rows = [
-        {
-            "run": run.id, "configuration": run.configuration, "gain": run.gain, "excitation": run.excitation,
-            "duration": run.duration, "sample_rate": run.sample_rate, "use": run.use, "started": run.started,
-        }
-        for run in campaign.runs
-    ]  # fmt: skip
-    frame = pd.DataFrame(rows).set_index("run") if rows else pd.DataFrame()
+    keys = ("configuration", "gain", "excitation", "duration", "sample_rate", "use", "started")
+    rows = [[getattr(run, key) for key in keys] for run in campaign.runs]
+    frame = pd.DataFrame(rows, columns=list(keys), index=pd.Index([run.id for run in campaign.runs], name="run"))
     frame.attrs = {"units": {"duration": "s", "sample_rate": "Hz"}}
     return frame
 

@@ -48,7 +48,8 @@ def transfer_section(campaign: Campaign, model: RigModel) -> Section:
 def isolation_of(campaign: Campaign, model: RigModel) -> tuple[Compared | None, str]:
     """The isolation ratio measured and simulated, or None and the reason; no reason if the rig cannot be locked."""
     from isorig.analysis.parameters.joint_fit import is_wire_bonder
-    from isorig.rig.wire_bonder.isolation import Model, compared_isolation
+    from isorig.rig.model.prediction import Model
+    from isorig.rig.wire_bonder.isolation import compared_isolation
 
     if "locked" not in model.configurations or not is_wire_bonder(model):
         return None, ""

@@ -11,6 +11,8 @@ BITS = 24
 HEAD_PER_GAIN = 3.8 / 70.0
 #: Peak acceleration of the head in moves per unit of gain, m/s^2.
 MOVE_PER_GAIN = 12.5 / 70.0
+#: Sample rate of designed moves, Hz: at least fifteen samples in a move of a hundredth of a second.
+MOVE_RATE = 2048.0
 #: Description of a virtual rig's sensors.
 VIRTUAL = {"sensor": "virtual accelerometer"}
 BEGIN = datetime(2011, 11, 7, 9, 0, tzinfo=UTC)

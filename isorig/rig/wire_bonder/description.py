@@ -8,6 +8,8 @@ from isorig.analysis.laws import Coulomb
 from isorig.analysis.model.rig_model import GROUND, Body, Configuration, Contact, Drive, RigModel, Sensor
 from isorig.analysis.model.spring import spring
 
+#: The links to what the bodies are mounted on.
+LINKS = {"table": "table", "heatblock": "heatblock", "motor": "isolation"}
 FREE = (
     "bodies.table.mass",
     "links.table.stiffness",
@@ -54,31 +56,12 @@ def wire_bonder(values: Mapping[str, float] = THESIS, *, friction: bool = True) 
     >>> iso.wire_bonder(friction=False).contacts
     ()
     """
-    bodies = ("table", "heatblock", "motor")
-    links = tuple(
-        spring(
-            "isolation" if body == "motor" else body,
-            body,
-            "ground" if body == "table" else "table",
-            mass=values[f"{body}_mass"],
-            frequency=values[f"{body}_frequency"],
-            damping_ratio=values[f"{body}_damping"],
-        )
-        for body in bodies
-    )
-    contacts = (
-        (Contact(name="isolation", a="motor", b="table", law=Coulomb(friction_force=values["friction_force"])),)
-        if friction
-        else ()
-    )
-    return RigModel(
-        name="wire bonder",
-        bodies=tuple(Body(name=body, mass=values[f"{body}_mass"]) for body in bodies),
-        links=links,
-        contacts=contacts,
+    return _mounted(
+        "wire bonder",
+        {body: (values[f"{body}_mass"], values[f"{body}_frequency"], values[f"{body}_damping"]) for body in LINKS},
+        values["friction_force"] if friction else None,
         drive=Drive(channel="head", factor=values["head_mass"], pushes={"motor": -1.0}),
         sensors=tuple(Sensor(channel=body, body=body) for body in ("motor", "table", "heatblock")),
-        configurations={"unlocked": Configuration(), "locked": Configuration(rigid=("isolation",))},
         free=(*FREE, FRICTION) if friction else FREE,
     )
 
@@ -100,20 +83,35 @@ def three_mass(*, friction: float = 20.0) -> RigModel:
 
 
 def _early(name: str, bodies: Mapping[str, tuple[float, float, float]], friction: float) -> RigModel:
-    # Mass, uncoupled frequency and damping ratio by body; a force on the motor drives it.
+    return _mounted(
+        name, bodies, friction,
+        drive=Drive(channel="force", factor=1.0, pushes={"motor": 1.0}, quantity="force"),
+        sensors=tuple(Sensor(channel=body, body=body, quantity="displacement") for body in bodies),
+    )  # fmt: skip
+
+
+def _mounted(
+    name: str, bodies: Mapping[str, tuple[float, float, float]], friction: float | None, *, drive: Drive,
+    sensors: tuple[Sensor, ...], free: tuple[str, ...] = (),
+) -> RigModel:  # fmt: skip
+    # Mass, uncoupled frequency and damping ratio by body: on the table, if there is one. Friction at the motor, if any.
     base = {body: "table" if body != "table" and "table" in bodies else GROUND for body in bodies}
     links = tuple(
-        spring("isolation" if body == "motor" else body, body, base[body], mass=mass, frequency=frequency, damping_ratio=ratio)
+        spring(LINKS[body], body, base[body], mass=mass, frequency=frequency, damping_ratio=ratio)
         for body, (mass, frequency, ratio) in bodies.items()
     )
+    contacts: tuple[Contact, ...] = ()
+    if friction is not None:
+        contacts = (Contact(name="isolation", a="motor", b=base["motor"], law=Coulomb(friction_force=friction)),)
     return RigModel(
         name=name,
         bodies=tuple(Body(name=body, mass=mass) for body, (mass, _, _) in bodies.items()),
         links=links,
-        contacts=(Contact(name="isolation", a="motor", b=base["motor"], law=Coulomb(friction_force=friction)),),
-        drive=Drive(channel="force", factor=1.0, pushes={"motor": 1.0}, quantity="force"),
-        sensors=tuple(Sensor(channel=body, body=body, quantity="displacement") for body in bodies),
+        contacts=contacts,
+        drive=drive,
+        sensors=sensors,
         configurations={"unlocked": Configuration(), "locked": Configuration(rigid=("isolation",))},
+        free=free,
     )
 
 

@@ -12,19 +12,18 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import ModelError
-from isorig.analysis.isolation.optimum import isolated
+from isorig.analysis.isolation.optimum import isolated, uncoupled_frequency
 from isorig.analysis.isolation.ratio import IsolationRatio, isolation_ratio
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate.move_profile import Move, head_acceleration
 from isorig.rig.errors import PlanError
 from isorig.rig.files.tomlfile import read_toml
+from isorig.rig.virtual.levels import MOVE_RATE
 from isorig.rig.wire_bonder.move_isolation import MoveIsolation, MoveResponse, isolation_by_level, move_within, on_move
 from isorig.rig.wire_bonder.parameters import RigValues
 from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 from isorig.rig.wire_bonder.stroke import StrokeStudy, frictionless, histories, linear_ratio, rocking, stroke_study
 
-#: Sample rate, Hz: at least fifteen samples in a move of a hundredth of a second.
-RATE = 2048.0
 #: Duration of the oscillation after the last move, in slowest periods.
 TAIL = 0.6
 #: Accelerations of the moves for which isolation is shown, m/s^2: from a bench's to the machine's.
@@ -92,8 +91,8 @@ class DesignPlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     shown: float | None = None
 
     def drive(self) -> FloatArray:
-        """The head's acceleration at `RATE`."""
-        return head_acceleration(self.moves, RATE, tail=TAIL / self.frequencies[0] if self.after else 0.0)
+        """The head's acceleration at `MOVE_RATE`."""
+        return head_acceleration(self.moves, MOVE_RATE, tail=TAIL / self.frequencies[0] if self.after else 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,7 +125,7 @@ class Designed:
     studies
         Stroke over frequency "without friction" and "with friction".
     head
-        The drive, m/s^2 at `RATE`, and `histories` of all bodies by case, m.
+        The drive, m/s^2 at `MOVE_RATE`, and `histories` of all bodies by case, m.
     ratios
         Isolation ratio by case, estimated from simulated runs as in a lab.
     offsets
@@ -185,26 +184,23 @@ def read_design(path: Path) -> DesignPlan:
 
 def with_head(values: RigValues, plan: DesignPlan) -> RigValues:
     """The parameters with the head of the plan, if it gives one."""
-    return values if plan.head is None else values.with_value("head_mass", plan.head.mass, plan.head.std)
-
-
-def rigs_of(values: RigValues, plan: DesignPlan, *, draws: int, seed: int) -> list[RigModel]:
-    """The rig with the plan's head, followed by `draws` of it with parameters drawn from their uncertainties."""
-    values = with_head(values, plan)
-    return [values.model, *values.drawn(draws, seed)]
+    return values if plan.head is None else values.with_head(plan.head.mass, plan.head.std)
 
 
 def designed(
-    plan: DesignPlan, rigs: list[RigModel], *, points: int = 100, offsets: tuple[float, ...] = (), rocking_frequency: float = 30.0
-) -> Designed:
+    plan: DesignPlan, values: RigValues, *, draws: int = 0, seed: int = 0, points: int = 100, offsets: tuple[float, ...] = (),
+    rocking_frequency: float = 30.0,
+) -> Designed:  # fmt: skip
     """Run the whole study.
 
     Parameters
     ----------
     plan
         Moves, limit, frequencies.
-    rigs
-        The present rig, then its draws.
+    values
+        Those of the present rig, with the plan's head.
+    draws, seed
+        Number of further rigs with values drawn from their uncertainties, and random seed.
     points
         Number of isolation frequencies; each is studied for all rigs, with and without friction.
     offsets
@@ -212,16 +208,16 @@ def designed(
     rocking_frequency
         Frequency at which the motor rocks on its bearings, Hz.
     """
-    rig = rigs[0]
+    rig = values.model
+    rigs = [rig, *values.drawn(draws, seed)]
     grid = np.geomspace(*plan.frequencies, points)
     head = plan.drive()
     free = [frictionless(model) for model in rigs]
     studies = {
-        name: stroke_study(models, grid, head, RATE, limit=plan.limit, safety=plan.safety)
+        name: stroke_study(models, grid, head, MOVE_RATE, limit=plan.limit, safety=plan.safety)
         for name, models in (("without friction", free), ("with friction", rigs))
     }
-    isolation = rig.link("isolation")
-    present = math.sqrt(isolation.stiffness / rig.body("motor").mass) / (2.0 * math.pi)
+    present = uncoupled_frequency(rig, "isolation")
     cases = {f"present, {present:.2f} Hz with friction": rig}
     chosen = plan.shown or studies["without friction"].recommended
     if math.isfinite(chosen):
@@ -232,7 +228,7 @@ def designed(
     bond = plan.bond
     move = move_within(bond.distance, bond.seconds)
     return Designed(
-        studies=studies, head=head, histories={name: histories(model, head, RATE) for name, model in cases.items()},
+        studies=studies, head=head, histories={name: histories(model, head, MOVE_RATE) for name, model in cases.items()},
         ratios=ratios, offsets={o: _offset(last, o, head, rocking_frequency) for o in offsets}, rigs=cases,
         bonds={name: on_move(model, move, tolerance=bond.tolerance) for name, model in cases.items()},
         levels={
@@ -247,7 +243,7 @@ def _offset(model: RigModel, offset: float, head: FloatArray, frequency: float) 
         rocked = rocking(model, offset, frequency=frequency)
     except ModelError as error:
         raise PlanError(f"a drive offset of {offset:g} m cannot be studied: {error}") from None
-    seen = histories(rocked, head, RATE)
+    seen = histories(rocked, head, MOVE_RATE)
     ratio = linear_ratio(rocked, LINES)
     kept = (ISOLATED[0] <= LINES) & (ISOLATED[1] >= LINES)
     return DriveOffset(

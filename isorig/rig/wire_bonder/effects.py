@@ -16,10 +16,10 @@ from isorig.analysis.diagnose.causes import CATALOGUE
 from isorig.analysis.diagnose.causes.base import Amplitudes, Cause, RandomSizes
 from isorig.analysis.errors import ModelError
 from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel, Sensor
-from isorig.analysis.simulate import Excitation, record, simulate
+from isorig.analysis.simulate import Excitation, simulate
 from isorig.rig.errors import RigError
 from isorig.rig.wire_bonder.description import FRICTION, wire_bonder
-from isorig.rig.wire_bonder.session import VirtualRun, head_of, known_of, virtual_campaign, without_faults
+from isorig.rig.wire_bonder.session import VirtualRun, head_of, known_of, records_of, virtual_campaign
 
 Draw = np.random.Generator
 Wire = Callable[[Run, dict[str, FloatArray]], dict[str, FloatArray]]
@@ -69,9 +69,7 @@ class Hidden:
             channels={name: Channel(name=name, samples=drive)},
         )  # fmt: skip
         model = self.model if self.per_run is None else self.per_run(self.model, played)
-        excitation = Excitation.prepare(drive, sample_rate, oversample=16)
-        seen = simulate(without_faults(model), excitation, configuration=configuration, start_time=start_time).channels
-        found = record(model, {name: drive, **seen}, sample_rate)
+        found = records_of(model, drive, sample_rate, configuration, start_time)
         return found if self.wire is None else self.wire(played, found)
 
 
@@ -187,25 +185,10 @@ def drawing(seed: int, kind: str) -> Draw:
 
 
 def drawn_effect(kind: str, model: RigModel, size: float, draw: Draw) -> Hidden:
-    """An effect of that kind, or a pair of effects, added to a rig with random place and parameters.
-
-    Parameters
-    ----------
-    kind
-        One of `KINDS`.
-    model
-        The rig without it.
-    size
-        Relative size, 1 is full size.
-    draw
-        Random generator for place and parameters.
-    """
-    runs = amplitudes_of(model)
-    if kind != "two":
-        return hide(kind, model, runs, size, draw)
-    hidden = Hidden(model=model)
-    for cause in PAIRS[int(draw.integers(len(PAIRS)))]:
-        more = hide(cause, hidden.model, runs, size, draw)
+    """An effect of one of `KINDS`, or a pair of effects, added with random place and parameters; `size` 1 is full size."""
+    runs, hidden = amplitudes_of(model), Hidden(model=model)
+    for each in PAIRS[int(draw.integers(len(PAIRS)))] if kind == "two" else (kind,):
+        more = hide(each, hidden.model, runs, size, draw)
         parameters = {**hidden.parameters, **more.parameters}
         hidden = replace(more, truth=hidden.truth + more.truth, parameters=parameters, known=known_of(model))
     return hidden
@@ -249,20 +232,15 @@ def hide(kind: str, model: RigModel, runs: Amplitudes, size: float, draw: Draw) 
 def played(hidden: Hidden, takes: Sequence[VirtualRun], seed: int, noise: float = 1e-3) -> Campaign:
     """A session on a rig with a hidden effect; see `virtual_campaign`."""
     campaign = virtual_campaign(hidden.model, takes, seed=seed, noise=noise)
-    known = {**known_of(hidden.model), **hidden.known}
     runs = list(campaign.runs)
-    if hidden.per_run is not None:
-        for k, take in enumerate(takes):
+    for k, take in enumerate(takes):
+        if hidden.per_run is not None:
             runs[k] = virtual_campaign(hidden.per_run(hidden.model, runs[k]), [take], seed=seed + 7 * k, noise=noise).runs[0]
-    if hidden.wire is not None:
-        for k, run in enumerate(runs):
-            records = hidden.wire(run, {name: run.read(name) for name in run.channels})
+        if hidden.wire is not None:
+            records = hidden.wire(runs[k], {name: runs[k].read(name) for name in runs[k].channels})
             channels = {
-                name: Channel(
-                    name=name, samples=np.round(values / run.channels[name].scale).astype(np.int32),
-                    scale=run.channels[name].scale, full_scale=run.channels[name].full_scale, about=run.channels[name].about,
-                )
-                for name, values in records.items()
-            }  # fmt: skip
-            runs[k] = replace(run, channels=channels)
-    return Campaign(runs=tuple(runs), known=known, source="virtual rig")
+                name: replace(channel, samples=np.round(records[name] / channel.scale).astype(np.int32))
+                for name, channel in runs[k].channels.items()
+            }
+            runs[k] = replace(runs[k], channels=channels)
+    return replace(campaign, runs=tuple(runs), known={**campaign.known, **hidden.known})

@@ -9,17 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, ComplexArray, FloatArray, Run, broad
 from isorig.analysis.errors import AnalysisError, DataError
+from isorig.analysis.isolation.optimum import uncoupled_frequency
 from isorig.analysis.model.rig_model import RigModel, matrices
 from isorig.analysis.spectra.half_power import HalfPower, half_power, peaks
-from isorig.analysis.spectra.modes import Kind, ModalFit, Mode, fit_modes
+from isorig.analysis.spectra.modes import ModalFit, Mode, fit_modes
 from isorig.analysis.spectra.welch import Frf, estimate
-from isorig.rig.wire_bonder.description import wire_bonder
+from isorig.rig.wire_bonder.description import LINKS, wire_bonder
 
 #: Required frequency bins per bandwidth, and minimum segments in a record.
 LINES, SEGMENTS = 12.0, 12.0
@@ -27,8 +27,6 @@ LINES, SEGMENTS = 12.0, 12.0
 LOW_BAND = (0.4, 1.7)
 #: Points of the error surface in each direction, and redraws of the measured magnitudes for the uncertainty of its minimum.
 GRID, DRAWS = 41, 20
-
-Name = Literal["heatblock", "motor", "table"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +51,7 @@ class SetUp:
         Method of `mode`.
     """
 
-    name: Name
+    name: str
     frf: Frf
     band: tuple[float, float]
     half_power: HalfPower
@@ -110,22 +108,15 @@ def classic(campaign: Campaign, model: RigModel) -> FourSetUps:
     model
         The wire bonder with starting values: expected frequencies, and the known masses.
     """
-    guess = {name: _frequency(model, name) for name in ("table", "heatblock", "motor")}
+    guess = {body: uncoupled_frequency(model, link) for body, link in LINKS.items()}
     low = LOW_BAND[0] * guess["motor"], LOW_BAND[1] * guess["table"]
-    unlocked = broad(campaign.select(configuration="unlocked"))
-    wanted: tuple[tuple[Name, str, str, tuple[float, float], list[Run], Kind], ...] = (
-        (
-            "heatblock", "table", "heatblock", (0.75 * guess["heatblock"], 1.35 * guess["heatblock"]), broad(campaign.runs),
-            "transmissibility",
-        ),
-        ("motor", "head", "motor", low, unlocked, "general"),
-        ("table", "head", "table", low, unlocked, "general"),
-    )  # fmt: skip
+    bands = {"heatblock": (0.75 * guess["heatblock"], 1.35 * guess["heatblock"]), "motor": low, "table": low}
     set_ups: list[SetUp] = []
     refused: dict[str, str] = {}
-    for name, reference, response, band, runs, kind in wanted:
+    for name, band in bands.items():
+        runs = broad(campaign.runs if name == "heatblock" else campaign.select(configuration="unlocked"))
         try:
-            set_ups.append(_read(name, _reaching(runs, band, name), reference, response, band, kind, guess))
+            set_ups.append(_read(name, _reaching(runs, band, name), band, guess))
         except AnalysisError as error:
             refused[name] = str(error)
     surface = None
@@ -142,20 +133,14 @@ def rig_of_set_ups(read: FourSetUps, model: RigModel) -> RigModel:
     if read.surface is not None:
         mass = read.surface.best[0]
         changes["bodies.table.mass"] = mass
-        changes["links.table.stiffness"] = (2.0 * np.pi * _frequency(model, "table")) ** 2 * mass
+        changes["links.table.stiffness"] = (2.0 * np.pi * uncoupled_frequency(model, "table")) ** 2 * mass
     for item in read.set_ups:
-        link = "isolation" if item.name == "motor" else item.name
         mass = changes.get(f"bodies.{item.name}.mass", model.body(item.name).mass)
         if item.mode is not None:
             omega = 2.0 * np.pi * item.mode.frequency
-            changes[f"links.{link}.stiffness"] = omega**2 * mass
-            changes[f"links.{link}.damping"] = 2.0 * item.mode.damping * omega * mass
+            changes[f"links.{LINKS[item.name]}.stiffness"] = omega**2 * mass
+            changes[f"links.{LINKS[item.name]}.damping"] = 2.0 * item.mode.damping * omega * mass
     return model.replace(changes)
-
-
-def _frequency(model: RigModel, body: str) -> float:
-    link = model.link("isolation" if body == "motor" else body)
-    return float(np.sqrt(link.stiffness / model.body(body).mass) / (2.0 * np.pi))
 
 
 def _reaching(runs: list[Run], band: tuple[float, float], name: str) -> list[Run]:
@@ -167,16 +152,15 @@ def _reaching(runs: list[Run], band: tuple[float, float], name: str) -> list[Run
     return [run for run in there if run.gain == hardest]
 
 
-def _read(
-    name: Name, runs: list[Run], reference: str, response: str, band: tuple[float, float], kind: Kind, guess: dict[str, float]
-) -> SetUp:  # fmt: skip
+def _read(name: str, runs: list[Run], band: tuple[float, float], guess: dict[str, float]) -> SetUp:
+    reference = "table" if name == "heatblock" else "head"
     seconds = max(run.duration for run in runs)
     rate = runs[0].sample_rate
 
     def estimated(resolution: float) -> Frf:
         length = rate / resolution
         asked = max(rate / (2.0 * round(length / 2.0)), 2.0 / seconds)
-        return estimate(runs, references=[reference], channels=[response], resolution=asked).frf(response, reference)
+        return estimate(runs, references=[reference], channels=[name], resolution=asked).frf(name, reference)
 
     # A first estimate gives the bandwidth, the bandwidth determines the resolution.
     coarse = estimated(max(guess[name] / 100.0, SEGMENTS / seconds))
@@ -185,14 +169,15 @@ def _read(
     found = half_power(frf, _around(guess, name, band))
     fit, reason, mode, method = None, "", found.mode, "half-power"
     try:
-        if kind == "transmissibility":
-            at = max(_inside(peaks(frf), band), key=lambda f: _size(frf, f), default=guess[name])
+        if name == "heatblock":
+            inside = [f for f in peaks(frf) if band[0] <= f <= band[1]]
+            at = max(inside, key=lambda f: abs(frf.value[np.argmin(np.abs(frf.frequency - f))]), default=guess[name])
             width = 2.0 * found.mode.damping * at if found.mode else width
             reach = (max(band[0], at - 5.0 * width), min(band[1], at + 5.0 * width))
-            fit = fit_modes(frf, reach, kind=kind, guesses=[(at, width / (2.0 * at))], residuals=1)
+            fit = fit_modes(frf, reach, kind="transmissibility", guesses=[(at, width / (2.0 * at))], residuals=1)
             mode = fit.modes[0]
         else:
-            fit = fit_modes(frf, band, kind=kind, guesses=[(guess["motor"], 0.1), (guess["table"], 0.03)])
+            fit = fit_modes(frf, band, kind="general", guesses=[(guess["motor"], 0.1), (guess["table"], 0.03)])
             mode = fit.modes[0 if name == "motor" else 1]
         method = "modal fit" if len(fit.modes) == 1 else "modal fit, two modes"
     except AnalysisError as error:
@@ -200,15 +185,7 @@ def _read(
     return SetUp(name=name, frf=frf, band=band, half_power=found, fit=fit, refused=reason, mode=mode, method=method)
 
 
-def _inside(frequencies: tuple[float, ...], band: tuple[float, float]) -> list[float]:
-    return [f for f in frequencies if band[0] <= f <= band[1]]
-
-
-def _size(frf: Frf, frequency: float) -> float:
-    return float(np.abs(frf.value[np.argmin(np.abs(frf.frequency - frequency))]))
-
-
-def _around(guess: dict[str, float], name: Name, band: tuple[float, float]) -> tuple[float, float]:
+def _around(guess: dict[str, float], name: str, band: tuple[float, float]) -> tuple[float, float]:
     # The band of one peak: halfway to its neighbour.
     middle = float(np.sqrt(guess["motor"] * guess["table"]))
     return band if name == "heatblock" else (band[0], middle) if name == "motor" else (middle, band[1])
@@ -235,7 +212,7 @@ def head_to_table(values: Mapping[str, float], frequency: FloatArray) -> Complex
     return np.asarray((s[:, 0] ** 2 * motion[:, 0])[:, 0])
 
 
-def error_surface(set_ups: Mapping[Name, SetUp], model: RigModel) -> ErrorSurface:
+def error_surface(set_ups: Mapping[str, SetUp], model: RigModel) -> ErrorSurface:
     """The error surface over table mass and damping, with the other values from the set-ups.
 
     Raises
@@ -246,8 +223,7 @@ def error_surface(set_ups: Mapping[Name, SetUp], model: RigModel) -> ErrorSurfac
     from scipy.optimize import minimize
 
     values = {"head_mass": model.drive.factor, "friction_force": 0.0}
-    names: tuple[Name, ...] = ("table", "heatblock", "motor")
-    for name in names:
+    for name in LINKS:
         values[f"{name}_mass"] = model.body(name).mass
         mode = set_ups[name].mode if name in set_ups else None
         if mode is None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from datetime import datetime
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,31 +18,23 @@ from isorig.analysis.isolation.ratio import (
     Isolated,
     IsolationRatio,
     Peaks,
+    friction_bound,
     isolated_share,
     isolation_frequency,
     isolation_ratio,
     stuck_share,
 )
-from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.spectra.gain_levels import by_level, changes
 from isorig.analysis.spectra.quality import Fault, fault_sentences, faults, without
 from isorig.analysis.wording import by_factor
 from isorig.rig.errors import PlanError, RecordingError
 from isorig.rig.files.models import read_model
+from isorig.rig.files.output import write_csv, write_json
 from isorig.rig.model.baseline import baseline_model
-from isorig.rig.model.prediction import predicted
+from isorig.rig.model.prediction import Model, measured_and_simulated
 from isorig.rig.wire_bonder.four_set_ups import classic, rig_of_set_ups
 from isorig.rig.wire_bonder.parameters import CALLED, Method, read_rig_values
 from isorig.rig.wire_bonder.peak_offset import PeakOffset, peak_offset
-
-
-@dataclass(frozen=True, kw_only=True)
-class Model:
-    """A rig to be simulated for comparison: its name, and the time of a drifting model's zero."""
-
-    name: str
-    rig: RigModel
-    origin: datetime | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,11 +48,11 @@ class Compared:
 
     ratios: dict[str, IsolationRatio]
     stuck: dict[float, float]
-    isolated: dict[str, Isolated] = field(default_factory=dict)
-    offsets: dict[str, PeakOffset] = field(default_factory=dict)
-    offset_refused: str = ""
-    faults: tuple[Fault, ...] = ()
-    swept: tuple[str, ...] = ()
+    isolated: dict[str, Isolated]
+    offsets: dict[str, PeakOffset]
+    offset_refused: str
+    faults: tuple[Fault, ...]
+    swept: tuple[str, ...]
 
     @property
     def measured(self) -> IsolationRatio:
@@ -115,8 +107,7 @@ def compared_isolation(
     """
     wrong = faults(campaign, reference="head")
     whole = without(campaign, wrong, ("head", "heatblock"))
-    played = {"measured": whole} | {m.name: predicted(m.rig, whole, origin=m.origin, as_recorded=True) for m in models}
-    campaigns = {name: by_level(each) for name, each in played.items()}
+    campaigns = {name: by_level(each) for name, each in measured_and_simulated(whole, models).items()}
     ratios = {name: isolation_ratio(each, stitch=stitch, resolution=resolution) for name, each in campaigns.items()}
     stuck: dict[float, float] = {}
     if models:
@@ -124,26 +115,22 @@ def compared_isolation(
             runs = broad(campaigns["measured"].select(configuration="unlocked", gain=piece.gain))
             stuck[piece.gain] = float(np.mean([stuck_share(models[0].rig, run) for run in runs]))
     isolated: dict[str, Isolated] = {}
+    offsets: dict[str, PeakOffset] = {}
+    refused = ""
     try:
         guess = baseline_model(whole)
         rig = models[0].rig if models else rig_of_set_ups(classic(campaigns["measured"], guess), guess)
-        isolated = _isolated(ratios, rig)
-        offsets, refused = {name: peak_offset(each, rig) for name, each in campaigns.items()}, ""
+        # Where the highest gain measured in both configurations ends below, the ratio exists, but not the single number.
+        with suppress(DataError):
+            above = ABOVE * isolation_frequency(rig)
+            isolated = {name: isolated_share(ratio, above) for name, ratio in ratios.items()}
+        offsets = {name: peak_offset(each, rig) for name, each in campaigns.items()}
     except (AnalysisError, RecordingError) as error:
-        offsets, refused = {}, str(error)
+        refused = str(error)
     swept = tuple(run.id for run in whole.runs if changes(run))
     return Compared(
         ratios=ratios, stuck=stuck, isolated=isolated, offsets=offsets, offset_refused=refused, faults=wrong, swept=swept
     )
-
-
-def _isolated(ratios: Mapping[str, IsolationRatio], rig: RigModel) -> dict[str, Isolated]:
-    above = ABOVE * isolation_frequency(rig)
-    try:
-        return {name: isolated_share(ratio, above) for name, ratio in ratios.items()}
-    except DataError:
-        # The highest gain measured in both configurations ends below: the ratio exists, the single number does not.
-        return {}
 
 
 def isolation_sentences(compared: Compared) -> list[str]:
@@ -206,13 +193,37 @@ def _by(name: str) -> str:
     return "as simulated" if name == "simulated" else f"by the {name}" if name == CALLED["joint"] else f"by {name}"
 
 
-def about_isolated(isolated: Isolated) -> dict[str, Any]:
-    """The isolation as one number, as plain values."""
-    return {"share": isolated.share, "std": isolated.std, "band_hz": list(isolated.band), "gain": isolated.gain}
+def write_isolation(folder: Path, found: Compared, notes: Sequence[str]) -> list[str]:
+    """Write isolation.csv, isolation.json and isolation.png; the sentences, after the notes about the models."""
+    from isorig.rig.frf.figures import save
+    from isorig.rig.wire_bonder.figures import isolation_figure
+
+    columns = {"frequency_hz": found.measured.frequency, "gain": found.measured.gain}
+    for name, ratio in found.ratios.items():
+        plain = name.replace(" ", "_").replace("-", "_")
+        columns |= {f"ratio_{plain}": ratio.ratio, f"ratio_{plain}_std": ratio.std}
+    if found.stuck:
+        columns["friction_bound"] = friction_bound(found.measured, found.stuck).astype(np.float64)
+    write_csv(folder / "isolation.csv", columns)
+    save(isolation_figure(found.ratios, found.stuck), folder / "isolation.png")
+    said = [*notes, *isolation_sentences(found)]
+    content = {
+        "format": "rig-isolation", "format_version": 1, "stitches_hz": found.measured.stitches,
+        "steps": [{"ratio": s, "std": d} for s, d in found.measured.steps],
+        "stuck_share": {f"{gain:g}": share for gain, share in found.stuck.items()},
+        "isolated": {
+            name: {"share": one.share, "std": one.std, "band_hz": list(one.band), "gain": one.gain}
+            for name, one in found.isolated.items()
+        },
+        "peaks": {name: _peaks(ratio.peaks) for name, ratio in found.ratios.items()},
+        "peak_offset": {name: _offset(offset) for name, offset in found.offsets.items()}, "text": said,
+    }  # fmt: skip
+    write_json(folder / "isolation.json", content)
+    return said
 
 
-def about_peaks(peaks: Peaks) -> dict[str, float | None]:
-    """The heatblock's peaks in the ratio as plain values; None if the drive does not excite them."""
+def _peaks(peaks: Peaks) -> dict[str, float | None]:
+    # None if the drive does not excite them.
     named = {
         "unlocked_hz": peaks.unlocked, "locked_hz": peaks.locked, "ratio": peaks.ratio, "ratio_std": peaks.std,
         "ratio_by_line": peaks.by_line,
@@ -220,8 +231,7 @@ def about_peaks(peaks: Peaks) -> dict[str, float | None]:
     return {name: value if np.isfinite(value) else None for name, value in named.items()}
 
 
-def about_offset(offset: PeakOffset) -> dict[str, Any]:
-    """The heatblock's peaks as plain values."""
+def _offset(offset: PeakOffset) -> dict[str, Any]:
     finite = np.isfinite(offset.slope)
     return {
         "gains": [

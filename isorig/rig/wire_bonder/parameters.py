@@ -46,11 +46,11 @@ class RigValues:
         """The rig with these values."""
         return wire_bonder(self.values)
 
-    def with_value(self, name: str, value: float, std: float) -> RigValues:
-        """The same with another value, which then does not count as assumed."""
+    def with_head(self, mass: float, std: float) -> RigValues:
+        """The same with another head, whose mass (kg) then does not count as assumed."""
         return replace(
-            self, values={**self.values, name: value}, stds={**self.stds, name: std},
-            assumed=tuple(other for other in self.assumed if other != name),
+            self, values={**self.values, "head_mass": mass}, stds={**self.stds, "head_mass": std},
+            assumed=tuple(name for name in self.assumed if name != "head_mass"),
         )  # fmt: skip
 
     def drawn(self, draws: int, seed: int) -> Iterator[RigModel]:
@@ -88,20 +88,18 @@ def read_rig_values(path: Path | None, method: Method = "joint") -> RigValues:
     PlanError
         The file is not a parameter table, or lacks what the method needs.
     """
-    return OF_THESIS if path is None else rig_values_of(read_parameters(path), method, str(path))
-
-
-def rig_values_of(file: ParameterFile, method: Method, where: str) -> RigValues:
-    """The parameters from a parameter table."""
+    if path is None:
+        return OF_THESIS
+    file = read_parameters(path)
     if not file.values.keys() & THESIS.keys():
         raise PlanError(
-            f"{where} is the parameter table of another rig than the wire bonder; give the model.json next to it with --model"
+            f"{path} is the parameter table of another rig than the wire bonder; give the model.json next to it with --model"
         )
     values, stds = dict(THESIS), dict.fromkeys(THESIS, 0.0)
     found = dict(file.values)
     notes: list[str] = []
     if method == "half-power":
-        found |= _half_power(file, where, notes)
+        found |= _half_power(file, path, notes)
     for name, (value, std) in found.items():
         if name in values:
             values[name], stds[name] = value, std
@@ -109,14 +107,14 @@ def rig_values_of(file: ParameterFile, method: Method, where: str) -> RigValues:
     return RigValues(values=values, stds=stds, assumed=assumed, notes=tuple(notes), levels=file.levels)
 
 
-def _half_power(file: ParameterFile, where: str, notes: list[str]) -> dict[str, tuple[float, float]]:
+def _half_power(file: ParameterFile, path: Path, notes: list[str]) -> dict[str, tuple[float, float]]:
     # Half-power if it is applicable; otherwise the modal fit of the same peak, with a note.
     found: dict[str, tuple[float, float]] = {}
     for body in ("table", "heatblock", "motor"):
         read = file.read_off.get(body)
         if read is None:
             raise PlanError(
-                f"{where} has no value for the {body}'s peak, which half-power needs; run rig characterize on a recording whose "
+                f"{path} has no value for the {body}'s peak, which half-power needs; run rig characterize on a recording whose "
                 "drive excites it, or use --method joint"
             )
         if not read.half_power:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isorig.analysis.campaign import Campaign, broad
+from isorig.analysis.campaign import Campaign, Run, broad
 from isorig.analysis.errors import AnalysisError, DataError
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate.natural import natural_modes
@@ -86,18 +86,13 @@ def peak_offset(campaign: Campaign, model: RigModel) -> PeakOffset:
         No gain excites the peak in both configurations.
     """
     guess, loading = loaded_frequencies(model, "heatblock")
-    pairs = []
-    reason = ""
+    pairs, reason = [], ""
     for gain in sorted({run.gain for run in campaign.runs}, reverse=True):
         runs = {c: broad(campaign.select(configuration=c, gain=gain)) for c in ("unlocked", "locked")}
-        there = {
-            c: [r for r in same if r.band is None or (r.band[0] < AROUND[0] * guess and r.band[1] > AROUND[1] * guess)]
-            for c, same in runs.items()
-        }
-        if not all(there.values()):
+        if not all(any(_excites(run, guess) for run in same) for same in runs.values()):
             continue
         try:
-            unlocked, locked = (_peak(campaign, gain, c, guess) for c in ("unlocked", "locked"))
+            unlocked, locked = (_peak(same, guess) for same in runs.values())
         except AnalysisError as error:
             reason = f" ({error})"
             continue
@@ -124,14 +119,15 @@ def loaded_frequencies(model: RigModel, body: str) -> tuple[float, float]:
     return locked, unlocked - locked
 
 
-def _peak(campaign: Campaign, gain: float, configuration: str, guess: float) -> Mode:
-    runs = broad(campaign.select(configuration=configuration, gain=gain))
-    longest = max(run.duration for run in runs)
+def _excites(run: Run, peak: float) -> bool:
+    return run.band is None or (run.band[0] < AROUND[0] * peak and run.band[1] > AROUND[1] * peak)
 
+
+def _peak(runs: list[Run], guess: float) -> Mode:
     def estimated(resolution: float) -> Frf:
         return estimate(runs, references=["head"], channels=["heatblock"], resolution=resolution).frf("heatblock", "head")
 
-    finest = SEGMENTS / longest
+    finest = SEGMENTS / max(run.duration for run in runs)
     frf = estimated(max(finest, guess / 300.0))
     at, width = _top(frf, guess)
     frf = estimated(max(finest, width / LINES))

@@ -116,13 +116,10 @@ def virtual_campaign(
     ['head', 'heatblock', 'motor', 'table']
     """
     generator = np.random.default_rng(seed)
-    sound = without_faults(model)
     runs = []
     for take in takes:
         head = head_of(take, sample_rate, int(generator.integers(2**31)))
-        excitation = Excitation.prepare(head, sample_rate, oversample=oversample)
-        response = simulate(sound, excitation, configuration=take.configuration, start_time=take.start)
-        recorded = record(model, {model.drive.channel: head, **response.channels}, sample_rate)
+        recorded = records_of(model, head, sample_rate, take.configuration, take.start, oversample=oversample)
         channels = {
             name: Channel(
                 name=name, samples=_converted(values + generator.normal(0.0, noise, len(values))),
@@ -140,10 +137,17 @@ def virtual_campaign(
     return Campaign(runs=tuple(runs), known=known_of(model), source="virtual rig")
 
 
-def without_faults(model: RigModel) -> RigModel:
-    """The rig without faults of its measurement chains."""
-    sensors = tuple(msgspec.structs.replace(sensor, chain=Chain()) for sensor in model.sensors)
-    return msgspec.structs.replace(model, drive=msgspec.structs.replace(model.drive, chain=Chain()), sensors=sensors)
+def records_of(
+    model: RigModel, drive: FloatArray, sample_rate: float, configuration: str, start_time: float, *, oversample: int = 16
+) -> dict[str, FloatArray]:
+    """All channels as recorded by a rig that starts from rest, by channel, each shape (n,).
+
+    `drive` are the true values of the drive, shape (n,), at the sample rate (Hz); `start_time` is in seconds since the first run.
+    """
+    sound = msgspec.structs.replace(model, drive=msgspec.structs.replace(model.drive, chain=Chain())).without_faults
+    excitation = Excitation.prepare(drive, sample_rate, oversample=oversample)
+    seen = simulate(sound, excitation, configuration=configuration, start_time=start_time).channels
+    return record(model, {model.drive.channel: drive, **seen}, sample_rate)
 
 
 def known_of(model: RigModel) -> dict[str, float]:

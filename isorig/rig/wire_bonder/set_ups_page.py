@@ -56,15 +56,10 @@ def about(read: FourSetUps) -> dict[str, Any]:
     """The classic readings as plain values, by the names of the parameter table."""
     rows: dict[str, Any] = {}
     for item in read.set_ups:
-        half, mode = item.half_power, item.mode
+        half = item.half_power
         rows[item.name] = {
-            "frequency_hz": _of_mode(mode, "frequency"),
-            "damping": _of_mode(mode, "damping"), "method": item.method,
-            "note": item.refused or (item.fit.warning if item.fit else ""),
-            "half_power": {
-                "frequency_hz": _of_mode(half.mode, "frequency"), "damping": _of_mode(half.mode, "damping"),
-                "refused": half.refused, "note": half.refused or half.warning,
-            },
+            **_of_mode(item.mode), "method": item.method, "note": item.refused or (item.fit.warning if item.fit else ""),
+            "half_power": {**_of_mode(half.mode), "refused": half.refused, "note": half.refused or half.warning},
             "resolution_hz": item.frf.resolution, "averages": item.frf.averages,
         }  # fmt: skip
     if read.surface is not None:
@@ -80,8 +75,10 @@ def _pair(value: float | None, std: float | None) -> dict[str, float | None]:
     return {"value": value, "std": std}
 
 
-def _of_mode(mode: Mode | None, key: str) -> dict[str, float | None]:
-    return _pair(None, None) if mode is None else _pair(getattr(mode, key), getattr(mode, f"{key}_std"))
+def _of_mode(mode: Mode | None) -> dict[str, Any]:
+    if mode is None:
+        return {"frequency_hz": _pair(None, None), "damping": _pair(None, None)}
+    return {"frequency_hz": _pair(mode.frequency, mode.frequency_std), "damping": _pair(mode.damping, mode.damping_std)}
 
 
 def _page(campaign: Campaign, found: Characterization, read: FourSetUps) -> str:
@@ -111,20 +108,18 @@ def _page(campaign: Campaign, found: Characterization, read: FourSetUps) -> str:
 
 
 def _compared(found: Characterization, read: FourSetUps) -> Table:
-    by_name = {item.name: item for item in read.set_ups}
+    by_name: dict[str, SetUp] = {item.name: item for item in read.set_ups}
+    surface = {} if read.surface is None else {"table_mass": read.surface.best[0], "table_damping": read.surface.best[1]}
     rows = []
     for name, entry in found.table.items():
         body, _, what = name.partition("_")
-        item = next((s for s in by_name.values() if s.name == body), None)
-        mode, half = (item.mode, item.half_power.mode) if item is not None else (None, None)
-        key = what if what in ("frequency", "damping") else ""
-        surface = read.surface
-        eq5 = {"table_mass": surface.best[0], "table_damping": surface.best[1]}.get(name) if surface is not None else None
+        item = by_name.get(body) if what in ("frequency", "damping") else None
+        modes = (None, None) if item is None else (item.mode, item.half_power.mode)
         rows.append(
             (
                 words(name), entry.unit, number(entry.value), number(entry.uncertainty, 2),
-                number(getattr(mode, key) if mode and key else None), number(getattr(half, key) if half and key else None),
-                number(eq5, 4), entry.note,
+                *(number(None if mode is None else getattr(mode, what)) for mode in modes), number(surface.get(name), 4),
+                entry.note,
             )
         )  # fmt: skip
     return Table(

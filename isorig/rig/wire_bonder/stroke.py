@@ -10,15 +10,16 @@ import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import ComplexArray, FloatArray
+from isorig.analysis.diagnose.causes.base import exchange
 from isorig.analysis.errors import DataError
 from isorig.analysis.isolation.optimum import isolated
 from isorig.analysis.model.rig_model import Body, Link, RigModel, Sensor
 from isorig.analysis.simulate import Excitation, scan, simulate
 from isorig.analysis.simulate.state_space import state_space
 
-#: Radius of gyration of the motor, m (its moment of inertia is m r^2), and damping ratio of its rocking; assumed, as the thesis
-#: does not give them.
-RADIUS, DAMPING_RATIO = 0.1, 0.03
+#: Radius of gyration of the motor, m (its moment of inertia is m r^2), damping ratio of its rocking, and distance of the springs
+#: from the centre of gravity, m, which couples rocking to the table; assumed, as the thesis does not give them.
+RADIUS, DAMPING_RATIO, HEIGHT = 0.1, 0.03, 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,7 +162,7 @@ def linear_ratio(model: RigModel, frequency: FloatArray) -> FloatArray:
     return np.asarray(both[0] / both[1])
 
 
-def rocking(model: RigModel, offset: float, *, frequency: float, bearing_height: float = 0.02) -> RigModel:
+def rocking(model: RigModel, offset: float, *, frequency: float, bearing_height: float = HEIGHT) -> RigModel:
     """The rig with a drive offset from the motor's centre of gravity, so that the motor rocks on its bearings.
 
     Parameters
@@ -173,15 +174,13 @@ def rocking(model: RigModel, offset: float, *, frequency: float, bearing_height:
     frequency
         Rocking frequency on the bearings, Hz.
     bearing_height
-        Distance of the springs from the centre of gravity, m: it couples rocking to the table.
+        Distance of the springs from the centre of gravity, m.
     """
     name = model.link("isolation").a
     inertia = model.body(name).mass * RADIUS**2
     omega = 2.0 * pi * frequency
     bearing = Link(name="bearing", a="rocking", stiffness=inertia * omega**2, damping=2.0 * DAMPING_RATIO * inertia * omega)
     arms = {"rocking": bearing_height}
-    links = tuple(msgspec.structs.replace(p, arms=arms) if p.name == "isolation" else p for p in model.links)
-    contacts = tuple(msgspec.structs.replace(p, arms=arms) if p.name == "isolation" else p for p in model.contacts)
     configurations = {
         key: msgspec.structs.replace(c, rigid=(*c.rigid, "bearing")) if "isolation" in c.rigid else c
         for key, c in model.configurations.items()
@@ -190,8 +189,8 @@ def rocking(model: RigModel, offset: float, *, frequency: float, bearing_height:
     return msgspec.structs.replace(
         model,
         bodies=(*model.bodies, Body(name="rocking", mass=inertia)),
-        links=(*links, bearing),
-        contacts=contacts,
+        links=(*exchange(model.links, "isolation", arms=arms), bearing),
+        contacts=exchange(model.contacts, "isolation", arms=arms),
         drive=msgspec.structs.replace(model.drive, pushes=pushes),
         configurations=configurations,
         free=(),

@@ -23,7 +23,6 @@ EXCEPTIONS = {
     "drivers/analyzer.py": "example plan", "drivers/kinds.py": "example plan", "drivers/mti600.py": "example plan",
     "drivers/ni.py": "example plan", "drivers/sound.py": "example plan",
     "rig/commands/characterize.py": "prints its table",
-    "rig/commands/design.py": "prints its moves",
     "rig/exchange/draft.py": "recognizes its channels by the names of columns",
     "rig/files/parameter_table.py": "names of its parameters in a file format",
     "rig/files/recording.py": "required channels of a recording without a description",

@@ -1,29 +1,100 @@
-"""Figures of the design study."""
+"""Files of the design study: its values, tables and figures."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator
 
 from isorig.analysis.model.rig_model import RigModel
-from isorig.rig.wire_bonder.design_study import RATE, BondPlan, Designed
+from isorig.rig.files.output import write_csv, write_json
+from isorig.rig.frf.figures import Figure, gridded, save
+from isorig.rig.virtual.levels import MOVE_RATE
+from isorig.rig.wire_bonder.design_study import ISOLATED, BondPlan, Designed, DesignPlan
+from isorig.rig.wire_bonder.figures import isolation_figure
 from isorig.rig.wire_bonder.move_isolation import MoveIsolation, move_within, on_move
+from isorig.rig.wire_bonder.parameters import RigValues
 
 #: Milliseconds of the bond's move that are shown, from its start.
 SHOWN = 120.0
 
 
-def _numbered(axis: Axes) -> None:
-    # Labels at 1, 2 and 5 of every decade: powers of ten alone would leave an axis of one decade almost without labels.
-    for side in (axis.xaxis, axis.yaxis):
-        side.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
-        side.set_major_formatter("{x:g}")
-        side.set_minor_formatter("{x:g}")
-    axis.grid(visible=True, which="both", alpha=0.25, lw=0.5)
+def write_design(folder: Path, plan: DesignPlan, values: RigValues, found: Designed) -> list[str]:
+    """Write design.json, tables and figures; the sentences about moves and drive offsets."""
+    columns = {"frequency_hz": found.studies["with friction"].frequency}
+    for name, study in found.studies.items():
+        columns[f"stroke_{_plain(name)}_m"] = study.stroke
+        if len(study.draws):
+            columns[f"stroke_{_plain(name)}_std_m"] = study.draws.std(axis=0, ddof=1)
+    write_csv(folder / "strokes.csv", columns)
+    times = {"time_s": np.arange(len(found.head)) / MOVE_RATE, "head_m_s2": found.head}
+    for name, bodies in found.histories.items():
+        times |= {f"{_plain(name)}_{body}_m": positions for body, positions in bodies.items()}
+    write_csv(folder / "histories.csv", times)
+    levels = {"acceleration_m_s2": next(iter(found.levels.values())).acceleration}
+    for name, item in found.levels.items():
+        levels[f"isolated_{_plain(name)}"] = item.isolation
+        levels[f"largest_{_plain(name)}_m"] = np.array([r.largest for r in item.unlocked])
+        levels[f"settling_{_plain(name)}_s"] = np.array([r.settling for r in item.unlocked])
+    write_csv(folder / "moves.csv", levels)
+    save(level_figure(found.levels), folder / "moves.png")
+    save(bond_figure(found.rigs, plan.bond), folder / "bond.png")
+    save(stroke_figure(found), folder / "strokes.png")
+    save(history_figure(found), folder / "histories.png")
+    save(isolation_figure(found.ratios, {}), folder / "ratio.png")
+    if found.offsets:
+        save(offset_figure(found), folder / "offset.png")
+    bond = plan.bond
+    content = {
+        "format": "rig-design", "format_version": 1, "limit_m": plan.limit, "safety_factor": plan.safety,
+        "present_frequency_hz": found.present,
+        "studies": {
+            name: {
+                "lowest_hz": _finite(s.lowest), "std_hz": s.std, "recommended_hz": _finite(s.recommended), "draws": len(s.draws),
+            }
+            for name, s in found.studies.items()
+        },
+        "median_ratio_5_to_15_hz": {
+            name: float(np.median(r.ratio[(r.frequency >= 5.0) & (r.frequency <= 15.0)])) for name, r in found.ratios.items()
+        },
+        "assumed": list(values.assumed), "notes": values.remarks,
+        "bond": {
+            "distance_m": bond.distance, "seconds": bond.seconds, "tolerance_m": bond.tolerance,
+            "cases": {
+                name: {"largest_m": r.largest, "settling_s": _finite(r.settling), "stroke_m": found.stroke(name)}
+                for name, r in found.bonds.items()
+            },
+        },
+        "drive_offsets": [
+            {"offset_m": o, "rocking_rad": d.rocking, "stroke_m": d.stroke, "ratio_over_none": d.worst}
+            for o, d in found.offsets.items()
+        ],
+    }  # fmt: skip
+    write_json(folder / "design.json", content)
+    said = []
+    for name, response in found.bonds.items():
+        still = "does not settle" if np.isnan(response.settling) else f"settles {1e3 * response.settling:.0f} ms after the move"
+        said.append(
+            f"{name}: in a move of {1e3 * bond.distance:g} mm in {1e3 * bond.seconds:g} ms the heatblock moves "
+            f"{1e6 * response.largest:.2g} µm relative to the table (allowed ±{1e6 * bond.tolerance:g} µm) and {still}"
+        )
+    said += values.remarks
+    for offset, seen in found.offsets.items():
+        said.append(
+            f"drive offset {1e3 * offset:g} mm: the motor rocks by {1e3 * seen.rocking:.3g} mrad, the ratio from "
+            f"{ISOLATED[0]:g} to {ISOLATED[1]:g} Hz is at worst {seen.worst:.3g} times that without offset"
+        )
+    return said
+
+
+def _plain(name: str) -> str:
+    # The name of a case as a column name.
+    return name.replace(",", "").replace(" ", "_")
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None
 
 
 def stroke_figure(designed: Designed) -> Figure:
@@ -41,9 +112,8 @@ def stroke_figure(designed: Designed) -> Figure:
     axis.axhline(1e3 * allowed, color="0.3", ls="--", lw=1.0, label=f"allowed, {1e3 * allowed:.3g} mm")
     axis.axvline(designed.present, color="0.6", lw=0.8, label=f"present, {designed.present:.2f} Hz")
     axis.set(xscale="log", yscale="log", xlabel="isolation frequency, Hz", ylabel="largest stroke, motor relative to table, mm")
-    _numbered(axis)
     axis.legend(fontsize=8)
-    return figure
+    return gridded(figure)
 
 
 def history_figure(designed: Designed) -> Figure:
@@ -54,12 +124,11 @@ def history_figure(designed: Designed) -> Figure:
         for body, values in bodies.items():
             # The heatblock moves with the table, so its line is dashed and on top.
             dash = "--" if body == "heatblock" else "-"
-            axis.plot(np.arange(len(values)) / RATE, 1e3 * values, dash, lw=1.0, label=body)
+            axis.plot(np.arange(len(values)) / MOVE_RATE, 1e3 * values, dash, lw=1.0, label=body)
         axis.set(title=name, ylabel="displacement, mm")
-        axis.grid(visible=True, alpha=0.25, lw=0.5)
     axes[0].legend(fontsize=8)
     axes[-1].set(xlabel="time, s")
-    return figure
+    return gridded(figure)
 
 
 def offset_figure(designed: Designed) -> Figure:
@@ -69,9 +138,8 @@ def offset_figure(designed: Designed) -> Figure:
     for offset, seen in designed.offsets.items():
         axis.plot(seen.frequency, seen.ratio, lw=1.2, label=f"offset {1e3 * offset:g} mm: rocks by {1e3 * seen.rocking:.2g} mrad")
     axis.set(xscale="log", yscale="log", xlabel="frequency, Hz", ylabel="ratio, unlocked / locked")
-    _numbered(axis)
     axis.legend(fontsize=8)
-    return figure
+    return gridded(figure)
 
 
 def level_figure(by_case: Mapping[str, MoveIsolation]) -> Figure:
@@ -92,13 +160,9 @@ def level_figure(by_case: Mapping[str, MoveIsolation]) -> Figure:
         xlabel="peak of the head's acceleration, m/s²",
         xscale="log",
     )
-    size.set_xticks([10, 20, 50, 100, 200], labels=["10", "20", "50", "100", "200"])
-    size.xaxis.set_minor_formatter("")
-    size.yaxis.set_major_formatter("{x:g}")
-    for axis in (share, size):
-        axis.grid(visible=True, which="both", alpha=0.25, lw=0.5)
-        axis.legend(fontsize=8)
-    return figure
+    share.legend(fontsize=8)
+    size.legend(fontsize=8)
+    return gridded(figure)
 
 
 def bond_figure(rigs: Mapping[str, RigModel], bond: BondPlan) -> Figure:
@@ -114,7 +178,6 @@ def bond_figure(rigs: Mapping[str, RigModel], bond: BondPlan) -> Figure:
         axis.axhspan(-1e6 * bond.tolerance, 1e6 * bond.tolerance, color="tab:red", alpha=0.2, lw=0, label="the bond's tolerance")
         axis.axvline(1e3 * bond.seconds, color="0.2", ls=":", lw=1.0, label="end of the move")
         axis.set(ylabel="heatblock relative to table, µm", title=name)
-        axis.grid(visible=True, alpha=0.25, lw=0.5)
         axis.legend(fontsize=8, loc="upper right")
     figure.axes[-1].set(xlabel="time, ms")
-    return figure
+    return gridded(figure)
