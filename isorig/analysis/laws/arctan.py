@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated
 
 import numpy as np
 
@@ -20,20 +20,12 @@ class Arctan(ContactLaw, frozen=True, kw_only=True, tag="arctan"):
     Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994); Fc without static_force.
     """
 
-    friction_force: float
-    smoothing_velocity: float
-    static_force: float | None = None
-    stribeck_velocity: float = 0.05
-    exponent: float = 1.0
-    viscous_coefficient: float = 0.0
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "friction_force": Parameter("N", 1.0, 12.0, least=0.0),
-        "smoothing_velocity": Parameter("m/s", 5e-3, 0.1, above=0.0),
-        "static_force": Parameter("N", 1.0, 20.0),
-        "stribeck_velocity": Parameter("m/s", 5e-3, 0.1, above=0.0),
-        "exponent": Parameter("1", 0.5, 2.0, above=0.0),
-        "viscous_coefficient": Parameter("N s/m", 0.0, 20.0, least=0.0),
-    }
+    friction_force: Annotated[float, Parameter("N", 1.0, 12.0, least=0.0)]
+    smoothing_velocity: Annotated[float, Parameter("m/s", 5e-3, 0.1, above=0.0)]
+    static_force: Annotated[float | None, Parameter("N", 1.0, 20.0)] = None
+    stribeck_velocity: Annotated[float, Parameter("m/s", 5e-3, 0.1, above=0.0)] = 0.05
+    exponent: Annotated[float, Parameter("1", 0.5, 2.0, above=0.0)] = 1.0
+    viscous_coefficient: Annotated[float, Parameter("N s/m", 0.0, 20.0, least=0.0)] = 0.0
 
     def element(self, link: LinkConstants) -> Element:
         top = self._static

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated
 
 import numpy as np
 
@@ -15,12 +15,8 @@ from isorig.analysis.laws.elements import Element, Exit, State
 class Backlash(SpringLaw, frozen=True, kw_only=True, tag="backlash"):
     """Spring acts only beyond `clearance` (m, half the play); within it a share `residual` of the stiffness remains."""
 
-    clearance: float
-    residual: float = 0.0
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "clearance": Parameter("m", 1e-4, 1e-2, least=0.0),
-        "residual": Parameter("1", 0.0, 0.5),
-    }
+    clearance: Annotated[float, Parameter("m", 1e-4, 1e-2, least=0.0)]
+    residual: Annotated[float, Parameter("1", 0.0, 0.5)] = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()

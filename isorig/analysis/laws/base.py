@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, Any, ClassVar, get_origin, get_type_hints
 
 import msgspec
 import numpy as np
@@ -51,10 +51,15 @@ class Law(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
     and v. A law is one file of this package: a subclass of `SpringLaw` or `ContactLaw` with a unique tag.
     """
 
-    #: By field; every number of the law has an entry.
-    parameters: ClassVar[dict[str, Parameter]] = {}
-    #: Number of memory values.
+    #: By field: the annotation of every number of the law has one.
+    parameters: ClassVar[dict[str, Parameter]]
+    #: Whether it has a memory.
     remembers: ClassVar[bool] = False
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        hints = get_type_hints(cls, include_extras=True)
+        cls.parameters = {name: hint.__metadata__[0] for name, hint in hints.items() if get_origin(hint) is Annotated}
 
     def __post_init__(self) -> None:
         for name in self.__struct_fields__:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -26,16 +26,10 @@ class BoucWen(ContactLaw, frozen=True, kw_only=True, tag="bouc_wen"):
     102, 1976).
     """
 
-    friction_force: float
-    initial_stiffness: float
-    sharpness: float = 1.0
-    pinching: float = 0.5
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "friction_force": Parameter("N", 1.0, 12.0, above=0.0),
-        "initial_stiffness": Parameter("N/m", 1e3, 1e4, above=0.0),
-        "sharpness": Parameter("1", 1.0, 3.0, least=1.0),
-        "pinching": Parameter("1", 0.5, 1.0),
-    }
+    friction_force: Annotated[float, Parameter("N", 1.0, 12.0, above=0.0)]
+    initial_stiffness: Annotated[float, Parameter("N/m", 1e3, 1e4, above=0.0)]
+    sharpness: Annotated[float, Parameter("1", 1.0, 3.0, least=1.0)] = 1.0
+    pinching: Annotated[float, Parameter("1", 0.5, 1.0)] = 0.5
     remembers: ClassVar[bool] = True
 
     def __post_init__(self) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated
 
 import numpy as np
 
@@ -16,12 +16,8 @@ from isorig.analysis.laws.elements import Element, Formula
 class BoundedSoftening(SpringLaw, frozen=True, kw_only=True, tag="bounded_softening"):
     """Spring force k ((1 - r) d + r s tanh(d / s)): softening r in [0, 1), scale s in m."""
 
-    softening: float
-    scale: float
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "softening": Parameter("1", 0.0, 0.95),
-        "scale": Parameter("m", 1e-3, 3e-2, above=0.0),
-    }
+    softening: Annotated[float, Parameter("1", 0.0, 0.95)]
+    scale: Annotated[float, Parameter("m", 1e-3, 3e-2, above=0.0)]
 
     def __post_init__(self) -> None:
         super().__post_init__()

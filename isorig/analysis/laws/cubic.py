@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.jit import kernel
@@ -13,8 +13,7 @@ from isorig.analysis.laws.elements import Element, Formula
 class Cubic(SpringLaw, frozen=True, kw_only=True, tag="cubic"):
     """Force cubic_stiffness * d^3 added to the spring (N/m^3); negative softens."""
 
-    cubic_stiffness: float
-    parameters: ClassVar[dict[str, Parameter]] = {"cubic_stiffness": Parameter("N/m^3", 1e4, 1e7)}
+    cubic_stiffness: Annotated[float, Parameter("N/m^3", 1e4, 1e7)]
 
     def element(self, link: LinkConstants) -> Element:
         return Element(formula=FORMULA, params=(self.cubic_stiffness,))

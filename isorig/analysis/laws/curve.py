@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Annotated, Literal
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.jit import kernel
@@ -19,10 +19,9 @@ class Curve(SpringLaw, frozen=True, kw_only=True, tag="curve"):
     """
 
     over: Literal["deflection", "speed", "time"]
-    at: tuple[float, ...]
-    values: tuple[float, ...]
+    at: Annotated[tuple[float, ...], Parameter("m", 1e-3, 2e-2)]
+    values: Annotated[tuple[float, ...], Parameter("N", 0.0, 10.0)]
     of: Literal["stiffness", "damping"] = "stiffness"
-    parameters: ClassVar[dict[str, Parameter]] = {"at": Parameter("m", 1e-3, 2e-2), "values": Parameter("N", 0.0, 10.0)}
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated
 
 import numpy as np
 
@@ -18,12 +18,8 @@ NEVER = 1e18
 class LinearDrift(SpringLaw, frozen=True, kw_only=True):
     """A constant of a link times drift_rate t, drift_rate in 1/s, t from the campaign's first sample, at most `until` s."""
 
-    drift_rate: float
-    until: float | None = None
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "drift_rate": Parameter("1/s", -0.1, 0.2),
-        "until": Parameter("s", 0.5, 2.0),
-    }
+    drift_rate: Annotated[float, Parameter("1/s", -0.1, 0.2)]
+    until: Annotated[float | None, Parameter("s", 0.5, 2.0)] = None
 
     @property
     def end(self) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -21,14 +21,9 @@ class ElastoSlip(SpringLaw, frozen=True, kw_only=True, tag="elasto_slip"):
     Appl. Mech. 33, 1966).
     """
 
-    spring_stiffness: float
-    slip_force: float
-    clearance: float = 0.0
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "spring_stiffness": Parameter("N/m", 3e2, 1e4, above=0.0),
-        "slip_force": Parameter("N", 1.0, 10.0, least=0.0),
-        "clearance": Parameter("m", 0.0, 5e-3, least=0.0),
-    }
+    spring_stiffness: Annotated[float, Parameter("N/m", 3e2, 1e4, above=0.0)]
+    slip_force: Annotated[float, Parameter("N", 1.0, 10.0, least=0.0)]
+    clearance: Annotated[float, Parameter("m", 0.0, 5e-3, least=0.0)] = 0.0
     remembers: ClassVar[bool] = True
 
     def element(self, link: LinkConstants) -> Element:

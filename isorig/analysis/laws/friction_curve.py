@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -23,14 +23,9 @@ class FrictionCurve(ContactLaw, frozen=True, kw_only=True, tag="friction_curve")
     """
 
     over: Literal["speed", "position", "time"]
-    at: tuple[float, ...]
-    levels: tuple[float, ...]
-    backward: tuple[float, ...] = ()
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "at": Parameter("m/s", 1e-3, 1.0),
-        "levels": Parameter("N", 1.0, 12.0),
-        "backward": Parameter("N", 1.0, 12.0),
-    }
+    at: Annotated[tuple[float, ...], Parameter("m/s", 1e-3, 1.0)]
+    levels: Annotated[tuple[float, ...], Parameter("N", 1.0, 12.0)]
+    backward: Annotated[tuple[float, ...], Parameter("N", 1.0, 12.0)] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -19,12 +19,8 @@ class Maxwell(SpringLaw, frozen=True, kw_only=True, tag="maxwell"):
     mount, a hose or a cable: its complex stiffness is k1 j w T / (1 + j w T), so it stiffens from zero to k1 around w = 1 / T.
     """
 
-    relaxation_stiffness: float
-    relaxation_time: float
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "relaxation_stiffness": Parameter("N/m", 1e2, 1e4, least=0.0),
-        "relaxation_time": Parameter("s", 2e-3, 0.2, above=0.0),
-    }
+    relaxation_stiffness: Annotated[float, Parameter("N/m", 1e2, 1e4, least=0.0)]
+    relaxation_time: Annotated[float, Parameter("s", 2e-3, 0.2, above=0.0)]
     remembers: ClassVar[bool] = True
 
     def element(self, link: LinkConstants) -> Element:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -24,12 +24,8 @@ class MaxwellSlip(ContactLaw, frozen=True, kw_only=True, tag="maxwell_slip"):
     Appl. Mech. 33, 1966; Lampaert, Swevers, Al-Bender, IEEE Trans. Autom. Control 47, 2002).
     """
 
-    stiffnesses: tuple[float, ...]
-    slip_forces: tuple[float, ...]
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "stiffnesses": Parameter("N/m", 1e2, 1e4),
-        "slip_forces": Parameter("N", 0.3, 6.0),
-    }
+    stiffnesses: Annotated[tuple[float, ...], Parameter("N/m", 1e2, 1e4)]
+    slip_forces: Annotated[tuple[float, ...], Parameter("N", 0.3, 6.0)]
     remembers: ClassVar[bool] = True
 
     def __post_init__(self) -> None:

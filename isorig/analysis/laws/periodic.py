@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated
 
 import numpy as np
 
@@ -20,14 +20,9 @@ class Periodic(SpringLaw, frozen=True, kw_only=True, tag="periodic"):
     subtracted.
     """
 
-    periodic_force: float
-    pitch: float
-    phase: float = 0.0
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "periodic_force": Parameter("N", 0.5, 5.0, least=0.0),
-        "pitch": Parameter("m", 5e-3, 3e-2, above=0.0),
-        "phase": Parameter("1", -3.0, 3.0),
-    }
+    periodic_force: Annotated[float, Parameter("N", 0.5, 5.0, least=0.0)]
+    pitch: Annotated[float, Parameter("m", 5e-3, 3e-2, above=0.0)]
+    phase: Annotated[float, Parameter("1", -3.0, 3.0)] = 0.0
 
     def element(self, link: LinkConstants) -> Element:
         wave = 2.0 * np.pi / self.pitch

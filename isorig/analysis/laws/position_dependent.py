@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated
 
 import numpy as np
 
@@ -19,16 +19,10 @@ class PositionDependent(ContactLaw, frozen=True, kw_only=True, tag="position_dep
     (Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994).
     """
 
-    friction_force: float
-    gradient: float = 0.0
-    ripple: float = 0.0
-    pitch: float = 0.01
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "friction_force": Parameter("N", 3.0, 12.0, least=0.0),
-        "gradient": Parameter("N/m", -100.0, 100.0),
-        "ripple": Parameter("N", 0.0, 2.0),
-        "pitch": Parameter("m", 5e-3, 3e-2, above=0.0),
-    }
+    friction_force: Annotated[float, Parameter("N", 3.0, 12.0, least=0.0)]
+    gradient: Annotated[float, Parameter("N/m", -100.0, 100.0)] = 0.0
+    ripple: Annotated[float, Parameter("N", 0.0, 2.0)] = 0.0
+    pitch: Annotated[float, Parameter("m", 5e-3, 3e-2, above=0.0)] = 0.01
 
     def element(self, link: LinkConstants) -> Element:
         return Element(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated
 
 import numpy as np
 
@@ -15,8 +15,7 @@ from isorig.analysis.laws.elements import Element, Formula
 class QuadraticDamping(SpringLaw, frozen=True, kw_only=True, tag="quadratic_damping"):
     """Force quadratic_damping * v |v| (N s^2/m^2)."""
 
-    quadratic_damping: float
-    parameters: ClassVar[dict[str, Parameter]] = {"quadratic_damping": Parameter("N s^2/m^2", 1.0, 300.0, least=0.0)}
+    quadratic_damping: Annotated[float, Parameter("N s^2/m^2", 1.0, 300.0, least=0.0)]
 
     def element(self, link: LinkConstants) -> Element:
         return Element(formula=FORMULA, params=(self.quadratic_damping,))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -18,17 +18,11 @@ class Stribeck(ContactLaw, frozen=True, kw_only=True, tag="stribeck"):
     exponential: Fc + (Fs - Fc) exp(-|v / vs|^exponent); rational: Fc + (Fs - Fc) / (1 + |v / vs|^exponent).
     """
 
-    friction_force: float
-    static_force: float
-    stribeck_velocity: float
-    exponent: float = 1.0
+    friction_force: Annotated[float, Parameter("N", 1.0, 12.0, least=0.0)]
+    static_force: Annotated[float, Parameter("N", 1.0, 20.0)]
+    stribeck_velocity: Annotated[float, Parameter("m/s", 5e-3, 0.1, above=0.0)]
+    exponent: Annotated[float, Parameter("1", 0.5, 2.0, above=0.0)] = 1.0
     shape: Literal["exponential", "rational"] = "exponential"
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "friction_force": Parameter("N", 1.0, 12.0, least=0.0),
-        "static_force": Parameter("N", 1.0, 20.0),
-        "stribeck_velocity": Parameter("m/s", 5e-3, 0.1, above=0.0),
-        "exponent": Parameter("1", 0.5, 2.0, above=0.0),
-    }
 
     def element(self, link: LinkConstants) -> Element | None:
         if self.static_force == 0.0:
