@@ -7,9 +7,8 @@ from typing import Annotated
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.jit import kernel
 from isorig.analysis.laws.base import ContactLaw, LinkConstants, Parameter
-from isorig.analysis.laws.elements import Element, Formula, State
+from isorig.analysis.laws.elements import Element, State, curved
 from isorig.analysis.laws.shapes import falling
 
 
@@ -31,7 +30,7 @@ class Arctan(ContactLaw, frozen=True, kw_only=True, tag="arctan"):
         top = self._static
         falls = top - self.friction_force
         return Element(
-            states=(State(v=self.viscous_coefficient),), formula=FORMULA,
+            states=(State(v=self.viscous_coefficient),), formula=resist,
             params=(self.friction_force, self.smoothing_velocity, falls, self.stribeck_velocity, self.exponent),
             steepest=(0.0, top / self.smoothing_velocity + 2.0 * falls / self.stribeck_velocity),
         )  # fmt: skip
@@ -45,12 +44,9 @@ class Arctan(ContactLaw, frozen=True, kw_only=True, tag="arctan"):
         return self.friction_force if self.static_force is None else self.static_force
 
 
-@kernel
+@curved
 def resist(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
     level = p[0]
     if p[2] > 0.0:
         level += p[2] * np.exp(-((abs(v) / p[3]) ** p[4]))
     return level * (2.0 / np.pi) * np.arctan(v / p[1])
-
-
-FORMULA = Formula(resist=resist)

@@ -7,9 +7,8 @@ from typing import Annotated
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.jit import kernel
 from isorig.analysis.laws.base import LinkConstants, Parameter, SpringLaw
-from isorig.analysis.laws.elements import Element, Formula
+from isorig.analysis.laws.elements import Element, curved
 
 #: Time in s longer than any campaign.
 NEVER = 1e18
@@ -31,7 +30,7 @@ class Drift(LinearDrift, frozen=True, kw_only=True, tag="drift"):
     """Stiffness k (1 + drift_rate t), drift_rate in 1/s, t from the campaign's first sample, constant after `until` s."""
 
     def element(self, link: LinkConstants) -> Element:
-        return Element(formula=STIFFNESS, params=(link.stiffness * self.drift_rate, self.end))
+        return Element(formula=pull, params=(link.stiffness * self.drift_rate, self.end))
 
     def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         return np.asarray(link.stiffness * self.drift_rate * np.minimum(t, self.end) * d)
@@ -43,20 +42,17 @@ class DampingDrift(LinearDrift, frozen=True, kw_only=True, tag="damping_drift"):
     def element(self, link: LinkConstants) -> Element:
         rate = link.damping * self.drift_rate
         steepest = 0.0 if self.until is None else abs(rate) * self.until
-        return Element(formula=DAMPING, params=(rate, self.end), steepest=(0.0, steepest))
+        return Element(formula=drag, params=(rate, self.end), steepest=(0.0, steepest))
 
     def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         return np.asarray(link.damping * self.drift_rate * np.minimum(t, self.end) * v)
 
 
-@kernel
+@curved
 def pull(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
     return p[0] * min(t, p[1]) * d
 
 
-@kernel
+@curved
 def drag(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
     return p[0] * min(t, p[1]) * v
-
-
-STIFFNESS, DAMPING = Formula(resist=pull), Formula(resist=drag)

@@ -11,7 +11,7 @@ from isorig.analysis.errors import SimulationError
 from isorig.analysis.laws.base import NO_LINK, ContactLaw, LinkConstants, Parameter
 from isorig.analysis.laws.elements import Element, Exit, State
 from isorig.analysis.laws.shapes import falling
-from isorig.analysis.laws.stribeck import FORMULA
+from isorig.analysis.laws.stribeck import resist
 
 
 class Karnopp(ContactLaw, frozen=True, kw_only=True, tag="karnopp"):
@@ -44,7 +44,7 @@ class Karnopp(ContactLaw, frozen=True, kw_only=True, tag="karnopp"):
         if self.stribeck_velocity is None or falls == 0.0:
             return Element(states=states)
         return Element(
-            states=states, formula=FORMULA, params=(falls, self.stribeck_velocity, self.exponent, 0.0),
+            states=states, formula=resist, params=(falls, self.stribeck_velocity, self.exponent, 0.0),
             gates=(0.0, 0.0, 0.0, 1.0, -1.0), steepest=(0.0, 2.0 * falls / self.stribeck_velocity),
         )  # fmt: skip
 

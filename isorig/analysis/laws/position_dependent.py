@@ -7,9 +7,8 @@ from typing import Annotated
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.jit import kernel
 from isorig.analysis.laws.base import ContactLaw, LinkConstants, Parameter
-from isorig.analysis.laws.elements import Element, Formula, levelled
+from isorig.analysis.laws.elements import Element, curved, levelled
 
 
 class PositionDependent(ContactLaw, frozen=True, kw_only=True, tag="position_dependent"):
@@ -26,7 +25,7 @@ class PositionDependent(ContactLaw, frozen=True, kw_only=True, tag="position_dep
 
     def element(self, link: LinkConstants) -> Element:
         return Element(
-            states=levelled(), formula=FORMULA, gates=(1.0, 1.0, -1.0),
+            states=levelled(), formula=resist, gates=(1.0, 1.0, -1.0),
             params=(self.friction_force, self.gradient, self.ripple, 2.0 * np.pi / self.pitch),
             steepest=(abs(self.gradient) + 2.0 * np.pi * abs(self.ripple) / self.pitch, 0.0),
         )  # fmt: skip
@@ -36,9 +35,6 @@ class PositionDependent(ContactLaw, frozen=True, kw_only=True, tag="position_dep
         return np.asarray(np.maximum(level, 0.0) * np.sign(v))
 
 
-@kernel
+@curved
 def resist(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
     return gate * max(p[0] + p[1] * d + p[2] * np.cos(p[3] * d), 0.0)
-
-
-FORMULA = Formula(resist=resist)

@@ -7,9 +7,8 @@ from typing import Annotated, Literal
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.jit import kernel
 from isorig.analysis.laws.base import ContactLaw, LinkConstants, Parameter
-from isorig.analysis.laws.elements import Element, Formula, dry
+from isorig.analysis.laws.elements import Element, curved, dry
 
 
 class Stribeck(ContactLaw, frozen=True, kw_only=True, tag="stribeck"):
@@ -30,7 +29,7 @@ class Stribeck(ContactLaw, frozen=True, kw_only=True, tag="stribeck"):
         falls = self.static_force - self.friction_force
         return Element(
             states=dry((self.friction_force, self.friction_force), (self.static_force, self.static_force)),
-            formula=FORMULA, params=(falls, self.stribeck_velocity, self.exponent, float(self.shape == "rational")),
+            formula=resist, params=(falls, self.stribeck_velocity, self.exponent, float(self.shape == "rational")),
             gates=(0.0, 1.0, -1.0), steepest=(0.0, 2.0 * falls / self.stribeck_velocity),
         )  # fmt: skip
 
@@ -40,7 +39,7 @@ class Stribeck(ContactLaw, frozen=True, kw_only=True, tag="stribeck"):
         return np.asarray((self.friction_force + (self.static_force - self.friction_force) * fall) * np.sign(v))
 
 
-@kernel
+@curved
 def resist(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
     if gate == 0.0:
         return 0.0
@@ -49,6 +48,3 @@ def resist(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
     if p[2] != 1.0:
         x = abs(x) ** p[2]
     return gate * p[0] * (np.exp(-x) if p[3] == 0.0 else 1.0 / (1.0 + x))
-
-
-FORMULA = Formula(resist=resist)
