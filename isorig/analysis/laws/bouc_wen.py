@@ -75,7 +75,7 @@ def bent_along(p: FloatArray, distance: FloatArray, loading: FloatArray, out: Fl
     z = -1.0 + NEAR
     for k in range(len(loading)):
         loading[k] = z
-        z = integrated(rate, p, z, p[2], 1.0, 1.0, 1.0, 0.0, 1.0, STEP * p[0] / p[1])
+        z = integrated(rate, p, z, p[2], 0.0, 1.0, 1.0, 1.0, 0.0, 1.0, STEP * p[0] / p[1])
     sign, at = 1.0, place(loading, 0.0)
     for k in range(len(distance)):
         x = distance[k]
@@ -88,16 +88,9 @@ def bent_along(p: FloatArray, distance: FloatArray, loading: FloatArray, out: Fl
 @kernel
 def place(rising: FloatArray, value: float) -> float:
     """Index, with its fraction, at which an array that rises reaches a value; within the array."""
-    low, high = 0, len(rising) - 1
-    if value <= rising[low]:
-        return 0.0
-    while high - low > 1:
-        middle = (low + high) // 2
-        if rising[middle] <= value:
-            low = middle
-        else:
-            high = middle
-    return min(low + (value - rising[low]) / max(rising[high] - rising[low], 1e-300), float(high))
+    low = min(max(int(np.searchsorted(rising, value, side="right")) - 1, 0), len(rising) - 2)
+    part = (value - rising[low]) / max(rising[low + 1] - rising[low], 1e-300)
+    return low + min(max(part, 0.0), 1.0)
 
 
 @kernel
@@ -117,7 +110,7 @@ def carry(
     p: FloatArray, memory: FloatArray, after: FloatArray, d0: float, d1: float, v0: float, vm: float, v1: float,
     low: float, high: float, h: float,
 ) -> None:  # fmt: skip
-    after[0] = integrated(rate, p, memory[0], p[2] * p[1] / p[0], v0, vm, v1, low, high, h)
+    after[0] = integrated(rate, p, memory[0], p[2] * p[1] / p[0], 0.0, v0, vm, v1, low, high, h)
 
 
 FORMULA = Formula(resist=resist, carry=carry)
