@@ -16,7 +16,7 @@ import numpy as np
 from isorig.analysis.campaign import ComplexArray, FloatArray, Run
 from isorig.analysis.errors import DataError
 from isorig.analysis.spectra.groups import FEWEST_GROUPS, MOST, Grouping, Groups, Sums, group_bytes, group_size, joined
-from isorig.analysis.spectra.inputs import Drives, Estimator, partial_coherence
+from isorig.analysis.spectra.inputs import Drives, Estimator
 from isorig.analysis.spectra.windows import HANN, OVERLAP_MOST, Window
 from isorig.analysis.views import Viewed
 
@@ -187,8 +187,8 @@ class Spectra:
         drives = Drives(matrix, tuple(references), self.averages)
         cross, power = np.stack([self.cross[name][row] for name in references], axis=-1), self.auto[row]
         h1 = drives.h1(cross)
-        explained = np.minimum(drives.explained(cross), power)
-        known = partial_coherence(h1, drives, power - explained)
+        explained = np.minimum(np.einsum("ki,ki->k", np.conj(cross), h1).real, power)
+        known = drives.partial_coherence(h1, power - explained)
         if estimator == "H1":
             value = h1
         elif estimator == "H2":
@@ -217,7 +217,7 @@ class Spectra:
         lines = np.searchsorted(self.frequency, frequency - 0.5 * self.resolution)
         for left in self.groups.without(lines) if self.groups else ():
             yield replace(
-                self, frequency=self.frequency[lines], auto=left.auto, cross=left.cross,
+                self, frequency=self.frequency[lines], auto=left.auto, cross=dict(left.cross),
                 averages=self.averages * left.segments / self.segments, segments=left.segments, groups=None,
             )  # fmt: skip
 
