@@ -7,7 +7,6 @@ from typing import Annotated
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.errors import ModelError
 from isorig.analysis.laws.base import LinkConstants, Parameter, SpringLaw
 from isorig.analysis.laws.elements import Element, Exit, State
 
@@ -16,12 +15,7 @@ class Backlash(SpringLaw, frozen=True, kw_only=True, tag="backlash"):
     """Spring acts only beyond `clearance` (m, half the play); within it a share `residual` of the stiffness remains."""
 
     clearance: Annotated[float, Parameter("m", 1e-4, 1e-2, least=0.0)]
-    residual: Annotated[float, Parameter("1", 0.0, 0.5)] = 0.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not 0.0 <= self.residual <= 1.0:
-            raise ModelError(f"residual is {self.residual:g}, which must lie in [0, 1]; correct it")
+    residual: Annotated[float, Parameter("1", 0.0, 0.5, least=0.0, most=1.0)] = 0.0
 
     def element(self, link: LinkConstants) -> Element | None:
         slack, c = link.stiffness * (1.0 - self.residual), self.clearance

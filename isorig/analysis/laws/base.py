@@ -19,9 +19,9 @@ PARTS = 16
 
 @dataclass(frozen=True)
 class Parameter:
-    """SI unit of a parameter, its practical range (the law's envelope, from which tests draw rigs), and its limit, if any.
+    """SI unit of a parameter, its practical range (the law's envelope, from which tests draw rigs), and its limits, if any.
 
-    A value is allowed from `least` on, or only `above` a number.
+    A value is allowed from `least` on, or only `above` a number; with `most`, from `least` to `most`.
     """
 
     unit: str
@@ -29,6 +29,7 @@ class Parameter:
     high: float
     least: float | None = None
     above: float | None = None
+    most: float | None = None
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,8 @@ class Law(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
                 continue
             if parameter.above is not None and value <= parameter.above:
                 raise ModelError(f"{name} is {value:g}, which must be greater than {parameter.above:g}; correct it")
+            if parameter.least is not None and parameter.most is not None and not parameter.least <= value <= parameter.most:
+                raise ModelError(f"{name} is {value:g}, which must lie in [{parameter.least:g}, {parameter.most:g}]; correct it")
             if parameter.least is not None and value < parameter.least:
                 raise ModelError(f"{name} is {value:g}, which must be at least {parameter.least:g}; correct it")
 

@@ -7,7 +7,6 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.errors import ModelError
 from isorig.analysis.jit import kernel
 from isorig.analysis.laws.base import NO_LINK, ContactLaw, LinkConstants, Parameter
 from isorig.analysis.laws.elements import Element, Formula
@@ -29,13 +28,8 @@ class BoucWen(ContactLaw, frozen=True, kw_only=True, tag="bouc_wen"):
     friction_force: Annotated[float, Parameter("N", 1.0, 12.0, above=0.0)]
     initial_stiffness: Annotated[float, Parameter("N/m", 1e3, 1e4, above=0.0)]
     sharpness: Annotated[float, Parameter("1", 1.0, 3.0, least=1.0)] = 1.0
-    pinching: Annotated[float, Parameter("1", 0.5, 1.0)] = 0.5
+    pinching: Annotated[float, Parameter("1", 0.5, 1.0, least=0.0, most=1.0)] = 0.5
     remembers: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not 0.0 <= self.pinching <= 1.0:
-            raise ModelError(f"pinching is {self.pinching:g}, which must lie in [0, 1]; correct it")
 
     @property
     def _params(self) -> tuple[float, ...]:

@@ -10,7 +10,7 @@ from isorig.analysis.campaign import FloatArray
 from isorig.analysis.jit import kernel
 from isorig.analysis.laws.base import NO_LINK, LinkConstants, Parameter, SpringLaw
 from isorig.analysis.laws.elements import Element, Formula
-from isorig.analysis.laws.shapes import dragged, turning, way
+from isorig.analysis.laws.shapes import dragged, reversal
 
 
 class ElastoSlip(SpringLaw, frozen=True, kw_only=True, tag="elasto_slip"):
@@ -57,11 +57,8 @@ def carry(
     low: float, high: float, h: float,
 ) -> None:  # fmt: skip
     # Split where the velocity changes sign: the elongation is linear in between.
-    give, x = p[1] / p[0] + p[2], turning(v0, vm, v1, low, high)
-    u = memory[0]
-    if x >= 0.0:
-        u = dragged(u, give, d0 + way(v0, vm, v1, low, x, h))
-    after[0] = dragged(u, give, d1)
+    give = p[1] / p[0] + p[2]
+    after[0] = dragged(dragged(memory[0], give, reversal(d0, v0, vm, v1, low, high, h)), give, d1)
 
 
 @kernel

@@ -11,7 +11,7 @@ from isorig.analysis.errors import ModelError
 from isorig.analysis.jit import kernel
 from isorig.analysis.laws.base import ContactLaw, LinkConstants, Parameter
 from isorig.analysis.laws.elements import Element, Formula
-from isorig.analysis.laws.shapes import dragged, turning, way
+from isorig.analysis.laws.shapes import dragged, reversal
 
 #: Maximum number of springs of a contact.
 MOST = 16
@@ -71,8 +71,7 @@ def carry(
     p: FloatArray, memory: FloatArray, after: FloatArray, d0: float, d1: float, v0: float, vm: float, v1: float,
     low: float, high: float, h: float,
 ) -> None:  # fmt: skip
-    x = turning(v0, vm, v1, low, high)
-    turn = d0 + way(v0, vm, v1, low, x, h) if x >= 0.0 else d0
+    turn = reversal(d0, v0, vm, v1, low, high, h)
     for i in range(int(p[0])):
         give = p[2 + 2 * i] / p[1 + 2 * i]
         after[i] = dragged(dragged(memory[i], give, turn), give, d1)
