@@ -69,7 +69,7 @@ def bent_along(p: FloatArray, distance: FloatArray, loading: FloatArray, out: Fl
     z = -1.0 + NEAR
     for k in range(len(loading)):
         loading[k] = z
-        z = integrated(rate, p, z, p[2], 0.0, 1.0, 1.0, 1.0, 0.0, 1.0, STEP * p[0] / p[1])
+        z = integrated(rate, p, z, p[2], 1.0, 1.0, 1.0, 0.0, 1.0, STEP * p[0] / p[1])
     sign, at = 1.0, place(loading, 0.0)
     for k in range(len(distance)):
         x = distance[k]
@@ -104,7 +104,7 @@ def carry(
     p: FloatArray, memory: FloatArray, after: FloatArray, d0: float, d1: float, v0: float, vm: float, v1: float,
     low: float, high: float, h: float,
 ) -> None:  # fmt: skip
-    after[0] = integrated(rate, p, memory[0], p[2] * p[1] / p[0], 0.0, v0, vm, v1, low, high, h)
+    after[0] = integrated(rate, p, memory[0], p[2] * p[1] / p[0], v0, vm, v1, low, high, h)
 
 
 FORMULA = Formula(resist=resist, carry=carry)

@@ -67,7 +67,7 @@ def carry(
     p: FloatArray, memory: FloatArray, after: FloatArray, d0: float, d1: float, v0: float, vm: float, v1: float,
     low: float, high: float, h: float,
 ) -> None:  # fmt: skip
-    after[0] = integrated(bristle_rate, p, memory[0], p[0] / p[3], 0.0, v0, vm, v1, low, high, h)
+    after[0] = integrated(bristle_rate, p, memory[0], p[0] / p[3], v0, vm, v1, low, high, h)
 
 
 FORMULA = Formula(resist=resist, carry=carry)

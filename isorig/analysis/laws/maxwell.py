@@ -10,7 +10,6 @@ from isorig.analysis.campaign import FloatArray
 from isorig.analysis.jit import kernel
 from isorig.analysis.laws.base import NO_LINK, LinkConstants, Parameter, SpringLaw
 from isorig.analysis.laws.elements import Element, Formula
-from isorig.analysis.laws.shapes import integrated
 
 
 class Maxwell(SpringLaw, frozen=True, kw_only=True, tag="maxwell"):
@@ -46,12 +45,6 @@ class Maxwell(SpringLaw, frozen=True, kw_only=True, tag="maxwell"):
 
 
 @kernel
-def rate(p: FloatArray, f: float, v: float) -> float:
-    """df/dt."""
-    return p[0] * v - f / p[1]
-
-
-@kernel
 def resist(p: FloatArray, gate: float, memory: FloatArray, d: float, v: float, t: float) -> float:
     return memory[0]
 
@@ -61,7 +54,21 @@ def carry(
     p: FloatArray, memory: FloatArray, after: FloatArray, d0: float, d1: float, v0: float, vm: float, v1: float,
     low: float, high: float, h: float,
 ) -> None:  # fmt: skip
-    after[0] = integrated(rate, p, memory[0], 0.0, 1.0 / p[1], v0, vm, v1, low, high, h)
+    # RK4 in sub-steps with parabolic velocity.
+    b, c = -3.0 * v0 + 4.0 * vm - v1, 2.0 * (v0 - 2.0 * vm + v1)
+    rate, f = 1.0 / p[1], memory[0]
+    parts = 1 + int(5.0 * rate * (high - low) * h)
+    dx = (high - low) / parts
+    for k in range(parts):
+        x = low + k * dx
+        xm, x1 = x + 0.5 * dx, x + dx
+        va, vb, vc = v0 + x * (b + c * x), v0 + xm * (b + c * xm), v0 + x1 * (b + c * x1)
+        k1 = p[0] * va - rate * f
+        k2 = p[0] * vb - rate * (f + 0.5 * dx * h * k1)
+        k3 = p[0] * vb - rate * (f + 0.5 * dx * h * k2)
+        k4 = p[0] * vc - rate * (f + dx * h * k3)
+        f += dx * h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
+    after[0] = f
 
 
 FORMULA = Formula(resist=resist, carry=carry)

@@ -15,7 +15,7 @@ from isorig.analysis.jit import inlined, kernel
 
 #: Relative change of a state variable in one Runge-Kutta step, below which it is rounding: steady sliding is not integrated.
 SATURATED = 1e-13
-#: Runge-Kutta steps while a state variable changes by a factor of e: (1/5)^5 / 120 = 3e-6 of error in each.
+#: Runge-Kutta steps in the distance over which a state variable changes by a factor of e: (1/5)^5 / 120 = 3e-6 of error in each.
 STEPS = 5.0
 #: Minimum points of a tabulated law for a line, and maximum for a fast spline.
 FEWEST_POINTS, MOST_POINTS = 2, 65
@@ -111,17 +111,16 @@ def way(v0: float, vm: float, v1: float, low: float, x: float, h: float) -> floa
 
 @inlined
 def integrated(
-    rate: Callable[[FloatArray, float, float], float], p: FloatArray, z: float, fastest: float, decay: float,
-    v0: float, vm: float, v1: float, low: float, high: float, h: float,
+    rate: Callable[[FloatArray, float, float], float], p: FloatArray, z: float, fastest: float, v0: float, vm: float, v1: float,
+    low: float, high: float, h: float,
 ) -> float:  # fmt: skip
     """State variable at the fraction `high` of a step of h seconds from its value z at `low`, by classical Runge-Kutta steps.
 
-    ``rate(p, z, v)`` is dz/dt at the velocity v; `fastest` is the rate in 1/m at which z can change with the distance, `decay`
-    that in 1/s with the time. The velocity is the parabola through three velocities. Steps end where it changes sign, because
-    the rate may have a kink there.
+    ``rate(p, z, v)`` is dz/dt at the velocity v, and `fastest` the rate in 1/m at which z can change with the distance. The
+    velocity is the parabola through three velocities. Steps end where it changes sign, because the rate has a kink there.
     """
     b, c = -3.0 * v0 + 4.0 * vm - v1, 2.0 * (v0 - 2.0 * vm + v1)
-    steps = STEPS * (fastest * max(abs(v0), abs(vm), abs(v1)) + decay) * h
+    steps = STEPS * fastest * max(abs(v0), abs(vm), abs(v1)) * h
     x = turning(v0, vm, v1, low, high)
     for begin, end in ((low, high), (high, high)) if x < 0.0 else ((low, x), (x, high)):
         parts = 1 + int(steps * (end - begin))
