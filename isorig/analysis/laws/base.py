@@ -63,14 +63,12 @@ class Law(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
         cls.parameters = {name: hint.__metadata__[0] for name, hint in hints.items() if get_origin(hint) is Annotated}
 
     def __post_init__(self) -> None:
-        for name in self.__struct_fields__:
-            value = getattr(self, name)
-            if isinstance(value, float) and not math.isfinite(value):
-                raise ModelError(f"{name} is {value}; give a finite number")
         for name, parameter in self.parameters.items():
             value = getattr(self, name)
             if not isinstance(value, int | float):
                 continue
+            if not math.isfinite(value):
+                raise ModelError(f"{name} is {value}; give a finite number")
             if parameter.above is not None and value <= parameter.above:
                 raise ModelError(f"{name} is {value:g}, which must be greater than {parameter.above:g}; correct it")
             if parameter.least is not None and parameter.most is not None and not parameter.least <= value <= parameter.most:

@@ -170,20 +170,16 @@ def modal_analysis(
     poles: tuple[Pole, ...] = ()
     if guesses:
         solved = fit(data, np.array(guesses, dtype=np.float64).reshape(-1, 2))
-        _inside(solved, band)
+        for f, zeta in solved.pairs:
+            if not band[0] <= f <= band[1] or zeta > 0.9:
+                raise FitError(
+                    f"the fit of {len(solved.pairs)} modes left the band {band[0]:g} to {band[1]:g} Hz for {f:.4g} Hz with a "
+                    f"damping ratio of {zeta:.2g}; give other guesses, fewer modes or another band"
+                )
     else:
         poles = poles_by_order(grid.matrix(data.values), data.frequency, grid.weights(data), order)
         solved = _selected(data, _candidates(poles), grid.known, count)
     return grid.model(data, solved, poles)
-
-
-def _inside(solved: SolvedPoles, band: tuple[float, float]) -> None:
-    for f, zeta in solved.pairs:
-        if not band[0] <= f <= band[1] or zeta > 0.9:
-            raise FitError(
-                f"the fit of {len(solved.pairs)} modes left the band {band[0]:g} to {band[1]:g} Hz for {f:.4g} Hz with a damping "
-                f"ratio of {zeta:.2g}; give other guesses, fewer modes or another band"
-            )
 
 
 class _Grid:
@@ -354,13 +350,11 @@ def collinearity(shape: ComplexArray) -> float:
 
 
 def _warnings(modes: Sequence[ShapedMode]) -> tuple[str, ...]:
-    said = []
-    for k, mode in enumerate(modes):
-        if mode.lines < NARROW:
-            said.append(
-                f"mode {k + 1} at {mode.frequency:.4g} Hz has only {mode.lines:.1f} frequency bins in its bandwidth; use a finer "
-                "resolution"
-            )
+    said = [
+        f"mode {k} at {mode.frequency:.4g} Hz has only {mode.lines:.1f} frequency bins in its bandwidth; use a finer resolution"
+        for k, mode in enumerate(modes, 1)
+        if mode.lines < NARROW
+    ]
     for k, (one, other) in enumerate(pairwise(modes)):
         apart = (other.frequency - one.frequency) / max(one.damping * one.frequency, other.damping * other.frequency)
         if apart < CLOSE:
