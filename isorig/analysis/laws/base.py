@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.errors import ModelError, SimulationError
+from isorig.analysis.errors import ModelError
 from isorig.analysis.laws.elements import Element
 
 #: Sub-steps of a sample interval for integrating a memory along a measured motion.
@@ -92,15 +92,11 @@ class Law(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
         link
             Constants of its link.
         """
-        raise SimulationError(
-            f"the force of the law {type(self).__name__} does not follow from a motion; use a rig held by springs"
-        )
+        raise NotImplementedError(f"the law {type(self).__name__} lacks force(); implement it")
 
     def rates(self, d: float, v: float, memory: FloatArray) -> FloatArray:
         """Time derivative of the memory, shape (numbers,); a law with memory implements it, or `along`."""
-        raise SimulationError(
-            f"the force of the law {type(self).__name__} does not follow from a motion; use a rig held by springs"
-        )
+        raise NotImplementedError(f"the law {type(self).__name__} lacks rates(); implement it")
 
     def begun(self) -> FloatArray:
         """Initial memory, shape (numbers,)."""

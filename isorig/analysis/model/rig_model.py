@@ -475,16 +475,14 @@ def single_drive(model: RigModel, what: str) -> None:
 
     `what` is the sentence's subject, e.g. "a scan of parameters".
     """
-    found = [
-        ("several drives", bool(model.more_drives)),
-        ("an imposed motion", bool(model.imposed)),
-        ("a sensor of a force", any(sensor.force_in is not None for sensor in model.sensors)),
-        (
-            "an initial position or velocity",
-            any(setup.initial_position or setup.initial_velocity for setup in model.configurations.values()),
-        ),
-    ]
-    for name, there in found:
+    setups = model.configurations.values()
+    found = {
+        "several drives": model.more_drives,
+        "an imposed motion": model.imposed,
+        "a sensor of a force": any(sensor.force_in is not None for sensor in model.sensors),
+        "an initial position or velocity": any(setup.initial_position or setup.initial_velocity for setup in setups),
+    }
+    for name, there in found.items():
         if there:
             raise ModelError(
                 f"{what} does not simulate {name}, which the rig {model.name!r} has; use rig simulate or rig diagnose"
@@ -510,7 +508,8 @@ def check(model: RigModel) -> None:
     _unique([link.name for link in model.links], "link")
     _unique([contact.name for contact in model.contacts], "contact")
     _unique(list(model.channels), "channel")
-    joined = [link.name for link in model.links] + [contact.name for contact in model.contacts]
+    joints: tuple[Link | Contact, ...] = (*model.links, *model.contacts)
+    joined = [part.name for part in joints]
     for text in (model.name, *names, *joined, *model.channels, *model.configurations, *model.note.splitlines()):
         if not text.isprintable():
             raise ModelError(f"the rig has the name {text!r}, which cannot be displayed; rename it")
@@ -526,13 +525,11 @@ def check(model: RigModel) -> None:
             value = getattr(link, key)
             if not (0.0 <= value < float("inf")):
                 raise ModelError(f"link {link.name!r} has {key} {value:g}; give a finite value of zero or more")
-    joints: tuple[Link | Contact, ...] = (*model.links, *model.contacts)
     for part in joints:
-        _known(names, (part.a, part.b, *part.arms), f"{type(part).__name__.lower()} {part.name!r}")
+        here = f"{type(part).__name__.lower()} {part.name!r}"
+        _known(names, (part.a, part.b, *part.arms), here)
         if part.a == part.b:
-            raise ModelError(
-                f"{type(part).__name__.lower()} {part.name!r} connects {part.a!r} to itself; give two different ends"
-            )
+            raise ModelError(f"{here} connects {part.a!r} to itself; give two different ends")
     if not model.free_free:
         _grounded(names, joints, model.imposed)
     for sensor in model.sensors:
