@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated
 
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.jit import kernel
 from isorig.analysis.laws.base import ContactLaw, LinkConstants, Parameter
-from isorig.analysis.laws.elements import Element, Formula, State
+from isorig.analysis.laws.elements import Element, State, curved
 from isorig.analysis.laws.shapes import falling
 
 
@@ -20,26 +19,18 @@ class Arctan(ContactLaw, frozen=True, kw_only=True, tag="arctan"):
     Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994); Fc without static_force.
     """
 
-    friction_force: float
-    smoothing_velocity: float
-    static_force: float | None = None
-    stribeck_velocity: float = 0.05
-    exponent: float = 1.0
-    viscous_coefficient: float = 0.0
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "friction_force": Parameter("N", 1.0, 12.0, least=0.0),
-        "smoothing_velocity": Parameter("m/s", 5e-3, 0.1, above=0.0),
-        "static_force": Parameter("N", 1.0, 20.0),
-        "stribeck_velocity": Parameter("m/s", 5e-3, 0.1, above=0.0),
-        "exponent": Parameter("1", 0.5, 2.0, above=0.0),
-        "viscous_coefficient": Parameter("N s/m", 0.0, 20.0, least=0.0),
-    }
+    friction_force: Annotated[float, Parameter("N", 1.0, 12.0, least=0.0)]
+    smoothing_velocity: Annotated[float, Parameter("m/s", 5e-3, 0.1, above=0.0)]
+    static_force: Annotated[float | None, Parameter("N", 1.0, 20.0)] = None
+    stribeck_velocity: Annotated[float, Parameter("m/s", 5e-3, 0.1, above=0.0)] = 0.05
+    exponent: Annotated[float, Parameter("1", 0.5, 2.0, above=0.0)] = 1.0
+    viscous_coefficient: Annotated[float, Parameter("N s/m", 0.0, 20.0, least=0.0)] = 0.0
 
     def element(self, link: LinkConstants) -> Element:
         top = self._static
         falls = top - self.friction_force
         return Element(
-            states=(State(v=self.viscous_coefficient),), formula=FORMULA,
+            states=(State(v=self.viscous_coefficient),), formula=resist,
             params=(self.friction_force, self.smoothing_velocity, falls, self.stribeck_velocity, self.exponent),
             steepest=(0.0, top / self.smoothing_velocity + 2.0 * falls / self.stribeck_velocity),
         )  # fmt: skip
@@ -53,12 +44,9 @@ class Arctan(ContactLaw, frozen=True, kw_only=True, tag="arctan"):
         return self.friction_force if self.static_force is None else self.static_force
 
 
-@kernel
+@curved
 def resist(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
     level = p[0]
     if p[2] > 0.0:
         level += p[2] * np.exp(-((abs(v) / p[3]) ** p[4]))
     return level * (2.0 / np.pi) * np.arctan(v / p[1])
-
-
-FORMULA = Formula(resist=resist)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated
 
 import numpy as np
 
@@ -14,16 +14,10 @@ from isorig.analysis.laws.elements import Element, dry
 class Asymmetric(ContactLaw, frozen=True, kw_only=True, tag="asymmetric"):
     """Separate dry level (N) and viscous coefficient (N s/m) for each direction, forward being v > 0."""
 
-    forward_force: float
-    backward_force: float
-    forward_viscosity: float = 0.0
-    backward_viscosity: float = 0.0
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "forward_force": Parameter("N", 1.0, 12.0, least=0.0),
-        "backward_force": Parameter("N", 1.0, 12.0, least=0.0),
-        "forward_viscosity": Parameter("N s/m", 0.0, 20.0, least=0.0),
-        "backward_viscosity": Parameter("N s/m", 0.0, 20.0, least=0.0),
-    }
+    forward_force: Annotated[float, Parameter("N", 1.0, 12.0, least=0.0)]
+    backward_force: Annotated[float, Parameter("N", 1.0, 12.0, least=0.0)]
+    forward_viscosity: Annotated[float, Parameter("N s/m", 0.0, 20.0, least=0.0)] = 0.0
+    backward_viscosity: Annotated[float, Parameter("N s/m", 0.0, 20.0, least=0.0)] = 0.0
 
     def element(self, link: LinkConstants) -> Element:
         levels = (self.forward_force, self.backward_force)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated
 
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.errors import ModelError
 from isorig.analysis.laws.base import LinkConstants, Parameter, SpringLaw
 from isorig.analysis.laws.elements import Element, Exit, State
 
@@ -15,17 +14,8 @@ from isorig.analysis.laws.elements import Element, Exit, State
 class Backlash(SpringLaw, frozen=True, kw_only=True, tag="backlash"):
     """Spring acts only beyond `clearance` (m, half the play); within it a share `residual` of the stiffness remains."""
 
-    clearance: float
-    residual: float = 0.0
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "clearance": Parameter("m", 1e-4, 1e-2, least=0.0),
-        "residual": Parameter("1", 0.0, 0.5),
-    }
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not 0.0 <= self.residual <= 1.0:
-            raise ModelError(f"residual is {self.residual:g}, which must lie in [0, 1]; correct it")
+    clearance: Annotated[float, Parameter("m", 1e-4, 1e-2, least=0.0)]
+    residual: Annotated[float, Parameter("1", 0.0, 0.5, least=0.0, most=1.0)] = 0.0
 
     def element(self, link: LinkConstants) -> Element | None:
         slack, c = link.stiffness * (1.0 - self.residual), self.clearance

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, Any, ClassVar, get_origin, get_type_hints
 
 import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.errors import ModelError, SimulationError
+from isorig.analysis.errors import ModelError
 from isorig.analysis.laws.elements import Element
 
 #: Sub-steps of a sample interval for integrating a memory along a measured motion.
@@ -19,9 +19,9 @@ PARTS = 16
 
 @dataclass(frozen=True)
 class Parameter:
-    """SI unit of a parameter, its practical range (the law's envelope, from which tests draw rigs), and its limit, if any.
+    """SI unit of a parameter, its practical range (the law's envelope, from which tests draw rigs), and its limits, if any.
 
-    A value is allowed from `least` on, or only `above` a number.
+    A value is allowed from `least` on, or only `above` a number; with `most`, from `least` to `most`.
     """
 
     unit: str
@@ -29,6 +29,7 @@ class Parameter:
     high: float
     least: float | None = None
     above: float | None = None
+    most: float | None = None
 
 
 @dataclass(frozen=True)
@@ -51,22 +52,27 @@ class Law(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
     and v. A law is one file of this package: a subclass of `SpringLaw` or `ContactLaw` with a unique tag.
     """
 
-    #: By field; every number of the law has an entry.
-    parameters: ClassVar[dict[str, Parameter]] = {}
-    #: Number of memory values.
+    #: By field: the annotation of every number of the law has one.
+    parameters: ClassVar[dict[str, Parameter]]
+    #: Whether it has a memory.
     remembers: ClassVar[bool] = False
 
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        hints = get_type_hints(cls, include_extras=True)
+        cls.parameters = {name: hint.__metadata__[0] for name, hint in hints.items() if get_origin(hint) is Annotated}
+
     def __post_init__(self) -> None:
-        for name in self.__struct_fields__:
-            value = getattr(self, name)
-            if isinstance(value, float) and not math.isfinite(value):
-                raise ModelError(f"{name} is {value}; give a finite number")
         for name, parameter in self.parameters.items():
             value = getattr(self, name)
             if not isinstance(value, int | float):
                 continue
+            if not math.isfinite(value):
+                raise ModelError(f"{name} is {value}; give a finite number")
             if parameter.above is not None and value <= parameter.above:
                 raise ModelError(f"{name} is {value:g}, which must be greater than {parameter.above:g}; correct it")
+            if parameter.least is not None and parameter.most is not None and not parameter.least <= value <= parameter.most:
+                raise ModelError(f"{name} is {value:g}, which must lie in [{parameter.least:g}, {parameter.most:g}]; correct it")
             if parameter.least is not None and value < parameter.least:
                 raise ModelError(f"{name} is {value:g}, which must be at least {parameter.least:g}; correct it")
 
@@ -86,15 +92,11 @@ class Law(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
         link
             Constants of its link.
         """
-        raise SimulationError(
-            f"the force of the law {type(self).__name__} does not follow from a motion; use a rig held by springs"
-        )
+        raise NotImplementedError(f"the law {type(self).__name__} lacks force(); implement it")
 
     def rates(self, d: float, v: float, memory: FloatArray) -> FloatArray:
         """Time derivative of the memory, shape (numbers,); a law with memory implements it, or `along`."""
-        raise SimulationError(
-            f"the force of the law {type(self).__name__} does not follow from a motion; use a rig held by springs"
-        )
+        raise NotImplementedError(f"the law {type(self).__name__} lacks rates(); implement it")
 
     def begun(self) -> FloatArray:
         """Initial memory, shape (numbers,)."""

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.errors import ModelError
 from isorig.analysis.jit import kernel
 from isorig.analysis.laws.base import NO_LINK, ContactLaw, LinkConstants, Parameter
 from isorig.analysis.laws.elements import Element, Formula
@@ -26,22 +25,11 @@ class BoucWen(ContactLaw, frozen=True, kw_only=True, tag="bouc_wen"):
     102, 1976).
     """
 
-    friction_force: float
-    initial_stiffness: float
-    sharpness: float = 1.0
-    pinching: float = 0.5
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "friction_force": Parameter("N", 1.0, 12.0, above=0.0),
-        "initial_stiffness": Parameter("N/m", 1e3, 1e4, above=0.0),
-        "sharpness": Parameter("1", 1.0, 3.0, least=1.0),
-        "pinching": Parameter("1", 0.5, 1.0),
-    }
+    friction_force: Annotated[float, Parameter("N", 1.0, 12.0, above=0.0)]
+    initial_stiffness: Annotated[float, Parameter("N/m", 1e3, 1e4, above=0.0)]
+    sharpness: Annotated[float, Parameter("1", 1.0, 3.0, least=1.0)] = 1.0
+    pinching: Annotated[float, Parameter("1", 0.5, 1.0, least=0.0, most=1.0)] = 0.5
     remembers: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not 0.0 <= self.pinching <= 1.0:
-            raise ModelError(f"pinching is {self.pinching:g}, which must lie in [0, 1]; correct it")
 
     @property
     def _params(self) -> tuple[float, ...]:
@@ -94,16 +82,9 @@ def bent_along(p: FloatArray, distance: FloatArray, loading: FloatArray, out: Fl
 @kernel
 def place(rising: FloatArray, value: float) -> float:
     """Index, with its fraction, at which an array that rises reaches a value; within the array."""
-    low, high = 0, len(rising) - 1
-    if value <= rising[low]:
-        return 0.0
-    while high - low > 1:
-        middle = (low + high) // 2
-        if rising[middle] <= value:
-            low = middle
-        else:
-            high = middle
-    return min(low + (value - rising[low]) / max(rising[high] - rising[low], 1e-300), float(high))
+    low = min(max(int(np.searchsorted(rising, value, side="right")) - 1, 0), len(rising) - 2)
+    part = (value - rising[low]) / max(rising[low + 1] - rising[low], 1e-300)
+    return low + min(max(part, 0.0), 1.0)
 
 
 @kernel

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated
 
 import numpy as np
 
@@ -14,12 +14,8 @@ from isorig.analysis.laws.elements import Element, dry
 class Coulomb(ContactLaw, frozen=True, kw_only=True, tag="coulomb"):
     """friction_force * sign(v) while sliding; sticks up to static_force (default friction_force)."""
 
-    friction_force: float
-    static_force: float | None = None
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "friction_force": Parameter("N", 1.0, 12.0, least=0.0),
-        "static_force": Parameter("N", 1.0, 20.0),
-    }
+    friction_force: Annotated[float, Parameter("N", 1.0, 12.0, least=0.0)]
+    static_force: Annotated[float | None, Parameter("N", 1.0, 20.0)] = None
 
     def element(self, link: LinkConstants) -> Element | None:
         static = self.friction_force if self.static_force is None else self.static_force

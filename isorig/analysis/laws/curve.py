@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Annotated, Literal
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.jit import kernel
 from isorig.analysis.laws.base import LinkConstants, Parameter, SpringLaw
-from isorig.analysis.laws.elements import Element, Formula
+from isorig.analysis.laws.elements import Element, curved
 from isorig.analysis.laws.shapes import read, spline, table, tabulated
 
 
@@ -19,10 +18,9 @@ class Curve(SpringLaw, frozen=True, kw_only=True, tag="curve"):
     """
 
     over: Literal["deflection", "speed", "time"]
-    at: tuple[float, ...]
-    values: tuple[float, ...]
+    at: Annotated[tuple[float, ...], Parameter("m", 1e-3, 2e-2)]
+    values: Annotated[tuple[float, ...], Parameter("N", 0.0, 10.0)]
     of: Literal["stiffness", "damping"] = "stiffness"
-    parameters: ClassVar[dict[str, Parameter]] = {"at": Parameter("m", 1e-3, 2e-2), "values": Parameter("N", 0.0, 10.0)}
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -31,12 +29,12 @@ class Curve(SpringLaw, frozen=True, kw_only=True, tag="curve"):
     def element(self, link: LinkConstants) -> Element:
         params, slope = spline(self.at, self.values)
         if self.over == "deflection":
-            return Element(formula=OVER_DEFLECTION, params=params, steepest=(slope, 0.0))
+            return Element(formula=over_deflection, params=params, steepest=(slope, 0.0))
         if self.over == "speed":
-            return Element(formula=OVER_SPEED, params=params, steepest=(0.0, slope))
+            return Element(formula=over_speed, params=params, steepest=(0.0, slope))
         if self.of == "damping":
-            return Element(formula=DAMPING_OVER_TIME, params=params, steepest=(0.0, max(map(abs, self.values))))
-        return Element(formula=OVER_TIME, params=params)
+            return Element(formula=damping_over_time, params=params, steepest=(0.0, max(map(abs, self.values))))
+        return Element(formula=over_time, params=params)
 
     def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         if self.over == "time":
@@ -44,25 +42,21 @@ class Curve(SpringLaw, frozen=True, kw_only=True, tag="curve"):
         return read(self.at, self.values, d if self.over == "deflection" else v, straight=True)
 
 
-@kernel
+@curved
 def over_deflection(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
     return tabulated(p, 0, d, True)
 
 
-@kernel
+@curved
 def over_speed(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
     return tabulated(p, 0, v, True)
 
 
-@kernel
+@curved
 def over_time(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
     return tabulated(p, 0, t, False) * d
 
 
-@kernel
+@curved
 def damping_over_time(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
     return tabulated(p, 0, t, False) * v
-
-
-OVER_DEFLECTION, OVER_SPEED = Formula(resist=over_deflection), Formula(resist=over_speed)
-OVER_TIME, DAMPING_OVER_TIME = Formula(resist=over_time), Formula(resist=damping_over_time)

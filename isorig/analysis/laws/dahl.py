@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -16,12 +16,8 @@ from isorig.analysis.laws.shapes import turning, way
 class Dahl(ContactLaw, frozen=True, kw_only=True, tag="dahl"):
     """df/dt = bristle_stiffness v (1 - f sign(v) / friction_force): elastic before it slides (N/m)."""
 
-    friction_force: float
-    bristle_stiffness: float
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "friction_force": Parameter("N", 1.0, 12.0, above=0.0),
-        "bristle_stiffness": Parameter("N/m", 1e3, 3e4, above=0.0),
-    }
+    friction_force: Annotated[float, Parameter("N", 1.0, 12.0, above=0.0)]
+    bristle_stiffness: Annotated[float, Parameter("N/m", 1e3, 3e4, above=0.0)]
     remembers: ClassVar[bool] = True
 
     def element(self, link: LinkConstants) -> Element:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated
 
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.jit import kernel
 from isorig.analysis.laws.base import LinkConstants, Parameter, SpringLaw
-from isorig.analysis.laws.elements import Element, Formula
+from isorig.analysis.laws.elements import Element, curved
 
 #: Time in s longer than any campaign.
 NEVER = 1e18
@@ -18,12 +17,8 @@ NEVER = 1e18
 class LinearDrift(SpringLaw, frozen=True, kw_only=True):
     """A constant of a link times drift_rate t, drift_rate in 1/s, t from the campaign's first sample, at most `until` s."""
 
-    drift_rate: float
-    until: float | None = None
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "drift_rate": Parameter("1/s", -0.1, 0.2),
-        "until": Parameter("s", 0.5, 2.0),
-    }
+    drift_rate: Annotated[float, Parameter("1/s", -0.1, 0.2)]
+    until: Annotated[float | None, Parameter("s", 0.5, 2.0)] = None
 
     @property
     def end(self) -> float:
@@ -35,7 +30,7 @@ class Drift(LinearDrift, frozen=True, kw_only=True, tag="drift"):
     """Stiffness k (1 + drift_rate t), drift_rate in 1/s, t from the campaign's first sample, constant after `until` s."""
 
     def element(self, link: LinkConstants) -> Element:
-        return Element(formula=STIFFNESS, params=(link.stiffness * self.drift_rate, self.end))
+        return Element(formula=pull, params=(link.stiffness * self.drift_rate, self.end))
 
     def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         return np.asarray(link.stiffness * self.drift_rate * np.minimum(t, self.end) * d)
@@ -47,20 +42,17 @@ class DampingDrift(LinearDrift, frozen=True, kw_only=True, tag="damping_drift"):
     def element(self, link: LinkConstants) -> Element:
         rate = link.damping * self.drift_rate
         steepest = 0.0 if self.until is None else abs(rate) * self.until
-        return Element(formula=DAMPING, params=(rate, self.end), steepest=(0.0, steepest))
+        return Element(formula=drag, params=(rate, self.end), steepest=(0.0, steepest))
 
     def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         return np.asarray(link.damping * self.drift_rate * np.minimum(t, self.end) * v)
 
 
-@kernel
+@curved
 def pull(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
     return p[0] * min(t, p[1]) * d
 
 
-@kernel
+@curved
 def drag(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
     return p[0] * min(t, p[1]) * v
-
-
-STIFFNESS, DAMPING = Formula(resist=pull), Formula(resist=drag)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from isorig.analysis.campaign import FloatArray
 from isorig.analysis.jit import kernel
 from isorig.analysis.laws.base import NO_LINK, LinkConstants, Parameter, SpringLaw
 from isorig.analysis.laws.elements import Element, Formula
-from isorig.analysis.laws.shapes import dragged, turning, way
+from isorig.analysis.laws.shapes import dragged, reversal
 
 
 class ElastoSlip(SpringLaw, frozen=True, kw_only=True, tag="elasto_slip"):
@@ -21,14 +21,9 @@ class ElastoSlip(SpringLaw, frozen=True, kw_only=True, tag="elasto_slip"):
     Appl. Mech. 33, 1966).
     """
 
-    spring_stiffness: float
-    slip_force: float
-    clearance: float = 0.0
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "spring_stiffness": Parameter("N/m", 3e2, 1e4, above=0.0),
-        "slip_force": Parameter("N", 1.0, 10.0, least=0.0),
-        "clearance": Parameter("m", 0.0, 5e-3, least=0.0),
-    }
+    spring_stiffness: Annotated[float, Parameter("N/m", 3e2, 1e4, above=0.0)]
+    slip_force: Annotated[float, Parameter("N", 1.0, 10.0, least=0.0)]
+    clearance: Annotated[float, Parameter("m", 0.0, 5e-3, least=0.0)] = 0.0
     remembers: ClassVar[bool] = True
 
     def element(self, link: LinkConstants) -> Element:
@@ -62,11 +57,8 @@ def carry(
     low: float, high: float, h: float,
 ) -> None:  # fmt: skip
     # Split where the velocity changes sign: the elongation is linear in between.
-    give, x = p[1] / p[0] + p[2], turning(v0, vm, v1, low, high)
-    u = memory[0]
-    if x >= 0.0:
-        u = dragged(u, give, d0 + way(v0, vm, v1, low, x, h))
-    after[0] = dragged(u, give, d1)
+    give = p[1] / p[0] + p[2]
+    after[0] = dragged(dragged(memory[0], give, reversal(d0, v0, vm, v1, low, high, h)), give, d1)
 
 
 @kernel

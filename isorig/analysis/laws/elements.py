@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
+from isorig.analysis.jit import kernel
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,6 +68,11 @@ class Formula:
     resist: Callable[..., float]
     carry: Callable[..., None] | None = None
     to_kink: Callable[..., float] | None = None
+
+
+def curved(resist: Callable[[FloatArray, float, float, float, float], float]) -> Formula:
+    """Decorator: the nonlinear part of a law without memory, by its resistance."""
+    return Formula(resist=kernel(resist))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -17,15 +17,10 @@ class EndStop(SpringLaw, frozen=True, kw_only=True, tag="end_stop"):
     It acts at both ends of the stroke, or only at the `end` of positive (1) or negative (-1) elongation.
     """
 
-    stroke: float
-    contact_stiffness: float
-    contact_damping: float = 0.0
+    stroke: Annotated[float, Parameter("m", 2e-3, 2e-2, above=0.0)]
+    contact_stiffness: Annotated[float, Parameter("N/m", 1e3, 3e5, least=0.0)]
+    contact_damping: Annotated[float, Parameter("N s/m", 0.0, 50.0, least=0.0)] = 0.0
     end: Literal[-1, 0, 1] = 0
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "stroke": Parameter("m", 2e-3, 2e-2, above=0.0),
-        "contact_stiffness": Parameter("N/m", 1e3, 3e5, least=0.0),
-        "contact_damping": Parameter("N s/m", 0.0, 50.0, least=0.0),
-    }
 
     @property
     def _ends(self) -> tuple[int, ...]:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import ModelError
-from isorig.analysis.jit import kernel
 from isorig.analysis.laws.base import ContactLaw, LinkConstants, Parameter
-from isorig.analysis.laws.elements import Element, Formula, dry, levelled
+from isorig.analysis.laws.elements import Element, curved, dry, levelled
 from isorig.analysis.laws.shapes import read, spline, table, tabulated
 
 
@@ -23,14 +22,9 @@ class FrictionCurve(ContactLaw, frozen=True, kw_only=True, tag="friction_curve")
     """
 
     over: Literal["speed", "position", "time"]
-    at: tuple[float, ...]
-    levels: tuple[float, ...]
-    backward: tuple[float, ...] = ()
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "at": Parameter("m/s", 1e-3, 1.0),
-        "levels": Parameter("N", 1.0, 12.0),
-        "backward": Parameter("N", 1.0, 12.0),
-    }
+    at: Annotated[tuple[float, ...], Parameter("m/s", 1e-3, 1.0)]
+    levels: Annotated[tuple[float, ...], Parameter("N", 1.0, 12.0)]
+    backward: Annotated[tuple[float, ...], Parameter("N", 1.0, 12.0)] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -51,12 +45,12 @@ class FrictionCurve(ContactLaw, frozen=True, kw_only=True, tag="friction_curve")
             back, other = spline(self.at, self.backward or self.levels)
             at_rest = self.levels[0], (self.backward or self.levels)[0]
             return Element(
-                states=dry(at_rest, at_rest), formula=OVER_SPEED, params=(*params, *back), gates=(0.0, 1.0, -1.0),
+                states=dry(at_rest, at_rest), formula=over_speed, params=(*params, *back), gates=(0.0, 1.0, -1.0),
                 steepest=(0.0, max(slope, other)),
             )  # fmt: skip
         if self.over == "position":
-            return Element(states=levelled(), formula=OVER_POSITION, params=params, gates=(1.0, 1.0, -1.0), steepest=(slope, 0.0))
-        return Element(states=levelled(), formula=OVER_TIME, params=params, gates=(1.0, 1.0, -1.0))
+            return Element(states=levelled(), formula=over_position, params=params, gates=(1.0, 1.0, -1.0), steepest=(slope, 0.0))
+        return Element(states=levelled(), formula=over_time, params=params, gates=(1.0, 1.0, -1.0))
 
     def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         x = {"speed": np.abs(v), "position": d, "time": t}[self.over]
@@ -66,7 +60,7 @@ class FrictionCurve(ContactLaw, frozen=True, kw_only=True, tag="friction_curve")
         return np.asarray(np.maximum(level, 0.0) * np.sign(v))
 
 
-@kernel
+@curved
 def over_speed(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
     if gate == 0.0:
         return 0.0
@@ -75,14 +69,11 @@ def over_speed(p: FloatArray, gate: float, d: float, v: float, t: float) -> floa
     return gate * (max(tabulated(p, first, gate * v, False), 0.0) - tabulated(p, first, 0.0, False))
 
 
-@kernel
+@curved
 def over_position(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
     return gate * max(tabulated(p, 0, d, False), 0.0)
 
 
-@kernel
+@curved
 def over_time(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
     return gate * max(tabulated(p, 0, t, False), 0.0)
-
-
-OVER_SPEED, OVER_POSITION, OVER_TIME = Formula(resist=over_speed), Formula(resist=over_position), Formula(resist=over_time)

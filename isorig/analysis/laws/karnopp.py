@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from isorig.analysis.errors import SimulationError
 from isorig.analysis.laws.base import NO_LINK, ContactLaw, LinkConstants, Parameter
 from isorig.analysis.laws.elements import Element, Exit, State
 from isorig.analysis.laws.shapes import falling
-from isorig.analysis.laws.stribeck import FORMULA
+from isorig.analysis.laws.stribeck import resist
 
 
 class Karnopp(ContactLaw, frozen=True, kw_only=True, tag="karnopp"):
@@ -22,20 +22,12 @@ class Karnopp(ContactLaw, frozen=True, kw_only=True, tag="karnopp"):
     friction_force Fc (thesis); Fc without stribeck_velocity.
     """
 
-    friction_force: float
-    static_force: float
-    band: float
-    stribeck_velocity: float | None = None
-    exponent: float = 1.0
-    viscous_coefficient: float = 0.0
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "friction_force": Parameter("N", 1.0, 12.0, least=0.0),
-        "static_force": Parameter("N", 1.0, 20.0),
-        "band": Parameter("m/s", 1e-4, 0.03, above=0.0),
-        "stribeck_velocity": Parameter("m/s", 5e-3, 0.1, above=0.0),
-        "exponent": Parameter("1", 0.5, 2.0, above=0.0),
-        "viscous_coefficient": Parameter("N s/m", 0.0, 20.0, least=0.0),
-    }
+    friction_force: Annotated[float, Parameter("N", 1.0, 12.0, least=0.0)]
+    static_force: Annotated[float, Parameter("N", 1.0, 20.0)]
+    band: Annotated[float, Parameter("m/s", 1e-4, 0.03, above=0.0)]
+    stribeck_velocity: Annotated[float | None, Parameter("m/s", 5e-3, 0.1, above=0.0)] = None
+    exponent: Annotated[float, Parameter("1", 0.5, 2.0, above=0.0)] = 1.0
+    viscous_coefficient: Annotated[float, Parameter("N s/m", 0.0, 20.0, least=0.0)] = 0.0
 
     def element(self, link: LinkConstants) -> Element:
         # Sticking within the band, moving through it in either direction, sliding in either direction.
@@ -52,7 +44,7 @@ class Karnopp(ContactLaw, frozen=True, kw_only=True, tag="karnopp"):
         if self.stribeck_velocity is None or falls == 0.0:
             return Element(states=states)
         return Element(
-            states=states, formula=FORMULA, params=(falls, self.stribeck_velocity, self.exponent, 0.0),
+            states=states, formula=resist, params=(falls, self.stribeck_velocity, self.exponent, 0.0),
             gates=(0.0, 0.0, 0.0, 1.0, -1.0), steepest=(0.0, 2.0 * falls / self.stribeck_velocity),
         )  # fmt: skip
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -20,22 +20,13 @@ class LuGre(ContactLaw, frozen=True, kw_only=True, tag="lugre"):
     `viscous_coefficient` (N s/m) (Canudas de Wit et al., IEEE Trans. Autom. Control 40, 1995).
     """
 
-    bristle_stiffness: float
-    friction_force: float
-    static_force: float
-    stribeck_velocity: float
-    bristle_damping: float = 0.0
-    viscous_coefficient: float = 0.0
-    exponent: float = 2.0
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "bristle_stiffness": Parameter("N/m", 1e3, 3e4, above=0.0),
-        "friction_force": Parameter("N", 1.0, 12.0, above=0.0),
-        "static_force": Parameter("N", 1.0, 20.0),
-        "stribeck_velocity": Parameter("m/s", 5e-3, 0.1, above=0.0),
-        "bristle_damping": Parameter("N s/m", 0.0, 20.0, least=0.0),
-        "viscous_coefficient": Parameter("N s/m", 0.0, 20.0, least=0.0),
-        "exponent": Parameter("1", 1.0, 2.0, above=0.0),
-    }
+    bristle_stiffness: Annotated[float, Parameter("N/m", 1e3, 3e4, above=0.0)]
+    friction_force: Annotated[float, Parameter("N", 1.0, 12.0, above=0.0)]
+    static_force: Annotated[float, Parameter("N", 1.0, 20.0)]
+    stribeck_velocity: Annotated[float, Parameter("m/s", 5e-3, 0.1, above=0.0)]
+    bristle_damping: Annotated[float, Parameter("N s/m", 0.0, 20.0, least=0.0)] = 0.0
+    viscous_coefficient: Annotated[float, Parameter("N s/m", 0.0, 20.0, least=0.0)] = 0.0
+    exponent: Annotated[float, Parameter("1", 1.0, 2.0, above=0.0)] = 2.0
     remembers: ClassVar[bool] = True
 
     def element(self, link: LinkConstants) -> Element:

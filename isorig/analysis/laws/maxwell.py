@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -19,12 +19,8 @@ class Maxwell(SpringLaw, frozen=True, kw_only=True, tag="maxwell"):
     mount, a hose or a cable: its complex stiffness is k1 j w T / (1 + j w T), so it stiffens from zero to k1 around w = 1 / T.
     """
 
-    relaxation_stiffness: float
-    relaxation_time: float
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "relaxation_stiffness": Parameter("N/m", 1e2, 1e4, least=0.0),
-        "relaxation_time": Parameter("s", 2e-3, 0.2, above=0.0),
-    }
+    relaxation_stiffness: Annotated[float, Parameter("N/m", 1e2, 1e4, least=0.0)]
+    relaxation_time: Annotated[float, Parameter("s", 2e-3, 0.2, above=0.0)]
     remembers: ClassVar[bool] = True
 
     def element(self, link: LinkConstants) -> Element:
@@ -38,24 +34,14 @@ class Maxwell(SpringLaw, frozen=True, kw_only=True, tag="maxwell"):
         return np.array([self.relaxation_stiffness * v - memory[0] / self.relaxation_time])
 
     def along(self, d: FloatArray, v: FloatArray, rate: float, link: LinkConstants = NO_LINK) -> FloatArray:
-        lag = np.empty(len(d))
-        lagged_along(1.0 / (rate * self.relaxation_time), np.ascontiguousarray(d), lag)
-        return np.asarray(self.relaxation_stiffness * (d - lag))
+        from scipy.signal import lfilter
 
-
-@kernel
-def lagged_along(steps: float, d: FloatArray, out: FloatArray) -> None:
-    """The damper's elongation, which lags behind d (m), into `out`, shape (n,); `steps` are relaxation times between samples.
-
-    A first-order filter, exact for an elongation that is linear between samples.
-    """
-    kept = np.exp(-steps)
-    new = 1.0 - (1.0 - kept) / steps
-    before, lag = d[0], d[0]
-    for k in range(len(d)):
-        lag = new * d[k] + (1.0 - kept - new) * before + kept * lag
-        before = d[k]
-        out[k] = lag
+        # The damper's elongation, which lags behind d: a first-order filter, exact for an elongation linear between samples.
+        steps = 1.0 / (rate * self.relaxation_time)
+        kept = np.exp(-steps)
+        new = 1.0 - (1.0 - kept) / steps
+        lag = lfilter([new, 1.0 - kept - new], [1.0, -kept], d - d[0])
+        return np.asarray(self.relaxation_stiffness * (d - d[0] - lag))
 
 
 @kernel

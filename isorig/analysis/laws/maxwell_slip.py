@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from isorig.analysis.errors import ModelError
 from isorig.analysis.jit import kernel
 from isorig.analysis.laws.base import ContactLaw, LinkConstants, Parameter
 from isorig.analysis.laws.elements import Element, Formula
-from isorig.analysis.laws.shapes import dragged, turning, way
+from isorig.analysis.laws.shapes import dragged, reversal
 
 #: Maximum number of springs of a contact.
 MOST = 16
@@ -24,12 +24,8 @@ class MaxwellSlip(ContactLaw, frozen=True, kw_only=True, tag="maxwell_slip"):
     Appl. Mech. 33, 1966; Lampaert, Swevers, Al-Bender, IEEE Trans. Autom. Control 47, 2002).
     """
 
-    stiffnesses: tuple[float, ...]
-    slip_forces: tuple[float, ...]
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "stiffnesses": Parameter("N/m", 1e2, 1e4),
-        "slip_forces": Parameter("N", 0.3, 6.0),
-    }
+    stiffnesses: Annotated[tuple[float, ...], Parameter("N/m", 1e2, 1e4)]
+    slip_forces: Annotated[tuple[float, ...], Parameter("N", 0.3, 6.0)]
     remembers: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
@@ -75,8 +71,7 @@ def carry(
     p: FloatArray, memory: FloatArray, after: FloatArray, d0: float, d1: float, v0: float, vm: float, v1: float,
     low: float, high: float, h: float,
 ) -> None:  # fmt: skip
-    x = turning(v0, vm, v1, low, high)
-    turn = d0 + way(v0, vm, v1, low, x, h) if x >= 0.0 else d0
+    turn = reversal(d0, v0, vm, v1, low, high, h)
     for i in range(int(p[0])):
         give = p[2 + 2 * i] / p[1 + 2 * i]
         after[i] = dragged(dragged(memory[i], give, turn), give, d1)

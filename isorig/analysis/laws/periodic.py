@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated
 
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.jit import kernel
 from isorig.analysis.laws.base import LinkConstants, Parameter, SpringLaw
-from isorig.analysis.laws.elements import Element, Formula
+from isorig.analysis.laws.elements import Element, curved
 
 
 class Periodic(SpringLaw, frozen=True, kw_only=True, tag="periodic"):
@@ -20,19 +19,14 @@ class Periodic(SpringLaw, frozen=True, kw_only=True, tag="periodic"):
     subtracted.
     """
 
-    periodic_force: float
-    pitch: float
-    phase: float = 0.0
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "periodic_force": Parameter("N", 0.5, 5.0, least=0.0),
-        "pitch": Parameter("m", 5e-3, 3e-2, above=0.0),
-        "phase": Parameter("1", -3.0, 3.0),
-    }
+    periodic_force: Annotated[float, Parameter("N", 0.5, 5.0, least=0.0)]
+    pitch: Annotated[float, Parameter("m", 5e-3, 3e-2, above=0.0)]
+    phase: Annotated[float, Parameter("1", -3.0, 3.0)] = 0.0
 
     def element(self, link: LinkConstants) -> Element:
         wave = 2.0 * np.pi / self.pitch
         params = (self.periodic_force, wave, self.phase, self._at_rest(link))
-        return Element(formula=FORMULA, params=params, steepest=(self.periodic_force * wave, 0.0))
+        return Element(formula=resist, params=params, steepest=(self.periodic_force * wave, 0.0))
 
     def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         return self.periodic_force * np.sin(2.0 * np.pi * d / self.pitch + self.phase) - self._at_rest(link)
@@ -41,9 +35,6 @@ class Periodic(SpringLaw, frozen=True, kw_only=True, tag="periodic"):
         return float(self.periodic_force * np.sin(self.phase)) if link.stiffness > 0.0 else 0.0
 
 
-@kernel
+@curved
 def resist(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
     return p[0] * np.sin(p[1] * d + p[2]) - p[3]
-
-
-FORMULA = Formula(resist=resist)

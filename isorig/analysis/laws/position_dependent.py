@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated
 
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.jit import kernel
 from isorig.analysis.laws.base import ContactLaw, LinkConstants, Parameter
-from isorig.analysis.laws.elements import Element, Formula, levelled
+from isorig.analysis.laws.elements import Element, curved, levelled
 
 
 class PositionDependent(ContactLaw, frozen=True, kw_only=True, tag="position_dependent"):
@@ -19,20 +18,14 @@ class PositionDependent(ContactLaw, frozen=True, kw_only=True, tag="position_dep
     (Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994).
     """
 
-    friction_force: float
-    gradient: float = 0.0
-    ripple: float = 0.0
-    pitch: float = 0.01
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "friction_force": Parameter("N", 3.0, 12.0, least=0.0),
-        "gradient": Parameter("N/m", -100.0, 100.0),
-        "ripple": Parameter("N", 0.0, 2.0),
-        "pitch": Parameter("m", 5e-3, 3e-2, above=0.0),
-    }
+    friction_force: Annotated[float, Parameter("N", 3.0, 12.0, least=0.0)]
+    gradient: Annotated[float, Parameter("N/m", -100.0, 100.0)] = 0.0
+    ripple: Annotated[float, Parameter("N", 0.0, 2.0)] = 0.0
+    pitch: Annotated[float, Parameter("m", 5e-3, 3e-2, above=0.0)] = 0.01
 
     def element(self, link: LinkConstants) -> Element:
         return Element(
-            states=levelled(), formula=FORMULA, gates=(1.0, 1.0, -1.0),
+            states=levelled(), formula=resist, gates=(1.0, 1.0, -1.0),
             params=(self.friction_force, self.gradient, self.ripple, 2.0 * np.pi / self.pitch),
             steepest=(abs(self.gradient) + 2.0 * np.pi * abs(self.ripple) / self.pitch, 0.0),
         )  # fmt: skip
@@ -42,9 +35,6 @@ class PositionDependent(ContactLaw, frozen=True, kw_only=True, tag="position_dep
         return np.asarray(np.maximum(level, 0.0) * np.sign(v))
 
 
-@kernel
+@curved
 def resist(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
     return gate * max(p[0] + p[1] * d + p[2] * np.cos(p[3] * d), 0.0)
-
-
-FORMULA = Formula(resist=resist)

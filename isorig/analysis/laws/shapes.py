@@ -96,6 +96,13 @@ def turning(v0: float, vm: float, v1: float, low: float, high: float) -> float:
 
 
 @kernel
+def reversal(d0: float, v0: float, vm: float, v1: float, low: float, high: float, h: float) -> float:
+    """Elongation in m at which the velocity changes sign between `low` and `high`; d0, that at `low`, if it does not."""
+    x = turning(v0, vm, v1, low, high)
+    return d0 + way(v0, vm, v1, low, x, h) if x >= 0.0 else d0
+
+
+@kernel
 def way(v0: float, vm: float, v1: float, low: float, x: float, h: float) -> float:
     """Distance in m from fraction `low` of a step of h seconds to fraction x with the parabola through three velocities."""
     b, c = -3.0 * v0 + 4.0 * vm - v1, 2.0 * (v0 - 2.0 * vm + v1)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.jit import kernel
 from isorig.analysis.laws.base import ContactLaw, LinkConstants, Parameter
-from isorig.analysis.laws.elements import Element, Formula, dry
+from isorig.analysis.laws.elements import Element, curved, dry
 
 
 class Stribeck(ContactLaw, frozen=True, kw_only=True, tag="stribeck"):
@@ -18,17 +17,11 @@ class Stribeck(ContactLaw, frozen=True, kw_only=True, tag="stribeck"):
     exponential: Fc + (Fs - Fc) exp(-|v / vs|^exponent); rational: Fc + (Fs - Fc) / (1 + |v / vs|^exponent).
     """
 
-    friction_force: float
-    static_force: float
-    stribeck_velocity: float
-    exponent: float = 1.0
+    friction_force: Annotated[float, Parameter("N", 1.0, 12.0, least=0.0)]
+    static_force: Annotated[float, Parameter("N", 1.0, 20.0)]
+    stribeck_velocity: Annotated[float, Parameter("m/s", 5e-3, 0.1, above=0.0)]
+    exponent: Annotated[float, Parameter("1", 0.5, 2.0, above=0.0)] = 1.0
     shape: Literal["exponential", "rational"] = "exponential"
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "friction_force": Parameter("N", 1.0, 12.0, least=0.0),
-        "static_force": Parameter("N", 1.0, 20.0),
-        "stribeck_velocity": Parameter("m/s", 5e-3, 0.1, above=0.0),
-        "exponent": Parameter("1", 0.5, 2.0, above=0.0),
-    }
 
     def element(self, link: LinkConstants) -> Element | None:
         if self.static_force == 0.0:
@@ -36,7 +29,7 @@ class Stribeck(ContactLaw, frozen=True, kw_only=True, tag="stribeck"):
         falls = self.static_force - self.friction_force
         return Element(
             states=dry((self.friction_force, self.friction_force), (self.static_force, self.static_force)),
-            formula=FORMULA, params=(falls, self.stribeck_velocity, self.exponent, float(self.shape == "rational")),
+            formula=resist, params=(falls, self.stribeck_velocity, self.exponent, float(self.shape == "rational")),
             gates=(0.0, 1.0, -1.0), steepest=(0.0, 2.0 * falls / self.stribeck_velocity),
         )  # fmt: skip
 
@@ -46,7 +39,7 @@ class Stribeck(ContactLaw, frozen=True, kw_only=True, tag="stribeck"):
         return np.asarray((self.friction_force + (self.static_force - self.friction_force) * fall) * np.sign(v))
 
 
-@kernel
+@curved
 def resist(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
     if gate == 0.0:
         return 0.0
@@ -55,6 +48,3 @@ def resist(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
     if p[2] != 1.0:
         x = abs(x) ** p[2]
     return gate * p[0] * (np.exp(-x) if p[3] == 0.0 else 1.0 / (1.0 + x))
-
-
-FORMULA = Formula(resist=resist)

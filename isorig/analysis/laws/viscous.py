@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.laws.base import ContactLaw, LinkConstants, Parameter
@@ -12,8 +12,7 @@ from isorig.analysis.laws.elements import Element, State
 class Viscous(ContactLaw, frozen=True, kw_only=True, tag="viscous"):
     """viscous_coefficient * v, N s/m."""
 
-    viscous_coefficient: float
-    parameters: ClassVar[dict[str, Parameter]] = {"viscous_coefficient": Parameter("N s/m", 1.0, 100.0, least=0.0)}
+    viscous_coefficient: Annotated[float, Parameter("N s/m", 1.0, 100.0, least=0.0)]
 
     def element(self, link: LinkConstants) -> Element:
         return Element(states=(State(v=self.viscous_coefficient),))

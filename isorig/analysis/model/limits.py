@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from math import isfinite
+from typing import Any
 
 import msgspec
 
@@ -62,30 +62,17 @@ class Limits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
     def within(self, other: Limits) -> Limits:
         """The tighter of both limits, one by one; of two prices the other's."""
-        return Limits(
-            stroke=_tighter(self.stroke, other.stroke), drive=_least(self.drive, other.drive),
-            force=_least(self.force, other.force), channels=_tighter(self.channels, other.channels),
-            gains=_inside("gains", self.gains, other.gains), band=_inside("band", self.band, other.band),
-            seconds=_least(self.seconds, other.seconds),
-            lock_price=self.lock_price if other.lock_price is None else other.lock_price,
-        )  # fmt: skip
+        return Limits(**{key: _tighter(key, getattr(self, key), getattr(other, key)) for key in self.__struct_fields__})
 
 
-def _least(one: float | None, other: float | None) -> float | None:
-    stated = [value for value in (one, other) if value is not None]
-    return min(stated) if stated else None
-
-
-def _tighter(one: Mapping[str, float], other: Mapping[str, float]) -> dict[str, float]:
-    return {name: min(each[name] for each in (one, other) if name in each) for name in {**one, **other}}
-
-
-def _inside(
-    key: str, one: tuple[float, float] | None, other: tuple[float, float] | None
-) -> tuple[float, float] | None:  # fmt: skip
+def _tighter(key: str, one: Any, other: Any) -> Any:
     if one is None or other is None:
         return other if one is None else one
-    both = max(one[0], other[0]), min(one[1], other[1])
-    if not both[0] < both[1]:
-        raise ModelError(f"limits.{key} is {list(one)} in one place and {list(other)} in another, which do not overlap")
-    return both
+    if isinstance(one, dict):
+        return {name: min(each[name] for each in (one, other) if name in each) for name in one | other}
+    if isinstance(one, tuple):
+        both = max(one[0], other[0]), min(one[1], other[1])
+        if not both[0] < both[1]:
+            raise ModelError(f"limits.{key} is {list(one)} in one place and {list(other)} in another, which do not overlap")
+        return both
+    return other if key == "lock_price" else min(one, other)

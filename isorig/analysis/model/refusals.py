@@ -60,7 +60,7 @@ def _followed(tree: Any, steps: Sequence[str], kind: type | None) -> tuple[list[
         choice = [(str(key), value) for key, value in tree.items()]
     else:
         return [], tree
-    found = [([key, *_followed(value, rest, kind)[0]], _followed(value, rest, kind)[1]) for key, value in choice]
+    found = [([key, *way], node) for key, value in choice for way, node in [_followed(value, rest, kind)]]
     return next((item for item in found if kind is None or isinstance(item[1], kind)), found[0])
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import cached_property, reduce
 from itertools import pairwise
+from math import isfinite
 from typing import Any, Literal, NoReturn, cast
 
 import msgspec
@@ -474,16 +475,14 @@ def single_drive(model: RigModel, what: str) -> None:
 
     `what` is the sentence's subject, e.g. "a scan of parameters".
     """
-    found = [
-        ("several drives", bool(model.more_drives)),
-        ("an imposed motion", bool(model.imposed)),
-        ("a sensor of a force", any(sensor.force_in is not None for sensor in model.sensors)),
-        (
-            "an initial position or velocity",
-            any(setup.initial_position or setup.initial_velocity for setup in model.configurations.values()),
-        ),
-    ]
-    for name, there in found:
+    setups = model.configurations.values()
+    found = {
+        "several drives": model.more_drives,
+        "an imposed motion": model.imposed,
+        "a sensor of a force": any(sensor.force_in is not None for sensor in model.sensors),
+        "an initial position or velocity": any(setup.initial_position or setup.initial_velocity for setup in setups),
+    }
+    for name, there in found.items():
         if there:
             raise ModelError(
                 f"{what} does not simulate {name}, which the rig {model.name!r} has; use rig simulate or rig diagnose"
@@ -509,7 +508,8 @@ def check(model: RigModel) -> None:
     _unique([link.name for link in model.links], "link")
     _unique([contact.name for contact in model.contacts], "contact")
     _unique(list(model.channels), "channel")
-    joined = [link.name for link in model.links] + [contact.name for contact in model.contacts]
+    joints: tuple[Link | Contact, ...] = (*model.links, *model.contacts)
+    joined = [part.name for part in joints]
     for text in (model.name, *names, *joined, *model.channels, *model.configurations, *model.note.splitlines()):
         if not text.isprintable():
             raise ModelError(f"the rig has the name {text!r}, which cannot be displayed; rename it")
@@ -525,13 +525,11 @@ def check(model: RigModel) -> None:
             value = getattr(link, key)
             if not (0.0 <= value < float("inf")):
                 raise ModelError(f"link {link.name!r} has {key} {value:g}; give a finite value of zero or more")
-    joints: tuple[Link | Contact, ...] = (*model.links, *model.contacts)
     for part in joints:
-        _known(names, (part.a, part.b, *part.arms), f"{type(part).__name__.lower()} {part.name!r}")
+        here = f"{type(part).__name__.lower()} {part.name!r}"
+        _known(names, (part.a, part.b, *part.arms), here)
         if part.a == part.b:
-            raise ModelError(
-                f"{type(part).__name__.lower()} {part.name!r} connects {part.a!r} to itself; give two different ends"
-            )
+            raise ModelError(f"{here} connects {part.a!r} to itself; give two different ends")
     if not model.free_free:
         _grounded(names, joints, model.imposed)
     for sensor in model.sensors:
@@ -540,7 +538,8 @@ def check(model: RigModel) -> None:
             _known(names, (sensor.body, sensor.relative_to, *sensor.arms), f"sensor {sensor.channel!r}")
     for drive in model.drives:
         _driven(model, names, drive)
-    _finite(model)
+    _finite(msgspec.to_builtins(model, enc_hook=float))
+    _chained(model)
     links = [link.name for link in model.links]
     for name, configuration in model.configurations.items():
         for rigid in configuration.rigid:
@@ -603,42 +602,29 @@ def _driven(model: RigModel, names: list[str], drive: Drive) -> None:
         raise ModelError(f"two drives impose the motion of body {drive.imposes!r}; leave one out")
 
 
-def _finite(model: RigModel) -> None:
-    numbers: dict[str, float] = {}
-    for drive in model.drives:
-        here = "drive" if drive is model.drive else f"more_drives.{drive.channel}"
-        numbers |= {f"{here}.factor": drive.factor, f"{here}.chain.gain": drive.chain.gain}
-        numbers |= {f"{here}.pushes.{name}": weight for name, weight in drive.pushes.items()}
-    for name, setup in model.configurations.items():
-        numbers[f"configurations.{name}.lock_stiffness"] = setup.lock_stiffness or 0.0
-        numbers[f"configurations.{name}.lock_damping"] = setup.lock_damping
-        for key in ("initial_position", "initial_velocity"):
-            values = getattr(setup, key)
-            numbers |= {f"configurations.{name}.{key}.{body}": value for body, value in values.items()}
-    for called, arms in [
-        *((part.name, part.arms) for part in model.links),
-        *((part.name, part.arms) for part in model.contacts),
-        *((sensor.channel, sensor.arms) for sensor in model.sensors),
-    ]:
-        for name, arm in arms.items():
-            numbers[f"the arm {name!r} of {called!r}"] = arm
+def _chained(model: RigModel) -> None:
     for chain in (*(drive.chain for drive in model.drives), *(sensor.chain for sensor in model.sensors)):
-        numbers |= {"a chain's gain": chain.gain, "a chain's delay": chain.delay, "a chain's offset": chain.offset}
-        numbers["a chain's corner"] = chain.corner
         if chain.corner < 0.0:
             raise ModelError(f"a chain's corner is {chain.corner:g} Hz; give a frequency above zero, or zero for none")
-        numbers |= {"a chain's bend": sum(map(sum, chain.bend)), "a chain's taps": sum(chain.taps)}
         if len(chain.taps) % 2 == 0 and chain.taps:
             raise ModelError(f"a chain has {len(chain.taps)} taps; give an odd number, the middle one for the present sample")
         if len(chain.bend) == 1 or not all(one[0] < other[0] for one, other in pairwise(chain.bend)):
             raise ModelError("a chain's bend is not a curve; give at least two points with increasing true values")
     if any(drive.chain.bend or drive.chain.taps or drive.chain.corner for drive in model.drives):
         raise ModelError("the drive's chain has a bend, taps or a corner, which only a sensor's may have; remove them")
-    for key, value in numbers.items():
-        if not np.isfinite(value):
-            raise ModelError(f"{key} is {value:g}; give a finite number")
     if any(drive.chain.gain == 0.0 for drive in model.drives):
         raise ModelError("drive.chain.gain is 0, so the drive's true value cannot be known; give the gain of its channel")
+
+
+def _finite(part: Any, path: str = "") -> None:
+    # Of a part in plain dicts, lists and numbers.
+    if isinstance(part, float) and not isfinite(part):
+        raise ModelError(f"{path} is {part:g}; give a finite number")
+    if isinstance(part, list | tuple):
+        part = {each.get("name", each.get("channel", k)) if isinstance(each, dict) else k: each for k, each in enumerate(part)}
+    if isinstance(part, dict):
+        for key, value in part.items():
+            _finite(value, f"{path}.{key}" if path else key)
 
 
 def _grounded(names: list[str], joints: Sequence[Link | Contact], imposed: Sequence[str]) -> None:

@@ -160,7 +160,7 @@ def characterize(
     known = _Known(done, fine, note, uncertain_values(campaign.known, done))
     table = (_bonder_table(known, given) if bonder else {}) | (_table(known) if fitted or not bonder else {})
     return Characterization(
-        table=table, head_mass=_head(known, given) if bonder else None,
+        table=table, head_mass=_mass(known, HEAD, "head_mass", given) if bonder else None,
         calibrated=CALIBRATION in campaign.known, fit=done, trials=fine, score=final.score, floor=final.floor,
         adequate=final.explained, noise=final.noise, faults=wrong, doubts=doubts(model, (done,), campaign),
     )  # fmt: skip
@@ -191,13 +191,11 @@ def _table(known: _Known) -> dict[str, Entry]:
         free.path: known.entry({free.path: 1.0}, fitted.model.get(free.path), unit_of(free.path, fitted.model), value_kind(free))
         for free in fitted.free
     }
-    table |= {
-        path: Entry(value=fitted.model.get(path), std=0.0, unit=unit_of(path, fitted.model), method=_unfitted(path), note="")
-        for path in physical_parameters(fitted.model)
-        if path not in table
-    }
-    configurations = dict.fromkeys(trial.run.configuration for trial in known.trials)
-    for configuration in configurations:
+    for path in physical_parameters(fitted.model):
+        if path not in table:
+            value, method = fitted.model.get(path), "held" if ".law" in path else "given"
+            table[path] = Entry(value=value, std=0.0, unit=unit_of(path, fitted.model), method=method, note="")
+    for configuration in dict.fromkeys(trial.run.configuration for trial in known.trials):
         slopes = _mode_slopes(fitted, configuration)
         for k, mode in enumerate(natural_modes(fitted.model, configuration)):
             # A single configuration needs no name.
@@ -205,10 +203,6 @@ def _table(known: _Known) -> dict[str, Entry]:
             table[f"{name}.frequency"] = known.entry(slopes[k][0], mode.frequency, "Hz", "frequency")
             table[f"{name}.damping"] = known.entry(slopes[k][1], mode.damping, "1", "damping")
     return table
-
-
-def _unfitted(path: str) -> str:
-    return "held" if ".law" in path else "given"
 
 
 def _mode_slopes(fitted: Fit, configuration: str) -> list[tuple[dict[str, float], dict[str, float]]]:
@@ -222,11 +216,11 @@ def _mode_slopes(fitted: Fit, configuration: str) -> list[tuple[dict[str, float]
         above, below = (natural_modes(fitted.model.replace({path: value + way * step}), configuration) for way in (1.0, -1.0))
         if not len(above) == len(below) == len(modes):
             continue
-        for k, (high, low) in enumerate(zip(above, below, strict=True)):
-            for which, change in enumerate((high.frequency - low.frequency, high.damping - low.damping)):
-                size = modes[k].frequency if which == 0 else modes[k].damping
-                if abs(change) > ROUNDING * size:
-                    slopes[k][which][path] = change / (2.0 * step)
+        for found, mode, high, low in zip(slopes, modes, above, below, strict=True):
+            for slope, name in zip(found, ("frequency", "damping"), strict=True):
+                change = getattr(high, name) - getattr(low, name)
+                if abs(change) > ROUNDING * getattr(mode, name):
+                    slope[path] = change / (2.0 * step)
     return slopes
 
 
@@ -255,29 +249,20 @@ class _Known:
         return Entry(value=value, std=whole, unit=unit, method="joint fit", note=self._note)
 
 
-def _head(known: _Known, given: Mapping[str, float]) -> Entry:
-    mass = known.fitted.model.get(HEAD)
-    if HEAD in known.fitted.values:
-        return known.entry({HEAD: 1.0}, mass, "kg", "mass")
-    note = WEIGHED if "head_mass" in given else ASSUMED
-    return Entry(value=mass, std=given.get("head_mass_std", 0.0), unit="kg", method="given", note=note)
+def _mass(known: _Known, path: str, name: str, given: Mapping[str, float]) -> Entry:
+    mass = known.fitted.model.get(path)
+    if path in known.fitted.values:
+        return known.entry({path: 1.0}, mass, "kg", "mass")
+    note = WEIGHED if name in given else ASSUMED
+    return Entry(value=mass, std=given.get(f"{name}_std", 0.0), unit="kg", method="given", note=note)
 
 
 def _rows(known: _Known, body: str, link: str, given: Mapping[str, float]) -> dict[str, Entry]:
-    fitted = known.fitted
     mass, stiffness, damper = paths = (f"bodies.{body}.mass", f"links.{link}.stiffness", f"links.{link}.damping")
-    m, k, c = (fitted.model.get(path) for path in paths)
+    m, k, c = (known.fitted.model.get(path) for path in paths)
     frequency, damping = sqrt(k / m) / (2 * pi), c / (2 * sqrt(k * m))
     return {
-        f"{body}_mass": known.entry({mass: 1.0}, m, "kg", "mass")
-        if mass in fitted.values
-        else Entry(
-            value=m,
-            std=given.get(f"{body}_mass_std", 0.0),
-            unit="kg",
-            method="given",
-            note=WEIGHED if f"{body}_mass" in given else ASSUMED,
-        ),
+        f"{body}_mass": _mass(known, mass, f"{body}_mass", given),
         f"{body}_frequency": known.entry(
             {mass: -0.5 / m * frequency, stiffness: 0.5 / k * frequency}, frequency, "Hz", "frequency"
         ),

@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from isorig.analysis.campaign import Campaign, Channel, FloatArray, Gap, IntArray, Run
+from isorig.analysis.campaign import Campaign, Gap, Run
 from isorig.analysis.spectra.overload import extents
 
 GAIN = "gain"
@@ -58,7 +58,9 @@ def stretches(run: Run) -> Iterator[Run]:
     if not changes(run):
         yield run
         return
-    level = _levels(run.read(GAIN))
+    size = np.abs(run.read(GAIN))
+    level, loud = np.full(len(size), SILENT), size > 0.0
+    level[loud] = np.round(np.log(size[loud]) / np.log(STEP)).astype(np.int64)
     edges = np.concatenate([[0], np.flatnonzero(np.diff(level)) + 1, [len(level)]])
     count = 0
     for start, stop in pairwise(edges):
@@ -96,22 +98,8 @@ def level_of(run: Run, drive: str) -> float:
     return float(np.sqrt(np.average([each.std**2 + (each.mean - mean) ** 2 for each in found], weights=lengths)))
 
 
-def _levels(gain: FloatArray) -> IntArray:
-    size = np.abs(gain)
-    found = np.full(len(size), SILENT)
-    loud = size > 0.0
-    found[loud] = np.round(np.log(size[loud]) / np.log(STEP)).astype(np.int64)
-    return found
-
-
 def _part(run: Run, start: int, stop: int, gain: float, count: int) -> Run:
-    channels = {
-        name: Channel(
-            name=name, samples=np.asarray(channel.samples[start:stop]), quantity=channel.quantity, unit=channel.unit,
-            scale=channel.scale, offset=channel.offset, full_scale=channel.full_scale,
-        )
-        for name, channel in run.channels.items()
-    }  # fmt: skip
+    channels = {name: replace(channel, samples=np.asarray(channel.samples[start:stop])) for name, channel in run.channels.items()}
     began = None if run.started is None else run.started + timedelta(seconds=start / run.sample_rate)
     # Gaps count ticks, and the stored samples skip the missing ticks.
     missing = sum(gap.count for gap in run.gaps if gap.first_tick < start)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from isorig.analysis.campaign import ComplexArray, FloatArray, IntArray
+from isorig.analysis.campaign import FloatArray, IntArray
 
 #: Number of groups of a record of known length; it determines a standard deviation to 13 %.
 USUAL = 28
@@ -28,8 +28,8 @@ class Sums:
     """Sums over some segments: their number, auto spectra (channels, bins), and cross spectra by reference, the same shape."""
 
     segments: int
-    auto: NDArray[np.floating[Any]]
-    cross: Mapping[str, NDArray[np.complexfloating[Any, Any]]]
+    auto: NDArray[Any]
+    cross: Mapping[str, NDArray[Any]]
 
     def plus(self, other: Sums) -> Sums:
         """The sums over the segments of both."""
@@ -49,15 +49,6 @@ class Sums:
 
 
 @dataclass(frozen=True)
-class RemainingSegments:
-    """Densities over the remaining segments: their number, auto (channels, bins), cross spectra by reference."""
-
-    segments: int
-    auto: FloatArray
-    cross: dict[str, ComplexArray]
-
-
-@dataclass(frozen=True)
 class Groups:
     """Sums of consecutive groups of segments, and the density corresponding to a sum of 1 over one segment, shape (bins,)."""
 
@@ -67,8 +58,8 @@ class Groups:
     def __len__(self) -> int:
         return len(self.parts)
 
-    def without(self, lines: IntArray) -> Iterator[RemainingSegments]:
-        """The densities in some of the frequency bins, without each group in turn."""
+    def without(self, lines: IntArray) -> Iterator[Sums]:
+        """The densities over the segments that remain without each group in turn, in some of the frequency bins."""
         scale = self.scale[lines]
         auto = sum(part.auto[:, lines].astype(np.float64) for part in self.parts)
         names = self.parts[0].cross if self.parts else ()
@@ -76,11 +67,8 @@ class Groups:
         whole = sum(part.segments for part in self.parts)
         for part in self.parts:
             segments = whole - part.segments
-            yield RemainingSegments(
-                segments,
-                np.asarray((auto - part.auto[:, lines]) * scale / segments),
-                {name: np.asarray((cross[name] - part.cross[name][:, lines]) * scale / segments) for name in names},
-            )
+            rest = {name: (cross[name] - part.cross[name][:, lines]) * scale / segments for name in names}
+            yield Sums(segments, (auto - part.auto[:, lines]) * scale / segments, rest)
 
     def moved(self, move: Callable[[Any], Any]) -> Groups:
         """The groups in other frequency bins, to make several rates compatible: `move` converts rows, shape (channels, bins)."""

@@ -74,8 +74,7 @@ def half_power(frf: Frf, band: tuple[float, float]) -> HalfPower:
             mode=None, refused=f"the magnitude is largest at the edge of the band, {f[top]:g} Hz: there is no peak in it"
         )
     peak, amplitude = _vertex(f, size, top)
-    sides = [_crossing(f, size, top, step, amplitude / np.sqrt(2.0)) for step in (-1, 1)]
-    below, above = sides
+    below, above = (_crossing(f, size, top, step, amplitude / np.sqrt(2.0)) for step in (-1, 1))
     if below is None or above is None:
         return HalfPower(
             mode=None, peak=peak, amplitude=amplitude,
@@ -96,17 +95,12 @@ def half_power(frf: Frf, band: tuple[float, float]) -> HalfPower:
     # The uncertainty of a parabola's vertex is that of its outer points divided by its curvature.
     curvature = abs(size[top - 1] - 2.0 * size[top] + size[top + 1])
     std = frf.resolution * frf.magnitude_std[top] / (np.sqrt(2.0) * max(curvature, 1e-300))
-    return replace(
-        found,
-        mode=Mode(
-            frequency=peak,
-            frequency_std=float(min(std, frf.resolution)),
-            damping=damping,
-            damping_std=float(np.hypot(*spread) / (2.0 * peak)),
-            lines=lines,
-        ),
-        warning=_coarse(lines),
-    )
+    mode = Mode(
+        frequency=peak, frequency_std=float(min(std, frf.resolution)), damping=damping,
+        damping_std=float(np.hypot(*spread) / (2.0 * peak)), lines=lines,
+    )  # fmt: skip
+    coarse = f"only {lines:.1f} frequency bins in the bandwidth: below {WARNED:g} the window increases a half-power damping"
+    return replace(found, mode=mode, warning=coarse if lines < WARNED else "")
 
 
 def _vertex(f: FloatArray, size: FloatArray, top: int) -> tuple[float, float]:
@@ -150,14 +144,6 @@ def _doubt(frf: Frf, top: int, peak: float, low: float, high: float) -> str:
     if not 0.5 < (high - peak) / (peak - low) < 2.0:
         return f"the half-power points at {low:.4g} and {high:.4g} Hz are asymmetric about {peak:.4g} Hz: another mode overlaps"
     return ""
-
-
-def _coarse(lines: float) -> str:
-    return (
-        f"only {lines:.1f} frequency bins in the bandwidth: below {WARNED:g} the window increases a half-power damping"
-        if lines < WARNED
-        else ""
-    )
 
 
 def peaks(frf: Frf) -> tuple[float, ...]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -139,8 +140,7 @@ def _kurtosis(values: FloatArray) -> float:
 
 
 def _crossings(values: FloatArray, level: float) -> tuple[IntArray, IntArray]:
-    above = np.concatenate([[False], values > level, [False]]).astype(np.int8)
-    edges = np.flatnonzero(np.diff(above)).astype(np.int64)
+    edges = np.flatnonzero(np.diff(values > level, prepend=False, append=False)).astype(np.int64)
     return edges[::2], edges[1::2]
 
 
@@ -168,7 +168,7 @@ def longest_record(found: Sequence[Pulses], runs: Sequence[Run]) -> int:
     room = [
         after - begin
         for blows, run in zip(found, runs, strict=True)
-        for begin, after in zip(blows.begin, _next(blows, run), strict=True)
+        for begin, after in pairwise((*blows.begin, len(run)))
         if after - begin >= SHORTEST
     ]
     if not room:
@@ -176,10 +176,6 @@ def longest_record(found: Sequence[Pulses], runs: Sequence[Run]) -> int:
             f"no hit is followed by {SHORTEST} samples before the next; pause between hits and record on after the last"
         )
     return int(np.quantile(room, 1.0 - WHOLE) / (1.0 + BEFORE))
-
-
-def _next(blows: Pulses, run: Run) -> IntArray:
-    return np.append(blows.begin[1:], len(run))
 
 
 def checked(

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isorig.analysis.campaign import ComplexArray, FloatArray, Run
+from isorig.analysis.campaign import FloatArray, Run
 from isorig.analysis.errors import DataError
 from isorig.analysis.spectra.groups import Groups, Sums
 from isorig.analysis.spectra.hits import BEFORE, Hit, checked, longest_record, pulses
@@ -143,10 +143,9 @@ def _spectra(records: FloatArray, names: tuple[str, ...], run: Run, rate: float,
 
     hits, _, length = records.shape
     seconds = np.arange(length) / rate
-    lines: ComplexArray = np.asarray(rfft(records * np.exp(-decay * seconds), axis=2))
+    lines = np.asarray(rfft(records * np.exp(-decay * seconds), axis=2))
     each = 2.0 / (rate * length)
-    auto: FloatArray = np.asarray(np.einsum("hcf,hcf->hcf", lines, np.conj(lines)).real)
-    cross: ComplexArray = np.asarray(np.einsum("hf,hcf->hcf", np.conj(lines[:, 0]), lines))
+    auto, cross = lines.real**2 + lines.imag**2, np.conj(lines[:, :1]) * lines
     # Every hit is a separate group.
     parts = tuple(Sums(1, auto[h], {names[0]: cross[h]}).single() for h in range(hits))
     return Spectra(

@@ -42,65 +42,55 @@ class Drives:
     """
 
     def __init__(self, spectra: ComplexArray, names: tuple[str, ...], averages: float) -> None:
-        self.spectra = spectra
-        self.count = len(names)
-        self.auto: FloatArray = np.maximum(np.einsum("kii->ki", spectra).real, TINY)
-        self._size = np.sqrt(self.auto)
-        if self.count == 1:
+        self._spectra, count = spectra, len(names)
+        auto = np.maximum(np.einsum("kii->ki", spectra).real, TINY)
+        self._size = np.sqrt(auto)
+        if count == 1:
             self._inverse: ComplexArray = np.ones(spectra.shape, dtype=np.complex128)
         else:
-            if averages < AVERAGES * self.count:
+            if averages < AVERAGES * count:
                 raise DataError(
                     f"{averages:.1f} averages cannot separate the drives {' and '.join(names)}; at least "
-                    f"{AVERAGES * self.count:g} are needed, so measure longer or give a coarser resolution"
+                    f"{AVERAGES * count:g} are needed, so measure longer or give a coarser resolution"
                 )
             scaled = spectra / (self._size[:, :, None] * self._size[:, None, :])
             values, vectors = np.linalg.eigh(scaled)
             values = np.maximum(values, np.finfo(float).eps)
             self._inverse = np.einsum("kim,km,kjm->kij", vectors, 1.0 / values, np.conj(vectors))
-            self._separable(names)
-        #: Diagonal of the inverse of Sxx, shape (lines, drives).
-        self.inverse_auto: FloatArray = np.einsum("kii->ki", self._inverse).real / self.auto
-
-    def _separable(self, names: tuple[str, ...]) -> None:
-        # 1 / (diagonal of the inverse correlation matrix) is the share not explained by the other drives.
-        own = np.median(1.0 / np.einsum("kii->ki", self._inverse).real, axis=0)
-        worst = int(np.argmin(own))
-        if own[worst] < OWN_SHARE:
-            rest = " and ".join(name for name in names if name != names[worst])
-            raise DataError(
-                f"the drive {names[worst]} is correlated with {rest} (coherence {1.0 - own[worst]:.4f}), so that their effects "
-                f"cannot be separated; drive with independent signals, or name one reference"
-            )
+            # 1 / (diagonal of the inverse correlation matrix) is the share not explained by the other drives.
+            own = np.median(1.0 / np.einsum("kii->ki", self._inverse).real, axis=0)
+            worst = int(np.argmin(own))
+            if own[worst] < OWN_SHARE:
+                rest = " and ".join(name for name in names if name != names[worst])
+                raise DataError(
+                    f"the drive {names[worst]} is correlated with {rest} (coherence {1.0 - own[worst]:.4f}), so that their "
+                    f"effects cannot be separated; drive with independent signals, or name one reference"
+                )
+        # The diagonal of the inverse of Sxx.
+        self._inverse_auto: FloatArray = np.einsum("kii->ki", self._inverse).real / auto
 
     def h1(self, cross: ComplexArray) -> ComplexArray:
         """Least squares: noise on the response only; `cross` is conj(x_i) y, shape (bins, drives), as is the result."""
-        solved = np.einsum("kij,kj->ki", self._inverse, cross / self._size) / self._size
-        return np.asarray(solved)
-
-    def explained(self, cross: ComplexArray) -> FloatArray:
-        """Power of the response explained by all drives together, shape (bins,)."""
-        return np.asarray(np.einsum("ki,ki->k", np.conj(cross), self.h1(cross)).real)
+        return np.asarray(np.einsum("kij,kj->ki", self._inverse, cross / self._size) / self._size)
 
     def hv(self, cross: ComplexArray, response: FloatArray, scales: FloatArray) -> ComplexArray:
         """Total least squares: equal noise on all channels, in units of `scales` (drives, then the response).
 
         The eigenvector of the smallest eigenvalue of all channels' spectra (Rocklin, Crowley and Vold 1985).
         """
-        n = self.count
+        n = cross.shape[1]
         whole = np.empty((len(cross), n + 1, n + 1), dtype=np.complex128)
-        whole[:, :n, :n], whole[:, :n, n], whole[:, n, :n], whole[:, n, n] = self.spectra, cross, np.conj(cross), response
+        whole[:, :n, :n], whole[:, :n, n], whole[:, n, :n], whole[:, n, n] = self._spectra, cross, np.conj(cross), response
         _, vectors = np.linalg.eigh(whole / np.outer(scales, scales))
         least = vectors[:, :, 0]
         last = np.where(least[:, n] == 0.0, TINY, least[:, n])
         return np.asarray(-least[:, :n] / last[:, None] * (scales[n] / scales[:n]))
 
+    def partial_coherence(self, value: ComplexArray, unexplained: FloatArray) -> FloatArray:
+        """Share that each drive explains of the response not explained by the others, shape (bins, drives).
 
-def partial_coherence(value: ComplexArray, drives: Drives, unexplained: FloatArray) -> FloatArray:
-    """Share that each drive explains of the response not explained by the others, shape (bins, drives).
-
-    |H_j|^2 / (|H_j|^2 + Snn [Sxx^-1]_jj), with the H1 estimate `value` and the power Snn (`unexplained`) not explained by any
-    drive; equals the ordinary coherence for one drive.
-    """
-    own = np.abs(value) ** 2
-    return np.asarray(np.clip(own / np.maximum(own + unexplained[:, None] * drives.inverse_auto, TINY), 0.0, 1.0))
+        |H_j|^2 / (|H_j|^2 + Snn [Sxx^-1]_jj), with the H1 estimate `value` and the power Snn (`unexplained`) not explained by
+        any drive; equals the ordinary coherence for one drive.
+        """
+        own = np.abs(value) ** 2
+        return np.asarray(np.clip(own / np.maximum(own + unexplained[:, None] * self._inverse_auto, TINY), 0.0, 1.0))

@@ -93,12 +93,13 @@ def magnitude_limits(frf: Frf, reference_density: FloatArray) -> MagnitudeLimits
     imaginary part, and the mean takes one.
     """
     size = np.abs(frf.value)
-    none = np.full(size.shape, np.nan)
+    reason = ""
     if frf.estimator != "H1":
         reason = f"{frf.estimator} adds up noise and leakage of both channels; use H1"
-        return MagnitudeLimits(low=none, high=none, leakage=none, reference_noise=none, reason=reason)
-    if frf.averages < FEWEST:
+    elif frf.averages < FEWEST:
         reason = "a single average, or an unknown number, does not show the scatter; measure longer or use a coarser resolution"
+    if reason:
+        none = np.full(size.shape, np.nan)
         return MagnitudeLimits(low=none, high=none, leakage=none, reference_noise=none, reason=reason)
     from scipy.special import stdtrit
 

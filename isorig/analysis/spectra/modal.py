@@ -12,7 +12,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from isorig.analysis.campaign import ComplexArray, FloatArray
+from isorig.analysis import campaign
+from isorig.analysis.campaign import SI_UNIT, ComplexArray, FloatArray
 from isorig.analysis.errors import DataError, FitError
 from isorig.analysis.spectra.poles import Pole, poles_by_order
 from isorig.analysis.spectra.residues import ITERATIONS, Data, SolvedPoles, fit, model, solve
@@ -38,7 +39,7 @@ CLOSE = 2.0
 #: Bins in a bandwidth below which a mode is reported as narrow.
 NARROW = 1.5
 #: Order of motion of a unit: power of s relative to a displacement.
-MOTION = {"m": 0, "m/s": 1, "m/s^2": 2, "rad": 0, "rad/s": 1, "rad/s^2": 2}
+MOTION = {SI_UNIT[quantity]: order for quantity, order in campaign.MOTION.items()}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,20 +170,16 @@ def modal_analysis(
     poles: tuple[Pole, ...] = ()
     if guesses:
         solved = fit(data, np.array(guesses, dtype=np.float64).reshape(-1, 2))
-        _inside(solved, band)
+        for f, zeta in solved.pairs:
+            if not band[0] <= f <= band[1] or zeta > 0.9:
+                raise FitError(
+                    f"the fit of {len(solved.pairs)} modes left the band {band[0]:g} to {band[1]:g} Hz for {f:.4g} Hz with a "
+                    f"damping ratio of {zeta:.2g}; give other guesses, fewer modes or another band"
+                )
     else:
         poles = poles_by_order(grid.matrix(data.values), data.frequency, grid.weights(data), order)
         solved = _selected(data, _candidates(poles), grid.known, count)
     return grid.model(data, solved, poles)
-
-
-def _inside(solved: SolvedPoles, band: tuple[float, float]) -> None:
-    for f, zeta in solved.pairs:
-        if not band[0] <= f <= band[1] or zeta > 0.9:
-            raise FitError(
-                f"the fit of {len(solved.pairs)} modes left the band {band[0]:g} to {band[1]:g} Hz for {f:.4g} Hz with a damping "
-                f"ratio of {zeta:.2g}; give other guesses, fewer modes or another band"
-            )
 
 
 class _Grid:
@@ -209,7 +206,9 @@ class _Grid:
         self.known = first.averages >= FEWEST
         self._values = np.stack([frf.value for frf in self.frfs])
         self._deviations = np.stack([line_deviation(frf) for frf in self.frfs])
-        self._power = power_of(first)
+        # Power of s relative to a receptance: 2 if the units are unknown.
+        moved, driven = (MOTION.get(unit) for unit in first.units)
+        self._power = 2 if moved is None or driven is not None else moved
 
     def data(self, kept: np.ndarray) -> Data:
         """The frequency bins of a band."""
@@ -252,12 +251,6 @@ class _Grid:
             constants=constants, collinearity=collinearity(shape),
             lines=2.0 * zeta * f / self.frfs[0].resolution,
         )  # fmt: skip
-
-
-def power_of(frf: Frf) -> int:
-    """Power of s of a transfer function relative to a receptance, from its units: 2 if they are unknown."""
-    response, reference = frf.units
-    return MOTION[response] if response in MOTION and reference not in MOTION else 2
 
 
 def _candidates(poles: Sequence[Pole]) -> FloatArray:
@@ -338,13 +331,10 @@ def _pruned(data: Data, solved: SolvedPoles, known: bool, count: int | None) -> 
 def _visible(data: Data, solved: SolvedPoles) -> FloatArray:
     # Largest ratio, over the functions, of a mode's own peak to the measured value there, shape (modes,).
     at = np.array([int(np.argmin(np.abs(data.frequency - f))) for f in solved.pairs[:, 0]])
-    own = np.abs(solved.residues) * np.array([abs(_peak(data, *pair)) for pair in solved.pairs])
+    f, zeta = solved.pairs.T
+    own = np.abs(solved.residues) * np.abs(data.seen.pole(f, pole_of(f, zeta)))
     measured = np.maximum(np.abs(data.values[:, at]), data.deviations[:, at])
     return np.asarray((own / measured).max(axis=0))
-
-
-def _peak(data: Data, frequency: float, damping: float) -> complex:
-    return complex(data.seen.pole(np.array([frequency]), pole_of(frequency, damping))[0])
 
 
 def as_real(shape: ComplexArray) -> ComplexArray:
@@ -356,20 +346,15 @@ def as_real(shape: ComplexArray) -> ComplexArray:
 
 def collinearity(shape: ComplexArray) -> float:
     """Modal phase collinearity of a shape, 0 to 1 (Juang and Pappa 1985)."""
-    xx, yy, xy = (float(total) for total in (
-        (shape.real**2).sum(), (shape.imag**2).sum(), (shape.real * shape.imag).sum(),
-    ))  # fmt: skip
-    return ((xx - yy) ** 2 + 4.0 * xy**2) / max((xx + yy) ** 2, np.finfo(float).tiny)
+    return float(np.abs((shape**2).sum()) ** 2 / max((np.abs(shape) ** 2).sum() ** 2, np.finfo(float).tiny))
 
 
 def _warnings(modes: Sequence[ShapedMode]) -> tuple[str, ...]:
-    said = []
-    for k, mode in enumerate(modes):
-        if mode.lines < NARROW:
-            said.append(
-                f"mode {k + 1} at {mode.frequency:.4g} Hz has only {mode.lines:.1f} frequency bins in its bandwidth; use a finer "
-                "resolution"
-            )
+    said = [
+        f"mode {k} at {mode.frequency:.4g} Hz has only {mode.lines:.1f} frequency bins in its bandwidth; use a finer resolution"
+        for k, mode in enumerate(modes, 1)
+        if mode.lines < NARROW
+    ]
     for k, (one, other) in enumerate(pairwise(modes)):
         apart = (other.frequency - one.frequency) / max(one.damping * one.frequency, other.damping * other.frequency)
         if apart < CLOSE:

@@ -166,12 +166,9 @@ def fit_modes(
     weighted = _parts(columns / sigma[:, None])
     amplitudes = np.asarray(np.linalg.lstsq(weighted, side, rcond=None)[0], dtype=np.float64)
     misfit = float(np.sqrt(np.mean((weighted @ amplitudes - side) ** 2)))
-    rows, bread = _derivatives(shape, pairs.ravel(), amplitudes, sigma)
     # A single average does not determine its errors: the residuals must.
     least = 1.0 if frf.averages >= FEWEST else 0.0
-    std = max(misfit, least) * _deviations(shape, pairs.ravel(), amplitudes, rows, bread, sigma, frf)
-    scatter = _group_deviations(rows, bread, sigma, frf, f)[: pairs.size]
-    std = np.where(scatter > CONTRADICTED * std, scatter, std)
+    std = _deviations(frf, shape, pairs.ravel(), amplitudes, sigma, max(misfit, least))
     order = np.argsort(pairs[:, 0])
     modes = tuple(
         Mode(
@@ -247,35 +244,27 @@ class _Shape:
         return np.asarray(ratio if self._kind == "transmissibility" else 1.0 - ratio)
 
 
-def _derivatives(shape: _Shape, pairs: FloatArray, amplitudes: FloatArray, sigma: FloatArray) -> tuple[ComplexArray, FloatArray]:
-    # Derivatives with respect to frequencies, damping ratios and amplitudes, shape (bins, values), and the inverse normal matrix.
-    rows: ComplexArray = np.concatenate([shape.slopes(pairs) @ amplitudes, shape.columns(pairs)], axis=1)
-    stacked = _parts(rows / sigma[:, None])
-    return rows, np.asarray(np.linalg.pinv(stacked.T @ stacked), dtype=np.float64)
-
-
 def _deviations(
-    shape: _Shape, pairs: FloatArray, amplitudes: FloatArray, rows: ComplexArray, bread: FloatArray, sigma: FloatArray, frf: Frf
+    frf: Frf, shape: _Shape, pairs: FloatArray, amplitudes: FloatArray, sigma: FloatArray, misfit: float
 ) -> FloatArray:  # fmt: skip
-    # Weighted least squares with correlated errors: (J'J)^-1 J'CJ (J'J)^-1, J the weighted derivatives.
-    seen: ComplexArray = np.asarray(shape.columns(pairs) @ amplitudes)
-
-    def bare(f: FloatArray) -> ComplexArray:
-        return np.asarray(shape.at(f).columns(pairs) @ amplitudes)
-
+    # Weighted least squares with correlated errors: (J'J)^-1 J'CJ (J'J)^-1, J the weighted derivatives with respect to
+    # frequencies, damping ratios and amplitudes.
+    columns = shape.columns(pairs)
+    rows: ComplexArray = np.concatenate([shape.slopes(pairs) @ amplitudes, columns], axis=1)
+    stacked = _parts(rows / sigma[:, None])
+    bread = np.asarray(np.linalg.pinv(stacked.T @ stacked), dtype=np.float64)[: len(pairs)]
     if frf.window is None:
         moments = record_moments(2.0 * sigma**2, frf.decay / frf.resolution, BEFORE)
     else:
         moments = error_moments(
-            bare, seen, shape.frequency, frf.resolution, 2.0 * frf.averages * sigma**2, frf.averages, frf.window, frf.overlap
-        )
-    covariance = bread @ through(rows / sigma[:, None] ** 2, moments) @ bread
-    return np.asarray(np.sqrt(np.maximum(np.diag(covariance), 0.0))[: len(pairs)])
-
-
-def _group_deviations(rows: ComplexArray, bread: FloatArray, sigma: FloatArray, frf: Frf, frequency: FloatArray) -> FloatArray:
-    # To first order: a group moves the values by bread Re(rows^H change / sigma^2).
+            lambda f: np.asarray(shape.at(f).columns(pairs) @ amplitudes), np.asarray(columns @ amplitudes), shape.frequency,
+            frf.resolution, 2.0 * frf.averages * sigma**2, frf.averages, frf.window, frf.overlap,
+        )  # fmt: skip
+    covariance = bread @ through(rows / sigma[:, None] ** 2, moments) @ bread.T
+    std = misfit * np.sqrt(np.maximum(np.diag(covariance), 0.0))
     if frf.group_changes is None:
-        return np.zeros(len(bread))
-    moves = np.real(frf.group_changes(frequency) / sigma**2 @ np.conj(rows)) @ bread
-    return np.array([deviation(moves, unit) for unit in np.eye(len(bread))])
+        return np.asarray(std)
+    # To first order: a group moves the values by bread Re(rows^H change / sigma^2).
+    moves = np.real(frf.group_changes(shape.frequency) / sigma**2 @ np.conj(rows)) @ bread.T
+    scatter = np.array([deviation(moves, unit) for unit in np.eye(len(pairs))])
+    return np.where(scatter > CONTRADICTED * std, scatter, std)

@@ -63,7 +63,8 @@ def _level(run: Run, name: str, values: FloatArray, others: Sequence[FloatArray]
     if n < 2 * SEGMENT:
         return None
     usable = min(run.usable, HIGHEST * run.sample_rate)
-    power = _squared(np.fft.rfft((values - values.mean()) * hanning(n))) / (n * 0.375)
+    lines = np.fft.rfft((values - values.mean()) * hanning(n))
+    power = (lines.real**2 + lines.imag**2) / (n * 0.375)
     squares = [middle / np.log(2.0) for middle in _middles(power, usable / run.sample_rate)]
     squares += _above(power, usable / run.sample_rate)
     if others and n >= AVERAGES * len(others) * SEGMENT:
@@ -109,10 +110,6 @@ def noise_levels(campaign: Campaign, drives: tuple[str, ...] = (), longest: int 
 def rests(drive: FloatArray, noise: float) -> bool:
     """Whether a record of the drive, shape (n,), contains only the noise of its channel: the rig was at rest."""
     return bool(np.std(drive) <= AT_REST * noise)
-
-
-def _squared(values: ComplexArray) -> FloatArray:
-    return np.asarray(values.real**2 + values.imag**2)
 
 
 def _band(low: float, high: float) -> FloatArray:

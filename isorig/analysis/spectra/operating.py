@@ -140,13 +140,9 @@ def operating_modes(
     modes.sort(key=lambda mode: mode.frequency)
     frequency, power = _densities(records, rate, band, resolution)
     return OperatingModes(
-        modes=tuple(modes),
-        responses=tuple(responses),
-        frequency=frequency,
-        power=power,
-        poles=tuple(places),
+        modes=tuple(modes), responses=tuple(responses), frequency=frequency, power=power, poles=tuple(places),
         warnings=_warnings(modes),
-    )
+    )  # fmt: skip
 
 
 def envelope_variation(values: FloatArray | ComplexArray, rate: float, frequency: float, damping: float) -> float:

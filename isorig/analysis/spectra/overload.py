@@ -53,7 +53,7 @@ def noisy_limit(magnitudes: FloatArray) -> tuple[float, float] | None:
 
 def cut_off(values: FloatArray, at: BoolArray) -> IntArray:
     """Lengths of the rows of samples `at` an extreme at which a motion is cut off, shape (rows,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], at, [False]]).astype(np.int8)))
+    edges = np.flatnonzero(np.diff(at, prepend=False, append=False))
     if not len(edges) or len(values) <= NEAR:
         return edges[:0]
     apart = np.flatnonzero(edges[2::2] - edges[1:-1:2] > NEAR)

@@ -163,9 +163,10 @@ def _stuck(run: Run, reference: str) -> Iterator[Fault]:
 def _noisy(campaign: Campaign, hurt: set[tuple[str, str]]) -> Iterator[Fault]:
     # Friction reverses in steps with a broad spectrum; so a channel's floor counts only if another run distinguishes it from
     # friction.
+    # The noise of a record, and the record's own rms.
     floors = {
-        (run.id, name): seen for run in campaign.runs for name in _accelerations(run)
-        if (run.id, name) not in hurt and (seen := _floor(run, name)) is not None
+        (run.id, name): (level, extents(run.channels[name])[0].std) for run in campaign.runs for name in _accelerations(run)
+        if (run.id, name) not in hurt and (level := noise_level(run, name, longest=LONGEST)) is not None
     }  # fmt: skip
     names = dict.fromkeys(name for _, name in floors)
     least = {name: min(f for (_, other), (f, _) in floors.items() if other == name) for name in names}
@@ -190,12 +191,6 @@ def _noisy(campaign: Campaign, hurt: set[tuple[str, str]]) -> Iterator[Fault]:
 
 def _accelerations(run: Run) -> list[str]:
     return [name for name, channel in run.channels.items() if channel.quantity == "acceleration"]
-
-
-def _floor(run: Run, name: str) -> tuple[float, float] | None:
-    # The noise of a record, and the record's own rms.
-    level = noise_level(run, name, longest=LONGEST)
-    return None if level is None else (level, extents(run.channels[name])[0].std)
 
 
 def _short(run: Run) -> Iterator[Fault]:
@@ -237,8 +232,8 @@ def _holes(run: Run, spectra: Spectra, reference: str) -> Iterator[Fault]:
     if kept.sum() < 10:
         return
     f, density = spectra.frequency[kept], spectra.density(reference)[kept]
-    empty = np.concatenate([[False], density < HOLE * np.median(density[density >= 1e-3 * density.max()]), [False]])
-    edges = np.flatnonzero(np.diff(empty.astype(np.int8)))
+    empty = density < HOLE * np.median(density[density >= 1e-3 * density.max()])
+    edges = np.flatnonzero(np.diff(empty, prepend=False, append=False))
     if run.band is None:
         of, cure = "; the recording gives no band", "give the band of the run"
     else:

@@ -6,7 +6,6 @@ band are linear and solved for each function (variable projection: Golub and Per
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -105,8 +104,9 @@ def solve(data: Data, pairs: FloatArray) -> SolvedPoles:
     chi2, gains = 0.0, np.zeros(modes)
     residues = np.empty((len(data.values), modes), dtype=np.complex128)
     background = np.empty((len(data.values), 2), dtype=np.complex128)
-    for k, (design, side, deviation) in enumerate(_systems(data, columns)):
-        q, r = np.linalg.qr(design)
+    for k, (values, deviation) in enumerate(zip(data.values, data.deviations, strict=True)):
+        q, r = np.linalg.qr(_real(columns, deviation))
+        side = _real(values, deviation)
         known = q.T @ side
         left = side - q @ known
         amplitudes = np.linalg.lstsq(r, known, rcond=None)[0]
@@ -116,9 +116,7 @@ def solve(data: Data, pairs: FloatArray) -> SolvedPoles:
         moved_real -= q @ (q.T @ moved_real)
         normal += moved_real.T @ moved_real
         gradient += moved_real.T @ left
-        residues[k] = amplitudes[0 : 2 * modes : 2] + 1j * amplitudes[1 : 2 * modes : 2]
-        rest = amplitudes[2 * modes :]
-        background[k] = rest[0::2] + 1j * rest[1::2]
+        residues[k], background[k] = np.split(amplitudes[0::2] + 1j * amplitudes[1::2], [modes])
         spread = np.linalg.pinv(r)
         covariance = spread @ spread.T
         for m in range(modes):
@@ -137,11 +135,6 @@ def _columns(data: Data, pairs: FloatArray) -> tuple[ComplexArray, list[ComplexA
         slopes.append((mode_columns(data, f * (1.0 + SLOPE), zeta) - own) / SLOPE)
         slopes.append((mode_columns(data, f, zeta * (1.0 + SLOPE)) - own) / SLOPE)
     return np.concatenate([*columns, background_columns(data)], axis=1), slopes
-
-
-def _systems(data: Data, columns: ComplexArray) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
-    for values, deviation in zip(data.values, data.deviations, strict=True):
-        yield _real(columns, deviation), _real(values, deviation), deviation
 
 
 def fit(data: Data, pairs: FloatArray, steps: int = ITERATIONS) -> SolvedPoles:
@@ -170,6 +163,6 @@ def fit(data: Data, pairs: FloatArray, steps: int = ITERATIONS) -> SolvedPoles:
 
 def model(data: Data, solved: SolvedPoles) -> ComplexArray:
     """The fitted transfer functions as seen through the window, shape (functions, bins)."""
-    columns = np.concatenate([*(mode_columns(data, *pair) for pair in solved.pairs), background_columns(data)], axis=1)
+    columns, _ = _columns(data, solved.pairs)
     amplitudes = np.concatenate([solved.residues, solved.background], axis=1)
     return np.asarray(amplitudes.real @ columns[:, 0::2].T + amplitudes.imag @ columns[:, 1::2].T)

@@ -16,7 +16,7 @@ import numpy as np
 from isorig.analysis.campaign import ComplexArray, FloatArray, Run
 from isorig.analysis.errors import DataError
 from isorig.analysis.spectra.groups import FEWEST_GROUPS, MOST, Grouping, Groups, Sums, group_bytes, group_size, joined
-from isorig.analysis.spectra.inputs import Drives, Estimator, partial_coherence
+from isorig.analysis.spectra.inputs import Drives, Estimator
 from isorig.analysis.spectra.windows import HANN, OVERLAP_MOST, Window
 from isorig.analysis.views import Viewed
 
@@ -187,8 +187,8 @@ class Spectra:
         drives = Drives(matrix, tuple(references), self.averages)
         cross, power = np.stack([self.cross[name][row] for name in references], axis=-1), self.auto[row]
         h1 = drives.h1(cross)
-        explained = np.minimum(drives.explained(cross), power)
-        known = partial_coherence(h1, drives, power - explained)
+        explained = np.minimum(np.einsum("ki,ki->k", np.conj(cross), h1).real, power)
+        known = drives.partial_coherence(h1, power - explained)
         if estimator == "H1":
             value = h1
         elif estimator == "H2":
@@ -212,15 +212,6 @@ class Spectra:
             for j, name in enumerate(references)
         )  # fmt: skip
 
-    def without_groups(self, frequency: FloatArray) -> Iterator[Spectra]:
-        """The spectra in the bins of the given frequencies, Hz, without each group of segments in turn; empty without groups."""
-        lines = np.searchsorted(self.frequency, frequency - 0.5 * self.resolution)
-        for left in self.groups.without(lines) if self.groups else ():
-            yield replace(
-                self, frequency=self.frequency[lines], auto=left.auto, cross=left.cross,
-                averages=self.averages * left.segments / self.segments, segments=left.segments, groups=None,
-            )  # fmt: skip
-
     def unit(self, channel: str) -> str:
         """The unit of a channel; empty if unknown."""
         return self.units[self.channels.index(channel)] if self.units else ""
@@ -239,8 +230,12 @@ def _group_changes(
     row, lines = spectra.channels.index(references[j]), np.searchsorted(spectra.frequency, frequency - 0.5 * spectra.resolution)
     whole, power = spectra.frfs(response, references, estimator)[j].value[lines], spectra.auto[row, lines] * spectra.segments
     changed = []
-    for part in spectra.without_groups(frequency):
-        rest = np.sqrt(part.auto[row] * part.segments / np.maximum(power, np.finfo(float).tiny))
+    for left in spectra.groups.without(lines) if spectra.groups else ():
+        part = replace(
+            spectra, frequency=spectra.frequency[lines], auto=left.auto, cross=dict(left.cross),
+            averages=spectra.averages * left.segments / spectra.segments, segments=left.segments, groups=None,
+        )  # fmt: skip
+        rest = np.sqrt(left.auto[row] * left.segments / np.maximum(power, np.finfo(float).tiny))
         changed.append((part.frfs(response, references, estimator)[j].value - whole) * rest)
     return np.stack(changed)
 
