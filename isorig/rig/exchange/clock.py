@@ -51,12 +51,9 @@ def is_time(name: str, column: Column) -> bool:
     """Whether a column is an evenly ascending clock: by its name or its unit, and by its values."""
     if (_NAME.fullmatch(name) is None and seconds_per(column.unit) is None) or column.values.dtype.kind not in "iuf":
         return False
-    factor = seconds_per(time_unit(name, column))
-    if factor is None:
-        return False
     try:
-        even_rate(np.asarray(column.values, dtype=np.float64), "", factor)
-    except RecordingError:
+        column_rate(name, column, "")
+    except (PlanError, RecordingError):
         return False
     return True
 

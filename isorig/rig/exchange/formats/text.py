@@ -202,17 +202,13 @@ def _is_value(field: str, decimal: str) -> bool:
 def _head(head: Sequence[str], style: _Style) -> tuple[list[str], list[str]]:
     # Names and units: from the last header line with a name for each column, or a line of units and the names above it.
     rows = [fields for line in reversed(head) if (fields := _named(line, style.separator, style.count))]
+    blank = [""] * style.count
     if not rows:
-        rows = [fields for line in reversed(head) if (fields := _other_names(line, style.count))][:1]
-    if not rows:
-        return [f"column{k}" for k in range(style.count)], [""] * style.count
-    if len(rows) > 1 and _are_units(rows[0]):
-        named = [_name_and_unit(name) for name in rows[1]]
-        return [name or f"column{k}" for k, (name, _) in enumerate(named)], [
-            unit.strip("[]()").strip(" -") or own for unit, (_, own) in zip(rows[0], named, strict=True)
-        ]
+        rows = [*(fields for line in reversed(head) if (fields := _other_names(line, style.count))), blank][:1]
+    units = rows.pop(0) if len(rows) > 1 and _are_units(rows[0]) else blank
     named = [_name_and_unit(name) for name in rows[0]]
-    return [name or f"column{k}" for k, (name, _) in enumerate(named)], [unit for _, unit in named]
+    names = [name or f"column{k}" for k, (name, _) in enumerate(named)]
+    return names, [unit.strip("[]()").strip(" -") or own for unit, (_, own) in zip(units, named, strict=True)]
 
 
 def _named(line: str, separator: str, count: int) -> list[str] | None:
