@@ -10,7 +10,6 @@ import numpy as np
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.fitting.identifiability import Identifiability, identifiability
 from isorig.analysis.model.rig_model import RigModel
-from isorig.rig.files.rigfile import GivenRig
 from isorig.rig.model.prediction import predicted
 from isorig.rig.virtual.simulated_recording import synthetic_drive, usual_run
 
@@ -30,7 +29,7 @@ def from_usual_runs(model: RigModel, paths: Sequence[str]) -> Identifiability:
     for k, name in enumerate(model.configurations):
         plan = usual_run(model, name)
         plan = replace(plan, seconds=min(plan.seconds, LONGEST), seed=k + 1)
-        whole = predicted(model, synthetic_drive(GivenRig(model=model), plan))
+        whole = predicted(model, synthetic_drive(model, plan))
         runs += [replace(run, id=name, started=None) for run in whole.runs]
     return identifiability(model, Campaign(runs=tuple(runs), source="a usual run"), paths)
 

@@ -55,7 +55,7 @@ def described_campaign(
         for k, level in enumerate(LEVELS):
             plan = usual_run(model, name)
             plan = replace(plan, seed=int(generator.integers(2**31)), seconds=seconds or plan.seconds)
-            drive = synthetic_drive(GivenRig(model=model), plan).runs[0]
+            drive = synthetic_drive(model, plan).runs[0]
             scaled = {key: replace(channel, scale=level * channel.scale) for key, channel in drive.channels.items()}
             drive = replace(drive, id=f"{name}_{k + 1}", gain=level, channels=scaled, started=BEGIN + timedelta(seconds=start))
             start += drive.duration + PAUSE
