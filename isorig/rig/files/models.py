@@ -49,19 +49,7 @@ def free_of(tree: Mapping[str, Any]) -> Free:
     return msgspec.convert(values, Free)
 
 
-def read_model(path: str | Path) -> tuple[RigModel, datetime | None]:
-    """The model in a JSON file, and the time of its zero.
-
-    Raises
-    ------
-    PlanError
-        The file is not a model.
-    """
-    model, origin, _ = read_fitted(path)
-    return model, origin
-
-
-def read_fitted(path: str | Path) -> tuple[RigModel, datetime | None, tuple[Free, ...]]:
+def read_model(path: str | Path) -> tuple[RigModel, datetime | None, tuple[Free, ...]]:
     """The model in a JSON file, the time of its zero, and its fitted parameters; none if the file does not list them.
 
     Raises
