@@ -78,7 +78,7 @@ def _joint(model: RigModel, joint: Link | Contact) -> str:
 
 
 def _law(model: RigModel, law: object, path: str) -> str:
-    tree = plain(law)  # type: ignore[arg-type]
+    tree = plain(law)
     name = str(tree.pop("law"))
     values = [
         f"{key.replace('_', ' ')} {_number(model, f'{path}.{key}')}" if isinstance(value, float) else key

@@ -14,7 +14,7 @@ import sys
 import threading
 from collections import OrderedDict
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Literal
 
@@ -50,7 +50,7 @@ class _Walker:
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, encoding="utf-8",
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
         )  # fmt: skip
-        self._lines: queue.Queue[str | None] = queue.Queue()
+        self._lines: queue.Queue[str] = queue.Queue()
         assert self._process.stdout is not None
         threading.Thread(target=self._listen, args=(self._process.stdout,), daemon=True).start()
         self._started = False
@@ -80,21 +80,17 @@ class _Walker:
         self._process.wait()
 
     def _answer(self, patience: float) -> dict[str, str] | None:
-        while True:
-            try:
-                line = self._lines.get(timeout=patience)
-            except queue.Empty:
-                return None
-            if line is None:
-                return None
-            if line != ".\n":
-                answer: dict[str, str] = json.loads(line)
-                return answer
+        with suppress(queue.Empty):
+            while line := self._lines.get(timeout=patience):
+                if line != ".\n":
+                    answer: dict[str, str] = json.loads(line)
+                    return answer
+        return None
 
     def _listen(self, lines: IO[str]) -> None:
         for line in lines:
             self._lines.put(line)
-        self._lines.put(None)
+        self._lines.put("")
 
 
 _lock = threading.Lock()
@@ -117,9 +113,7 @@ def survived(path: Path) -> None:
         In one sentence.
     """
     with _lock:
-        answer = _asked("matlab", path, STILL + path.stat().st_size / SPEED)
-    if "refused" in answer:
-        raise RecordingError(f"{path}: {answer['refused']}")
+        _asked("matlab", path, STILL + path.stat().st_size / SPEED)
 
 
 def _started() -> _Walker:
@@ -134,19 +128,18 @@ def _started() -> _Walker:
 def _asked(kind: Kind, path: Path, patience: float) -> dict[str, str]:
     try:
         answer = _started().ask(kind, path.absolute(), patience)
+        if answer is None:
+            raise RecordingError(f"{path} is damaged so that reading it never ends; copy it again from its source")
     except RecordingError:
         _walker.pop().end()
         raise
-    if answer is None:
-        _walker.pop().end()
-        raise RecordingError(f"{path} is damaged so that reading it never ends; copy it again from its source")
+    if "refused" in answer:
+        raise RecordingError(f"{path}: {answer['refused']}")
     return answer
 
 
 def _walk(path: Path, begin: bytes) -> None:
     answer = _asked("hdf5", path, STILL)
-    if "refused" in answer:
-        raise RecordingError(f"{path}: {answer['refused']}")
     if "damaged" in answer:
         raise RecordingError(f"{path} is damaged ({answer['damaged']}); copy it again from its source")
     if "closed" in answer:
