@@ -24,7 +24,7 @@ from test_recording import example
 from isorig.analysis.campaign import Campaign
 from isorig.rig.cli import main
 from isorig.rig.errors import RecordingError
-from isorig.rig.exchange import target
+from isorig.rig.exchange import exporting
 from isorig.rig.files import hdf
 from isorig.rig.files.recording import read, write
 
@@ -209,7 +209,7 @@ def test_what_leads_out_or_is_not_stored_is_refused(tmp_path: Path, kind: str, c
     write(path, example())
     with h5py.File(path, "a") as file:
         change(file, tmp_path)
-    assert target.ENDINGS  # what it imports is in memory by now
+    assert exporting.ENDINGS  # what it imports is in memory by now
     before, begun = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.monotonic()
     for call in (["check", str(path)], ["export", str(path), "-o", str(tmp_path / "out.csv")]):
         assert main(call) == 2
