@@ -16,11 +16,10 @@ from isorig.analysis.model.drafted import DAMPING, MASS, STIFFNESS
 from isorig.analysis.model.rig_model import GROUND, Body, Configuration, Drive, Link, RigModel, Sensor
 from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.clock import is_time, seconds_per, time_unit
-from isorig.rig.exchange.mapping import RESERVED
 from isorig.rig.exchange.table import STREAMED, Column, ForeignTable
 from isorig.rig.exchange.tree import PLAIN
 from isorig.rig.exchange.units import UNITS, known_unit
-from isorig.rig.files.recording import GAIN
+from isorig.rig.files.recording import GAIN, RESERVED
 from isorig.rig.files.rigtext import description_text
 from isorig.rig.files.tomlfile import value_text
 

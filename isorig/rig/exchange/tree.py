@@ -182,7 +182,9 @@ def _spectra(vectors: Mapping[str, NDArray[Any]], axis: FloatArray, content: _Co
         is_complex = values.dtype.kind == "c"
         coherent = is_complex and not values.imag.any() and bool((values.real >= 0.0).all() and (values.real <= COHERENT).all())
         leaf = _leaf(plain, dot)
-        kind = "coherence" if coherent or leaf.startswith("coh") else "transfer_function" if is_complex else _real_kind(leaf)
+        kind = "coherence" if coherent or leaf.startswith("coh") else "transfer_function" if is_complex else "spectrum"
+        if kind == "spectrum" and ("psd" in leaf or "pxx" in leaf):
+            kind = "power_spectral_density"
         if kind == "coherence" and found and found[-1].kind == "transfer_function":
             # A coherence follows the function to which it belongs.
             response, reference = found[-1].response, found[-1].reference
@@ -194,10 +196,6 @@ def _spectra(vectors: Mapping[str, NDArray[Any]], axis: FloatArray, content: _Co
             )
         )  # fmt: skip
     return found
-
-
-def _real_kind(leaf: str) -> str:
-    return "power_spectral_density" if "psd" in leaf or "pxx" in leaf else "spectrum"
 
 
 def _text_near(name: str, content: _Content, dot: str, wanted: Sequence[str]) -> str:

@@ -41,12 +41,9 @@ def free_tree(free: Free) -> dict[str, Any]:
 
 def free_of(tree: Mapping[str, Any]) -> Free:
     """The fitted parameter that `free_tree` stored."""
-    values = {key: value for key, value in tree.items() if key != "unbounded_below"}
-    if tree.get("unbounded_below"):
-        values["low"] = -np.inf
     from isorig.analysis.fitting.solve import Free
 
-    return msgspec.convert(values, Free)
+    return msgspec.convert({**tree, "low": -np.inf} if tree.get("unbounded_below") else tree, Free)
 
 
 def read_model(path: str | Path) -> tuple[RigModel, datetime | None, tuple[Free, ...]]:

@@ -29,8 +29,8 @@ from isorig.rig.files.output import reason, replaced, reserve
 
 FORMAT, VERSION = "rig-recording", 1
 UNITS = frozenset(SI_UNIT.values())
-#: Datasets of a run that are not channels; "gain" is one, although no sensor recorded it.
-NOT_CHANNELS = frozenset({"gaps", "timing"})
+#: Parts of a run that are not channels; "gain" is one, although no sensor recorded it.
+RESERVED = ("gaps", "timing", "spectra")
 GAIN = "gain"
 #: Rows of a chunk, and of the blocks for reading and writing.
 ROWS = 1 << 16
@@ -266,9 +266,7 @@ def _channels(group: h5py.Group, here: str) -> dict[str, Channel]:
         if key in SENSORS and not isinstance(item, h5py.Dataset):
             raise RecordingError(f"{here}: {key!r} is a group; a channel is a dataset of numbers, so write it again")
     channels = {
-        key: _channel(item, key, here)
-        for key, item in items.items()
-        if key not in NOT_CHANNELS and isinstance(item, h5py.Dataset)
+        key: _channel(item, key, here) for key, item in items.items() if key not in RESERVED and isinstance(item, h5py.Dataset)
     }
     if not channels.keys() - {GAIN}:
         raise RecordingError(f"{here} has no channel; a run needs at least one")
