@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -110,20 +110,19 @@ def samples_frame(run: Run) -> pd.DataFrame:
 
 def frf_frame(found: Sequence[Transfer]) -> pd.DataFrame:
     """Transfer functions, a row for each frequency: identification, frequency in Hz, value, standard deviations, coherence."""
-    return pd.concat(
-        [
-            pd.DataFrame(
-                {
-                    "response": item.frf.response, "reference": item.frf.reference, "configuration": item.configuration,
-                    "gain": item.gain, "frequency_hz": item.frf.frequency, "real": item.frf.value.real,
-                    "imag": item.frf.value.imag, "magnitude_std": item.frf.magnitude_std, "phase_std_rad": item.frf.phase_std,
-                    "coherence": item.frf.coherence,
-                }
-            )
-            for item in found
-        ],
-        ignore_index=True,
-    )  # fmt: skip
+    tables = [
+        {
+            **_identified(item), "frequency_hz": item.frf.frequency, "real": item.frf.value.real, "imag": item.frf.value.imag,
+            "magnitude_std": item.frf.magnitude_std, "phase_std_rad": item.frf.phase_std, "coherence": item.frf.coherence,
+        }
+        for item in found
+    ]  # fmt: skip
+    return pd.concat(map(pd.DataFrame, tables), ignore_index=True)
+
+
+def _identified(item: Transfer) -> dict[str, Any]:
+    frf = item.frf
+    return {"response": frf.response, "reference": frf.reference, "configuration": item.configuration, "gain": item.gain}
 
 
 class ParameterRows(msgspec.Struct, frozen=True, kw_only=True, tag_field="format", tag="rig-parameters"):
@@ -192,8 +191,7 @@ def frf_tree(found: Sequence[Transfer]) -> dict[str, Any]:
     """Transfer functions as a tree: frf.<response>_<configuration>_<gain> with frequency, complex H, std, coherence."""
     trees = _fields(
         (f"{item.frf.response}_{'' if item.alone else f'{item.configuration}_'}gain{item.gain:g}", {
-            "response": item.frf.response, "reference": item.frf.reference, "configuration": item.configuration,
-            "gain": item.gain, "frequency": item.frf.frequency, "H": item.frf.value,
+            **_identified(item), "frequency": item.frf.frequency, "H": item.frf.value,
             "magnitude_std": item.frf.magnitude_std, "coherence": item.frf.coherence,
         })
         for item in found
@@ -224,12 +222,11 @@ def samples_sets(campaign: Campaign, *, binary: bool) -> list[dict[str, Any]]:
     short = next((run.id for run in campaign.runs if len(run) < 2), None)
     if short is not None:
         raise PlanError(f"run {short!r} has one sample but a universal file needs two; choose others with --run, or export .mat")
-    points = _Points(campaign)
-    sets = [_si_units()]
+    points, sets = _points(campaign), [_si_units()]
     for run in campaign.runs:
         time, description = np.arange(len(run)) / run.sample_rate, f"{run.id}, {run.set_up}"
         for channel in run.channels.values():
-            sets.append(points.dataset(TIME_RESPONSE, channel.name, "", time, channel.read(), description, binary=binary))
+            sets.append(_dataset(points, TIME_RESPONSE, channel.name, "", time, channel.read(), description, binary=binary))
     return sets
 
 
@@ -238,54 +235,61 @@ def frf_sets(found: Sequence[Transfer], campaign: Campaign) -> list[dict[str, An
 
     In text: the package writes half the size of complex values to the header of a binary dataset.
     """
-    points = _Points(campaign)
-    sets = [_si_units()]
+    points, sets = _points(campaign), [_si_units()]
     for item in found:
         frf, description = item.frf, f"{item.label}, {item.frf.estimator}, {item.frf.averages:.1f} averages"
         for kind, values in ((4, frf.value), (6, frf.coherence)):
-            sets.append(points.dataset(kind, frf.response, frf.reference, frf.frequency, values, description, binary=False))
+            sets.append(_dataset(points, kind, frf.response, frf.reference, frf.frequency, values, description))
     return sets
 
 
-class _Points:
-    """Identification of a campaign's channels in a universal file: a name of ten characters, node, direction and unit of each."""
+class _Point(NamedTuple):
+    # A channel in a universal file: its name of at most ten characters, node, direction and unit.
+    name: str
+    node: int
+    direction: int
+    unit: str
 
-    def __init__(self, campaign: Campaign) -> None:
-        channels = {name: channel for run in campaign.runs for name, channel in run.channels.items()}
-        self._units = {name: channel.unit for name, channel in channels.items()}
-        self._nodes = {name: k for k, name in enumerate(channels, 1)}
-        self._directions = {name: DIRECTIONS.get(c.about.get("direction", "").strip().lower(), 0) for name, c in channels.items()}
-        self._names: dict[str, str] = {}
-        for name in channels:
-            short = name[:UFF_NAME]
-            if short in self._names.values():
-                end = f"~{self._nodes[name]}"
-                short = name[: UFF_NAME - len(end)] + end
-            self._names[name] = short
 
-    def dataset(
-        self, kind: int, response: str, reference: str, x: FloatArray, values: Any, description: str, *, binary: bool
-    ) -> dict[str, Any]:
-        """A dataset 58; `reference` is empty for a time record, and a coherence has no unit."""
-        import pyuff
+#: The reference of a time record.
+NOWHERE = _Point("NONE", 0, 0, "")
 
-        axis, unit = (TIME, "s") if kind == TIME_RESPONSE else (FREQUENCY, "Hz")
-        above = self._units[response] if kind != COHERENCE else "1"
-        below = self._units[reference] if reference and kind != COHERENCE else ""
-        return dict(
-            pyuff.prepare_58(
-                binary=int(binary), id1=description[:LINE], id4=(RESPONSE + response)[:LINE],
-                id5=(REFERENCE + reference)[:LINE] if reference else "NONE", func_type=kind,
-                rsp_ent_name=self._names[response], rsp_node=self._nodes[response], rsp_dir=self._directions[response],
-                ref_ent_name=self._names.get(reference, "NONE"), ref_node=self._nodes.get(reference, 0),
-                ref_dir=self._directions.get(reference, 0), abscissa_spacing=1, data=values, x=x,
-                abscissa_spec_data_type=axis, abscissa_axis_units_lab=unit,
-                ordinate_spec_data_type=ORDINATES.get(above, 0), ordinate_axis_units_lab=above,
-                orddenom_spec_data_type=ORDINATES.get(below, 0), orddenom_axis_units_lab=below or "NONE",
-                abscissa_min=float(x[0]), abscissa_inc=float(x[1] - x[0]) if len(x) > 1 else 1.0, num_pts=len(x),
-                ord_data_type=6 if np.iscomplexobj(values) else 4, z_axis_value=0.0,
-            )
-        )  # fmt: skip
+
+def _points(campaign: Campaign) -> dict[str, _Point]:
+    channels = {name: channel for run in campaign.runs for name, channel in run.channels.items()}
+    points: dict[str, _Point] = {}
+    for node, (name, channel) in enumerate(channels.items(), 1):
+        short = name[:UFF_NAME]
+        if any(short == other.name for other in points.values()):
+            short = name[: UFF_NAME - len(f"~{node}")] + f"~{node}"
+        direction = DIRECTIONS.get(channel.about.get("direction", "").strip().lower(), 0)
+        points[name] = _Point(short, node, direction, channel.unit)
+    return points
+
+
+def _dataset(
+    points: Mapping[str, _Point], kind: int, response: str, reference: str, x: FloatArray, values: Any, description: str, *,
+    binary: bool = False,
+) -> dict[str, Any]:  # fmt: skip
+    # A dataset 58; `reference` is empty for a time record, and a coherence has no unit.
+    import pyuff
+
+    sensor, source = points[response], points.get(reference, NOWHERE)
+    above, below = ("1", "") if kind == COHERENCE else (sensor.unit, source.unit)
+    axis, unit = (TIME, "s") if kind == TIME_RESPONSE else (FREQUENCY, "Hz")
+    return dict(
+        pyuff.prepare_58(
+            binary=int(binary), id1=description[:LINE], id4=(RESPONSE + response)[:LINE],
+            id5=(REFERENCE + reference)[:LINE] if reference else "NONE", func_type=kind,
+            rsp_ent_name=sensor.name, rsp_node=sensor.node, rsp_dir=sensor.direction,
+            ref_ent_name=source.name, ref_node=source.node, ref_dir=source.direction,
+            abscissa_spacing=1, data=values, x=x, abscissa_spec_data_type=axis, abscissa_axis_units_lab=unit,
+            ordinate_spec_data_type=ORDINATES.get(above, 0), ordinate_axis_units_lab=above,
+            orddenom_spec_data_type=ORDINATES.get(below, 0), orddenom_axis_units_lab=below or "NONE",
+            abscissa_min=float(x[0]), abscissa_inc=float(x[1] - x[0]) if len(x) > 1 else 1.0, num_pts=len(x),
+            ord_data_type=6 if np.iscomplexobj(values) else 4, z_axis_value=0.0,
+        )
+    )  # fmt: skip
 
 
 def _si_units() -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -146,12 +147,10 @@ def _rate(item: Mapping[str, Any], x: FloatArray, factor: float) -> float:
 
 def _names(sets: Sequence[Mapping[str, Any]], end: str) -> list[str]:
     # A name with several nodes or directions gets them appended.
-    plain = [_place(item, end) for item in sets]
-    dofs = [(item.get(f"{end}_node", 0), item.get(f"{end}_dir", 0)) for item in sets]
-    several = {name for name in plain if len({dof for other, dof in zip(plain, dofs, strict=True) if other == name}) > 1}
-    return [
-        f"{name} {dof[0]}{AXES.get(int(dof[1]), '')}" if name in several else name for name, dof in zip(plain, dofs, strict=True)
-    ]
+    dofs = [f"{int(item.get(f'{end}_node', 0))}{AXES.get(int(item.get(f'{end}_dir', 0)), '')}" for item in sets]
+    named = [(_name(item, end) or dof, dof) for item, dof in zip(sets, dofs, strict=True)]
+    several = Counter(name for name, _ in set(named))
+    return [f"{name} {dof}" if several[name] > 1 else name for name, dof in named]
 
 
 def _labels(sets: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -164,12 +163,11 @@ def _labels(sets: Sequence[Mapping[str, Any]]) -> list[str]:
     return [""] * len(sets)
 
 
-def _place(item: Mapping[str, Any], end: str) -> str:
+def _name(item: Mapping[str, Any], end: str) -> str:
     lines = (str(item.get(line, "")).strip() for line in ("id4", "id5"))
     mark = RESPONSE if end == "rsp" else REFERENCE
     whole = next((line[len(mark) :] for line in lines if line.startswith(mark)), "")
-    name = _label(item, f"{end}_ent_name")
-    return whole or name or f"{int(item.get(f'{end}_node', 0))}{AXES.get(int(item.get(f'{end}_dir', 0)), '')}"
+    return whole or _label(item, f"{end}_ent_name")
 
 
 def _label(item: Mapping[str, Any], key: str) -> str:
