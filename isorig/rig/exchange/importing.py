@@ -22,7 +22,7 @@ from isorig.rig.exchange.mapping import ChannelMap, Mapping, RunMap, read_mappin
 from isorig.rig.exchange.reading import read_foreign
 from isorig.rig.exchange.table import Column, ForeignTable
 from isorig.rig.exchange.units import UNITS, known_unit, unit
-from isorig.rig.files.recording import Extra, write
+from isorig.rig.files.recording import write
 from isorig.rig.files.rigfile import read_description
 from isorig.rig.wire_bonder.description import wire_bonder
 
@@ -96,11 +96,7 @@ def import_campaign(mapping_path: Path, output: Path, *, data: Path | None = Non
     runs = tuple(_run(wanted, mapping, table_in(folder / wanted.file)) for wanted in mapping.runs)
     campaign = Campaign(runs=runs, known=mapping.rig, description=description, source=str(output))
     campaign = repeats(campaign, tuple(drive.channel for drive in model.drives))
-    # The format allows additional attributes.
-    attributes = {
-        name: {key: value for key in SENSOR if (value := getattr(channel, key))} for name, channel in mapping.channels.items()
-    }  # fmt: skip
-    write(output, campaign, {run.id: Extra(channels=attributes) for run in runs})
+    write(output, campaign)
     return campaign
 
 
@@ -196,6 +192,7 @@ def channel_of(name: str, wanted: ChannelMap, column: Column, kept: IntArray | s
         name=name, samples=samples, quantity=wanted.quantity or meant.quantity, unit=SI_UNIT[meant.quantity],
         scale=meant.factor / wanted.sensitivity, offset=meant.factor * wanted.offset,
         full_scale=None if wanted.range is None else meant.factor * wanted.range,
+        about={key: value for key in SENSOR if (value := getattr(wanted, key))},
     )  # fmt: skip
 
 
