@@ -81,8 +81,10 @@ def read_text(path: Path) -> ForeignTable:
         values = _seconds(frame[k]) if is_clock else frame[k].to_numpy()
         key = name if name not in columns else f"{name}[{k}]"
         columns[key] = Column(values=values, unit="s" if is_clock else unit, sample_rate=rate)
-    if spectra := _over_frequency(path, columns):
-        return spectra
+    # A table over frequency: real and imaginary parts, or magnitude and phase, become complex values.
+    over = table_of(path, [(name.replace(".", "_"), column.values) for name, column in _joined(columns).items()])
+    if over.spectra and not over.columns:
+        return over
     found, remarks = completed(columns)
     return ForeignTable(path=path, columns=found, remarks=tuple(remarks))
 
@@ -270,12 +272,6 @@ def _seconds(column: pd.Series[str]) -> FloatArray:
     else:
         seconds = seconds + 86400.0 * np.concatenate([[0.0], np.cumsum(np.diff(seconds) < -43200.0)])
     return np.asarray(seconds - seconds[0])
-
-
-def _over_frequency(path: Path, columns: dict[str, Column]) -> ForeignTable | None:
-    # A table over frequency: real and imaginary parts, or magnitude and phase, become complex values.
-    found = table_of(path, [(name.replace(".", "_"), column.values) for name, column in _joined(columns).items()])
-    return found if found.spectra and not found.columns else None
 
 
 def _joined(columns: dict[str, Column]) -> dict[str, Column]:
