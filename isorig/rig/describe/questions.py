@@ -69,9 +69,7 @@ def asked(ask: Ask) -> RigModel:
         if sensor is None:
             break
         parts.sensors.append(sensor)
-    masses = _answer(
-        ask, "Bodies with unknown mass, which is fitted [none]: ", lambda text: _names(text, parts.bodies)
-    )  # fmt: skip
+    masses = _answer(ask, "Bodies with unknown mass, which is fitted [none]: ", lambda text: _names(text, parts.bodies))
     known_factor = drive.quantity in ("force", "torque") or _answer(
         ask, "Is the drive's factor known? y/n [n] ", lambda text: text.lower().startswith("y")
     )

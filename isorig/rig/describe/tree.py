@@ -67,9 +67,7 @@ def _joint(model: RigModel, joint: Link | Contact) -> str:
         sign = "≈"
     else:
         keys = {"stiffness": "spring", "damping": "damper"}
-        said = [
-            f"{word} {_number(model, f'links.{joint.name}.{key}')}" for key, word in keys.items() if getattr(joint, key)
-        ]  # fmt: skip
+        said = [f"{word} {_number(model, f'links.{joint.name}.{key}')}" for key, word in keys.items() if getattr(joint, key)]
         said += [_law(model, law, f"links.{joint.name}.laws.{k}") for k, law in enumerate(joint.laws)]
         sign = "⌇"
     arms = [f"{factor:+g} × {name}" for name, factor in joint.arms.items()]

@@ -19,7 +19,7 @@ TIME_UNITS = {
     **dict.fromkeys(("ns", "nsec", "nanosecond", "nanoseconds"), 1e-9),
     **dict.fromkeys(("min", "minute", "minutes", "minuten"), 60.0),
     **dict.fromkeys(("h", "hour", "hours", "stunde", "stunden"), 3600.0),
-}  # fmt: skip
+}
 _WORD = r"t|time|zeit|temps|tiempo|tempo|sec|secs|seconds?|sek|x_?value|timestamp|time_?stamp|zeitstempel|elapsed[ _]?time|clock"
 _NAME = re.compile(rf"(?:.*[./])?(?:{_WORD})(?:[ _]*(?P<unit>s|sec|seconds|ms|us|µs|ns|min|h))?(?:\[\d+\])?", re.IGNORECASE)
 #: Allowed deviation of a time column from an even grid, in samples.

@@ -267,9 +267,7 @@ def _configuration(part: _Part) -> str:
     return UNLOCKED if locked is None else "locked"
 
 
-def _run(
-    part: _Part, own: Sequence[str], other: Mapping[str, str], folder: Path, ids: set[str], configuration: str
-) -> list[str]:  # fmt: skip
+def _run(part: _Part, own: Sequence[str], other: Mapping[str, str], folder: Path, ids: set[str], configuration: str) -> list[str]:
     table, group, text = part.table, part.group, _run_text(part)
     name = text if text not in ids else f"{text}_{len(ids)}"
     ids.add(name)

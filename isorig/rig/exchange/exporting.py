@@ -296,10 +296,8 @@ def _si_units() -> dict[str, Any]:
     import pyuff
 
     return dict(
-        pyuff.prepare_164(
-            units_code=1, units_description="SI", temp_mode=1, length=1.0, force=1.0, temp=1.0, temp_offset=0.0
-        )
-    )  # fmt: skip
+        pyuff.prepare_164(units_code=1, units_description="SI", temp_mode=1, length=1.0, force=1.0, temp=1.0, temp_offset=0.0)
+    )
 
 
 def write_uff(sets: Sequence[dict[str, Any]], path: Path) -> None:

@@ -17,9 +17,7 @@ from isorig.rig.files.inputs import TOML_MOST, content_of
 T = TypeVar("T")
 
 
-def read_toml(
-    path: Path, convert: Callable[[Mapping[str, Any]], T], what: str, *, hint: str = "", keys: Iterable[str] = ()
-) -> T:  # fmt: skip
+def read_toml(path: Path, convert: Callable[[Mapping[str, Any]], T], what: str, *, hint: str = "", keys: Iterable[str] = ()) -> T:
     """Read a file and convert its keys.
 
     Parameters

@@ -68,6 +68,4 @@ def described_campaign(
                 size = sizes.setdefault(key, share * float(np.std(values)))
                 channels[key] = replace(channel, samples=values + generator.normal(0.0, size, len(values)), scale=1.0)
             runs.append(replace(run, channels=channels))
-    return Campaign(
-        runs=tuple(runs), description=given.description or description_text(given.model), source="a virtual rig"
-    )  # fmt: skip
+    return Campaign(runs=tuple(runs), description=given.description or description_text(given.model), source="a virtual rig")
