@@ -61,15 +61,13 @@ def read_uff(path: Path) -> ForeignTable:
     remarks: list[str] = []
     system = SI
     sets = _sets(path)
-    names = {end: _names(sets, end) for end in ("rsp", "ref")}
-    labels = _labels(sets)
+    functions = [item for item in sets if item["type"] == 58]
+    named = zip(_names(functions, "rsp"), _names(functions, "ref"), _labels(functions), strict=True)
     for place, item in enumerate(sets, 1):
-        if item.get("type") == 164:
+        if item["type"] == 164:
             system = _system(item)
             continue
-        if item.get("type") != 58:
-            continue
-        response, reference = (names[end][place - 1] for end in ("rsp", "ref"))
+        response, reference, label = next(named)
         here = f"function {place} ({response})"
         x, values = np.asarray(item["x"], dtype=np.float64), np.asarray(item["data"])
         count = int(item["num_pts"])
@@ -84,7 +82,7 @@ def read_uff(path: Path) -> ForeignTable:
             remarks.append(f"{here} {why}; it is left out")
             continue
         if isinstance(found, Column):
-            columns[_unused(response, columns)] = replace(found, label=labels[place - 1])
+            columns[_unused(response, columns)] = replace(found, label=label)
         else:
             spectra.append(replace(found, name=f"{len(spectra):03d}"))
     if not columns and not spectra and remarks:
@@ -145,22 +143,21 @@ def _rate(item: Mapping[str, Any], x: FloatArray, factor: float) -> float:
     return float(whole) if abs(1.0 / step - whole) <= 5e-6 * whole else 1.0 / step
 
 
-def _names(sets: Sequence[Mapping[str, Any]], end: str) -> list[str]:
+def _names(functions: Sequence[Mapping[str, Any]], end: str) -> list[str]:
     # A name with several nodes or directions gets them appended.
-    dofs = [f"{int(item.get(f'{end}_node', 0))}{AXES.get(int(item.get(f'{end}_dir', 0)), '')}" for item in sets]
-    named = [(_name(item, end) or dof, dof) for item, dof in zip(sets, dofs, strict=True)]
+    dofs = [f"{int(item.get(f'{end}_node', 0))}{AXES.get(int(item.get(f'{end}_dir', 0)), '')}" for item in functions]
+    named = [(_name(item, end) or dof, dof) for item, dof in zip(functions, dofs, strict=True)]
     several = Counter(name for name, _ in set(named))
     return [f"{name} {dof}" if several[name] > 1 else name for name, dof in named]
 
 
-def _labels(sets: Sequence[Mapping[str, Any]]) -> list[str]:
+def _labels(functions: Sequence[Mapping[str, Any]]) -> list[str]:
     # The first ID line that differs between the channels names them; the same line for all is the title of the measurement.
-    functions = [item for item in sets if item.get("type") == 58]
     for line in ID_LINES:
         texts = [_label(item, line) for item in functions]
         if len(set(texts)) > 1 and all(texts) and not any(text.startswith((RESPONSE, REFERENCE)) for text in texts):
-            return [_label(item, line) if item.get("type") == 58 else "" for item in sets]
-    return [""] * len(sets)
+            return texts
+    return [""] * len(functions)
 
 
 def _name(item: Mapping[str, Any], end: str) -> str:
