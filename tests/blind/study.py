@@ -65,7 +65,7 @@ def scored(envelope: Envelope, size: float, seed: int, folder: Path) -> dict[str
 
 def later_error(envelope: Envelope, model: Path) -> float:
     """The model's error on the runs that the diagnosis never had: median over runs and channels."""
-    rig, origin = read_model(model)
+    rig, origin, _ = read_model(model)
     guess = predicted(rig, envelope.later, origin=origin, as_recorded=True)
     errors = [
         np.sqrt(np.mean((run.read(name) - other.read(name)) ** 2) / np.mean(run.read(name) ** 2))

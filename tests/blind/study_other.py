@@ -89,7 +89,7 @@ def described(envelope: OtherEnvelope) -> str:
 
 def later_error(envelope: OtherEnvelope, model: Path) -> float:
     """The model's error on runs that the diagnosis never had: rms over runs and channels."""
-    rig, origin = read_model(model)
+    rig, origin, _ = read_model(model)
     guess = predicted(rig, envelope.later, origin=origin, as_recorded=True)
     drive = envelope.guess.drive.channel
     powers = [

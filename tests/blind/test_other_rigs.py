@@ -35,7 +35,7 @@ def test_positioning_system(tmp_path: Path) -> None:
     assert steps[0]["parameters"]["friction_force"]["value"] == pytest.approx(20.4, abs=0.6)
     assert steps[0]["holdout_error_after"] < 0.055
     assert findings["holdout"]["extended"] < 0.5 * (0.031 + 0.054) + 0.0005
-    model, _ = read_model(tmp_path / "out" / "model.json")
+    model, _, _ = read_model(tmp_path / "out" / "model.json")
     law = model.contact("guide").law
     assert model.body("carriage").mass == pytest.approx(95.15, rel=0.005)
     assert model.link("guide").damping + law.backward_viscosity == pytest.approx(240.4, rel=0.02)
@@ -50,7 +50,7 @@ def test_silverbox(tmp_path: Path) -> None:
     assert findings["verdict"] == "explained"
     assert [(step["cause"], step["location"]) for step in findings["steps"]] == [("hardening_stiffness", "spring")]
     campaign = read(tmp_path / "silverbox.h5")
-    model, origin = read_model(tmp_path / "out" / "model.json")
+    model, origin, _ = read_model(tmp_path / "out" / "model.json")
     said = predicted(model, campaign, origin=origin, as_recorded=True)
     arrow, guess = (next(run for run in c.runs if run.id == "arrow").read("position") for c in (campaign, said))
     assert np.sqrt(np.mean((arrow - guess) ** 2)) < 0.6e-3
@@ -64,7 +64,7 @@ def test_friction_damper(tmp_path: Path) -> None:
     assert [(step["cause"], step["kind"]) for step in findings["steps"]] == [("play_and_friction", "memory")]
     assert findings["holdout"]["baseline"] > 0.7
     assert findings["holdout"]["extended"] < 0.2
-    model, _ = read_model(tmp_path / "out" / "model.json")
+    model, _, _ = read_model(tmp_path / "out" / "model.json")
     (row,) = model.link("damper").laws
     assert 0.001 < row.clearance < 0.004
     assert 9e3 < row.slip_force < 11e3

@@ -21,7 +21,7 @@ ALLOWED = (
     "e.g.",
     "for example",
     "tie one to 5 V",  # the supply of digital inputs
-    "noise of 1 % of the rms",  # `from_usual_runs` relates its result to this noise
+    "noise of 1 % of the rms",  # `_from_usual_runs` relates its result to this noise
 )
 
 

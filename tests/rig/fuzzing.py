@@ -48,7 +48,7 @@ from isorig.rig.acquire import store as keep
 from isorig.rig.acquire.plan import plan_of
 from isorig.rig.acquire.recorder import RunWriter, recording_into
 from isorig.rig.commands import check, design, export, frf, import_, isolation, predict, recover, report, simulate
-from isorig.rig.exchange import draft, exporting, importing, target
+from isorig.rig.exchange import draft, exporting, importing
 from isorig.rig.exchange.formats import matlab, tdms, text, uff, wav
 from isorig.rig.files import hdf, hdf_walk, rigfile
 from isorig.rig.files.models import write_model
@@ -60,7 +60,7 @@ from isorig.rig.wire_bonder.description import wire_bonder
 #: Imported for the processes that are forked, not used here.
 READY = (
     plt, pd, pyuff, figures, prediction, rigfile, transfer, keep, session, sound, check, design, export, frf, import_, isolation,
-    predict, recover, report, simulate, draft, exporting, importing, matlab, target, tdms, text, uff, wav,
+    predict, recover, report, simulate, draft, exporting, importing, matlab, tdms, text, uff, wav,
 )  # fmt: skip
 ROOT = Path(__file__).resolve().parents[2]
 #: Seconds of a processor that a command may need, and of a clock: on a busy machine they come apart. A design study of a sound

@@ -24,7 +24,7 @@ from test_recording import example
 from isorig.analysis.campaign import Campaign
 from isorig.rig.cli import main
 from isorig.rig.errors import RecordingError
-from isorig.rig.exchange import target
+from isorig.rig.exchange import exporting
 from isorig.rig.files import hdf
 from isorig.rig.files.recording import read, write
 
@@ -209,7 +209,7 @@ def test_what_leads_out_or_is_not_stored_is_refused(tmp_path: Path, kind: str, c
     write(path, example())
     with h5py.File(path, "a") as file:
         change(file, tmp_path)
-    assert target.ENDINGS  # what it imports is in memory by now
+    assert exporting.ENDINGS  # what it imports is in memory by now
     before, begun = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.monotonic()
     for call in (["check", str(path)], ["export", str(path), "-o", str(tmp_path / "out.csv")]):
         assert main(call) == 2
@@ -355,7 +355,7 @@ def test_a_bit_that_flipped_anywhere_is_refused_or_changes_nothing(tmp_path: Pat
         flipped = bytearray(content)
         flipped[place] ^= 1 << int(random.integers(8))
         path.write_bytes(flipped)
-        hdf._walked.clear()
+        hdf._walk.cache_clear()
         with suppress(RecordingError):
             assert same(read(path), whole), place
             continue
@@ -385,7 +385,7 @@ def test_a_bit_that_flipped_in_another_programs_file_crashes_nothing(tmp_path: P
         flipped = bytearray(content)
         flipped[int(random.integers(len(content)))] ^= 1 << int(random.integers(8))
         path.write_bytes(flipped)
-        hdf._walked.clear()
+        hdf._walk.cache_clear()
         try:
             read(path)
             seen["accepted"] += 1
@@ -411,8 +411,8 @@ def test_what_kills_the_library_kills_no_command(tmp_path: Path, monkeypatch: py
         monkeypatch.setattr(hdf, "STILL", 0.5)
         monkeypatch.setattr(hdf, "WAITS", 60.0 if "spin" in body else 0.5)
         monkeypatch.setattr(Path, "with_name", lambda self, name: killer)
-        hdf._walked.clear()
-        hdf._walker.clear()
+        hdf._walk.cache_clear()
+        hdf._walker.cache_clear()
         with pytest.raises(RecordingError, match="reading it never ends"):
             read(path)
         monkeypatch.undo()
@@ -425,7 +425,7 @@ def test_a_check_that_waits_for_a_busy_host_is_no_damage(tmp_path: Path, monkeyp
     with monkeypatch.context() as changed:
         changed.setattr(hdf, "STILL", 0.5)
         changed.setattr(Path, "with_name", lambda self, name: tmp_path / "walk.py")
-        hdf._walked.clear()
-        hdf._walker.clear()
+        hdf._walk.cache_clear()
+        hdf._walker.cache_clear()
         assert len(read(tmp_path / "a.h5").runs) == len(example().runs)
-    hdf._walker.clear()
+    hdf._walker.cache_clear()

@@ -42,7 +42,7 @@ def export(
     text
         Write universal files as text instead of binary.
     """
-    from isorig.rig.exchange.target import export_campaign, export_parameters
+    from isorig.rig.exchange.exporting import export_campaign, export_parameters
 
     if source.suffix.lower() == ".json":
         written = export_parameters(source, output)

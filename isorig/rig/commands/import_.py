@@ -51,12 +51,12 @@ def import_(
 
     if draft:
         rig_file = output.with_name(f"{output.stem}-rig.toml")
-        proposed = draft_mapping([read_foreign(path) for path in files], output.parent, rig_file.name)
-        write_text(output, proposed.mapping)
-        if proposed.description and rig_file.exists():
+        mapping, description = draft_mapping([read_foreign(path) for path in files], output.parent, rig_file.name)
+        write_text(output, mapping)
+        if description and rig_file.exists():
             print(f"{rig_file} exists and is kept as the rig's description.")
-        elif proposed.description:
-            write_text(rig_file, proposed.description)
+        elif description:
+            write_text(rig_file, description)
             print(f"{rig_file} is proposed as the rig's description; correct it, or let rig describe --new ask for one.")
     elif len(files) > 1 or files[0].suffix.lower() != ".toml":
         raise PlanError(f"{files[0]} is not a mapping; {import_first(files[0])}")

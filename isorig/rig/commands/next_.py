@@ -46,7 +46,7 @@ def next_(
     from isorig.rig.acquire.plan_check import read_plan
     from isorig.rig.errors import PlanError, RigError
     from isorig.rig.files.output import write_text
-    from isorig.rig.files.rivals import model_of, read_rivals
+    from isorig.rig.files.rivals import read_rivals
     from isorig.rig.next.limits_file import limits_of
     from isorig.rig.next.page import proposal_page
     from isorig.rig.next.plan_file import run_names, virtual_instrument_of, with_runs, write_plan
@@ -65,7 +65,7 @@ def next_(
     if own is not None and own.instrument.analyzer:
         raise PlanError(f"{plan} is for an analyzer, which cannot play a plan's drive; choose its next run by hand")
     earlier = {} if own is None else {name: run for run in own.runs if run.repeats == 1 for name in run.ids()}
-    now = situation(found, limits_of(model_of(found[-1]), own, limits), earlier)
+    now = situation(found, limits_of(found[-1].explains.variant().model, own, limits), earlier)
     with Console(stderr=True).status("comparing candidate runs") as status:
         if for_ is not None:
             from isorig.rig.next.required_uncertainty import propose_for, required_uncertainty

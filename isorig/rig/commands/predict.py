@@ -36,7 +36,7 @@ def predict(
     from isorig.rig.model.prediction import errors, predicted
     from isorig.rig.process.terminal import show_table
 
-    rig, origin = read_model(model)
+    rig, origin, _ = read_model(model)
     measured = read(runs)
     found = predicted(rig, measured, origin=origin, as_recorded=as_recorded)
     write(output, found)

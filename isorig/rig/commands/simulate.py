@@ -95,11 +95,11 @@ def simulate(
             print(sentence)
     usual = usual_run(given.model, configuration or next(iter(given.model.configurations)))
     plan = replace(
-        usual, gain=gain, seed=seed, kind=excitation or usual.kind, level=usual.level if level is None else level,
+        usual, gain=gain, seed=seed, excitation=excitation or usual.excitation, level=usual.level if level is None else level,
         band=band or usual.band, seconds=usual.seconds if seconds is None else seconds,
         sample_rate=usual.sample_rate if sample_rate is None else sample_rate,
     )  # fmt: skip
-    simulated, changes = with_forces(given, synthetic_drive(given, plan) if drive is None else read(drive))
+    simulated, changes = with_forces(given, synthetic_drive(given.model, plan) if drive is None else read(drive))
     write(output, simulated)
     if events is not None:
         write_text(events, events_table(changes))

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from typing import TypeVar, get_args
+
+import msgspec
 
 from isorig.analysis.campaign import MOTION, ROTARY, SI_UNIT, Quantity
 from isorig.analysis.errors import ModelError
@@ -67,9 +69,7 @@ def asked(ask: Ask) -> RigModel:
         if sensor is None:
             break
         parts.sensors.append(sensor)
-    masses = _answer(
-        ask, "Bodies with unknown mass, which is fitted [none]: ", lambda text: _names(text, parts.bodies)
-    )  # fmt: skip
+    masses = _answer(ask, "Bodies with unknown mass, which is fitted [none]: ", lambda text: _names(text, parts.bodies))
     known_factor = drive.quantity in ("force", "torque") or _answer(
         ask, "Is the drive's factor known? y/n [n] ", lambda text: text.lower().startswith("y")
     )
@@ -113,48 +113,39 @@ def _bodies(text: str) -> dict[str, Body]:
 
 def _joints(ask: Ask, parts: _Parts, body: Body) -> None:
     earlier = [GROUND, *(name for name in parts.bodies if name != body.name)]
-    first = True
-    while True:
-        more = "[ground]" if first else "[no further joint]"
-        base = _answer(
-            ask, f"What is {body.name} joined to ({', '.join(earlier)})? {more} ",
-            lambda text, first=first: _one_of(text, earlier, GROUND if first else ""),  # type: ignore[misc]
-        )  # fmt: skip
-        if not base:
-            return
-        first = False
-        name = body.name if base == GROUND else f"{body.name}_{base}"
-        while any(link.name == name for link in parts.links):
-            name += "_2"
-        turns = body.motion == "rotation"
-        stiff = "N m/rad" if turns else "N/m"
-        link = _answer(
-            ask, f"The spring between {body.name} and {base}: its stiffness in {stiff}, or the frequency of {body.name} on it "
-            f"(e.g.: {'12' if turns else '25000'} / 5.1 Hz / none): ",
-            lambda text, name=name, base=base: _spring(text, name, body, base),  # type: ignore[misc]
-        )  # fmt: skip
-        usual = "0" if link.stiffness == 0.0 else "0.02"
-        what = (
-            "Its damper in N s/m"
-            if link.stiffness == 0.0
-            else "Its damping ratio, or its damper in N s/m (e.g.: 0.02 / 30 N s/m)"
-        )
-        link = _answer(
-            ask, f"{what.replace('N s/m', 'N m s/rad') if turns else what} [{usual}] ",
-            lambda text, link=link, usual=usual: _damped(text or usual, link, body),  # type: ignore[misc]
-        )  # fmt: skip
-        if link.stiffness or link.damping:
-            parts.links.append(link)
-        force = _answer(ask, f"Dry friction there, in {'N m' if turns else 'N'} [0] ", lambda text: _number(text or "0"))
-        if force > 0.0:
-            parts.contacts.append(Contact(name=name, a=body.name, b=base, law=Coulomb(friction_force=force)))
-        if not (link.stiffness or link.damping or force):
-            print(f"  {body.name} is not joined to {base}.")
+    question = f"What is {body.name} joined to ({', '.join(earlier)})?"
+    base = _answer(ask, f"{question} [ground] ", lambda text: _one_of(text or GROUND, earlier))
+    while base:
+        _joint(ask, parts, body, base)
+        base = _answer(ask, f"{question} [no further joint] ", lambda text: text and _one_of(text, earlier))
 
 
-def _one_of(text: str, names: list[str], usual: str) -> str:
-    name = text or usual
-    if name and name not in names:
+def _joint(ask: Ask, parts: _Parts, body: Body, base: str) -> None:
+    name = body.name if base == GROUND else f"{body.name}_{base}"
+    while any(link.name == name for link in parts.links):
+        name += "_2"
+    stiff, damper, friction, example = ("N/m", "N s/m", "N", "25000")
+    if body.motion == "rotation":
+        stiff, damper, friction, example = ("N m/rad", "N m s/rad", "N m", "12")
+    sprung = _answer(
+        ask, f"The spring between {body.name} and {base}: its stiffness in {stiff}, or the frequency of {body.name} on it "
+        f"(e.g.: {example} / 5.1 Hz / none): ", lambda text: _spring(text, name, body, base),
+    )  # fmt: skip
+    usual, what = "0", f"Its damper in {damper}"
+    if sprung.stiffness:
+        usual, what = "0.02", f"Its damping ratio, or its damper in {damper} (e.g.: 0.02 / 30 {damper})"
+    link = _answer(ask, f"{what} [{usual}] ", lambda text: _damped(text or usual, sprung, body))
+    if link.stiffness or link.damping:
+        parts.links.append(link)
+    force = _answer(ask, f"Dry friction there, in {friction} [0] ", lambda text: _number(text or "0"))
+    if force > 0.0:
+        parts.contacts.append(Contact(name=name, a=body.name, b=base, law=Coulomb(friction_force=force)))
+    if not (link.stiffness or link.damping or force):
+        print(f"  {body.name} is not joined to {base}.")
+
+
+def _one_of(name: str, names: Collection[str]) -> str:
+    if name not in names:
         raise _AnswerError(f"{name!r} is unknown; allowed are {', '.join(names)}")
     return name
 
@@ -180,7 +171,7 @@ def _damped(text: str, link: Link, body: Body) -> Link:
     per = re.fullmatch(NUMBER, text.strip())
     if per and value < 1.0 and link.stiffness:
         value = 2.0 * value * (link.stiffness * body.mass) ** 0.5
-    return Link(name=link.name, a=link.a, b=link.b, stiffness=link.stiffness, damping=value)
+    return msgspec.structs.replace(link, damping=value)
 
 
 def _quantity(text: str) -> Quantity:
@@ -196,7 +187,7 @@ def _drive(text: str, bodies: Mapping[str, Body]) -> Drive:
         raise _AnswerError(
             "give channel, quantity and body, and the newtons per unit of any other quantity than a force: u voltage stage 4"
         )
-    channel, quantity, body = words[0], _quantity(words[1]), _one_of(words[2], list(bodies), "")
+    channel, quantity, body = words[0], _quantity(words[1]), _one_of(words[2], bodies)
     own = quantity in ("force", "torque")
     if not own and len(words) == 3:
         raise _AnswerError(f"a {quantity} is not a force; add the newtons per {SI_UNIT[quantity]}, at least as a first guess")
@@ -212,7 +203,7 @@ def _sensor(text: str, parts: _Parts) -> Sensor | None:
         raise _AnswerError("give channel, body and quantity, for example x1 stage displacement")
     if any(sensor.channel == words[0] for sensor in parts.sensors):
         raise _AnswerError(f"the channel {words[0]!r} is already used; give each sensor another channel")
-    quantity, body = _quantity(words[2]), _one_of(words[1], list(parts.bodies), "")
+    quantity, body = _quantity(words[2]), _one_of(words[1], parts.bodies)
     if quantity not in MOTION:
         raise _AnswerError(f"a {quantity} is not a motion of a body; give one of {', '.join(MOTION)}")
     if quantity in ROTARY and parts.bodies[body].motion == "straight":
@@ -222,4 +213,4 @@ def _sensor(text: str, parts: _Parts) -> Sensor | None:
 
 def _names(text: str, bodies: Mapping[str, Body]) -> list[str]:
     names = [] if text.lower() in ("", "none") else re.split(r"[\s,]+", text)
-    return [_one_of(name, list(bodies), "") for name in names]
+    return [_one_of(name, bodies) for name in names]

@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
 from rich.console import Console
 
+from isorig.analysis.campaign import Campaign
 from isorig.analysis.equations.coverage import Coverage, best_further_sensor, coverage
 from isorig.analysis.errors import AnalysisError
+from isorig.analysis.fitting.identifiability import Identifiability, identifiability
 from isorig.analysis.model.parameter_units import physical_parameters, unit_of
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate.natural import NaturalMode, natural_modes
-from isorig.rig.describe.identifiable import from_usual_runs, sentences, uncertainties
 from isorig.rig.describe.tree import drawn
 from isorig.rig.errors import PlanError
 from isorig.rig.files.rigfile import SHIPPED, read_rig
+from isorig.rig.model.prediction import predicted
 from isorig.rig.process.terminal import show_table
+from isorig.rig.virtual.simulated_recording import synthetic_drive, usual_run
 
 #: Share of a mode's largest motion below which a body is omitted.
 STILL = 0.02
+#: Maximum length of a simulated run, s.
+LONGEST = 8.0
 #: Maximum number of characters in a line of the drawing.
 WIDEST = 1 << 10
 
@@ -50,8 +59,8 @@ def shown(model: RigModel, *, sensors: bool) -> None:
     said: list[str] = []
     if sensors:
         try:
-            found = from_usual_runs(model, paths)
-            known, said = uncertainties(found), sentences(found, free)
+            found = _from_usual_runs(model, paths)
+            known, said = _uncertainties(found), _sentences(found, free)
         except (AnalysisError, PlanError) as error:
             said = [f"Which parameters the sensors determine is not available: {error}."]
     title = "Fitted" if free else "No parameter is marked as free, so none would be fitted; all parameters"
@@ -68,6 +77,40 @@ def shown(model: RigModel, *, sensors: bool) -> None:
     print()
     show_coverage(model)
     show_modes(model)
+
+
+def _from_usual_runs(model: RigModel, paths: Sequence[str]) -> Identifiability:
+    # From one run in each configuration, each at most `LONGEST` seconds.
+    runs = []
+    for k, name in enumerate(model.configurations):
+        plan = usual_run(model, name)
+        plan = replace(plan, seconds=min(plan.seconds, LONGEST), seed=k + 1)
+        whole = predicted(model, synthetic_drive(model, plan))
+        runs += [replace(run, id=name, started=None) for run in whole.runs]
+    return identifiability(model, Campaign(runs=tuple(runs), source="a usual run"), paths)
+
+
+def _sentences(found: Identifiability, free: bool) -> list[str]:
+    # `free` states whether the parameters are those marked as free.
+    said = []
+    remedy = "Remove at least one of them from free and give its value, or add a sensor or a configuration." if free else ""
+    for group in found.indistinguishable:
+        said.append(
+            f"The sensors cannot distinguish {', '.join(group)}: a joint change has no effect on any sensor. {remedy}".strip()
+        )
+    if found.without_effect:
+        remedy = "Remove them from free, or give in usual a drive that excites them." if free else ""
+        said.append(f"No effect on any sensor in a usual run: {', '.join(found.without_effect)}. {remedy}".strip())
+    if found.correlated:
+        said.append(f"Poorly determined, strongly correlated: {', '.join(found.correlated)}. Use longer runs or more sensors.")
+    return said or ["The sensors determine all of them."]
+
+
+def _uncertainties(found: Identifiability) -> dict[str, str]:
+    return {
+        path: "not identifiable" if not np.isfinite(std) else f"{100.0 * std:.2g} %"
+        for path, std in zip(found.paths, found.std, strict=True)
+    }
 
 
 def show_coverage(model: RigModel) -> None:

@@ -67,9 +67,7 @@ def _joint(model: RigModel, joint: Link | Contact) -> str:
         sign = "≈"
     else:
         keys = {"stiffness": "spring", "damping": "damper"}
-        said = [
-            f"{word} {_number(model, f'links.{joint.name}.{key}')}" for key, word in keys.items() if getattr(joint, key)
-        ]  # fmt: skip
+        said = [f"{word} {_number(model, f'links.{joint.name}.{key}')}" for key, word in keys.items() if getattr(joint, key)]
         said += [_law(model, law, f"links.{joint.name}.laws.{k}") for k, law in enumerate(joint.laws)]
         sign = "⌇"
     arms = [f"{factor:+g} × {name}" for name, factor in joint.arms.items()]
@@ -78,7 +76,7 @@ def _joint(model: RigModel, joint: Link | Contact) -> str:
 
 
 def _law(model: RigModel, law: object, path: str) -> str:
-    tree = plain(law)  # type: ignore[arg-type]
+    tree = plain(law)
     name = str(tree.pop("law"))
     values = [
         f"{key.replace('_', ' ')} {_number(model, f'{path}.{key}')}" if isinstance(value, float) else key

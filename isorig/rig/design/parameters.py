@@ -157,7 +157,7 @@ def designed_parameters(
     rig = given.model
     for each in plan.vary:
         _check(rig, each)
-    run = _run(plan, given, seed)
+    run = _run(plan, rig, seed)
     target = _target(rig, plan.target, run)
     limits = _limits(rig, plan)
     drive = excitation_of(rig, run, oversample=1 if plan.moves else 4)
@@ -192,18 +192,18 @@ def _check(rig: RigModel, varied: Varied) -> None:
         raise PlanError(f"{here} is not a property of the rig; give a mass, a stiffness, a damping or a parameter of a law")
 
 
-def _run(plan: ParameterPlan, given: GivenRig, seed: int) -> Run:
-    rig = given.model
+def _run(plan: ParameterPlan, rig: RigModel, seed: int) -> Run:
+    first = next(iter(rig.configurations))
     if plan.moves:
         if rig.more_drives or rig.drive.quantity != "acceleration":
             raise PlanError(
                 f"moves need a single drive whose channel is an acceleration; the drive of {rig.name} is "
                 f"{', '.join(f'{d.channel} ({d.quantity})' for d in rig.drives)}, so give drive instead"
             )
-        channel = synthetic_drive(given, usual_run(rig)).runs[0].channels[rig.drive.channel]
+        channel = synthetic_drive(rig, usual_run(rig, first)).runs[0].channels[rig.drive.channel]
         samples = head_acceleration(plan.moves, MOVE_RATE)
         return Run(
-            id="moves", configuration=next(iter(rig.configurations)), sample_rate=MOVE_RATE, gain=1.0, excitation="moves",
+            id="moves", configuration=first, sample_rate=MOVE_RATE, gain=1.0, excitation="moves",
             channels={rig.drive.channel: replace(channel, samples=samples)}, started=BEGIN,
         )  # fmt: skip
     try:
@@ -213,8 +213,8 @@ def _run(plan: ParameterPlan, given: GivenRig, seed: int) -> Run:
     if unknown := [key for key in plan.drive if key not in Usual.__struct_fields__]:
         raise PlanError(f"drive has the key {unknown[0]!r}; give {', '.join(Usual.__struct_fields__)}")
     described = msgspec.structs.replace(rig, usual=usual)
-    recipe = usual_run(described, next(iter(rig.configurations)))
-    return synthetic_drive(GivenRig(model=described), replace(recipe, seed=seed)).runs[0]
+    recipe = usual_run(described, first)
+    return synthetic_drive(described, replace(recipe, seed=seed)).runs[0]
 
 
 def _target(rig: RigModel, plan: TargetPlan, run: Run) -> Target:

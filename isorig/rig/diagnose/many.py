@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import io
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from importlib.metadata import version
@@ -18,7 +16,7 @@ import msgspec
 
 from isorig.analysis.parallel import cores
 from isorig.rig.errors import REFUSALS, PlanError, RigError
-from isorig.rig.files.output import cell
+from isorig.rig.files.output import csv_text
 from isorig.rig.model.baseline import Baseline
 
 if TYPE_CHECKING:
@@ -263,12 +261,8 @@ def _outcome(found: Findings) -> CampaignOutcome:
 
 def summary(outcomes: Sequence[CampaignOutcome]) -> str:
     """The summary of many campaigns as CSV, in the order of their names."""
-    text = io.StringIO()
-    table = csv.DictWriter(text, CampaignOutcome.__struct_fields__, lineterminator="\n")
-    table.writeheader()
-    for outcome in sorted(outcomes, key=lambda o: o.campaign):
-        table.writerow({key: cell(value) for key, value in msgspec.structs.asdict(outcome).items()})
-    return text.getvalue()
+    ordered = sorted(outcomes, key=lambda o: o.campaign)
+    return csv_text(CampaignOutcome.__struct_fields__, map(msgspec.structs.astuple, ordered))
 
 
 def recordings_in(given: Sequence[Path]) -> list[Path]:

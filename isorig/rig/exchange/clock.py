@@ -19,7 +19,7 @@ TIME_UNITS = {
     **dict.fromkeys(("ns", "nsec", "nanosecond", "nanoseconds"), 1e-9),
     **dict.fromkeys(("min", "minute", "minutes", "minuten"), 60.0),
     **dict.fromkeys(("h", "hour", "hours", "stunde", "stunden"), 3600.0),
-}  # fmt: skip
+}
 _WORD = r"t|time|zeit|temps|tiempo|tempo|sec|secs|seconds?|sek|x_?value|timestamp|time_?stamp|zeitstempel|elapsed[ _]?time|clock"
 _NAME = re.compile(rf"(?:.*[./])?(?:{_WORD})(?:[ _]*(?P<unit>s|sec|seconds|ms|us|µs|ns|min|h))?(?:\[\d+\])?", re.IGNORECASE)
 #: Allowed deviation of a time column from an even grid, in samples.
@@ -51,12 +51,9 @@ def is_time(name: str, column: Column) -> bool:
     """Whether a column is an evenly ascending clock: by its name or its unit, and by its values."""
     if (_NAME.fullmatch(name) is None and seconds_per(column.unit) is None) or column.values.dtype.kind not in "iuf":
         return False
-    factor = seconds_per(time_unit(name, column))
-    if factor is None:
-        return False
     try:
-        even_rate(np.asarray(column.values, dtype=np.float64), "", factor)
-    except RecordingError:
+        column_rate(name, column, "")
+    except (PlanError, RecordingError):
         return False
     return True
 

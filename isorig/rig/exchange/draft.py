@@ -8,9 +8,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
-import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import MOTION, ROTARY, UNLOCKED
@@ -18,12 +16,12 @@ from isorig.analysis.model.drafted import DAMPING, MASS, STIFFNESS
 from isorig.analysis.model.rig_model import GROUND, Body, Configuration, Drive, Link, RigModel, Sensor
 from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.clock import is_time, seconds_per, time_unit
-from isorig.rig.exchange.mapping import RESERVED
 from isorig.rig.exchange.table import STREAMED, Column, ForeignTable
 from isorig.rig.exchange.tree import PLAIN
 from isorig.rig.exchange.units import UNITS, known_unit
-from isorig.rig.files.recording import GAIN
+from isorig.rig.files.recording import GAIN, RESERVED
 from isorig.rig.files.rigtext import description_text
+from isorig.rig.files.tomlfile import value_text
 
 #: Words in the name of a channel that records the imposed motion of a base.
 BASES = ("base", "ground", "floor", "foundation", "basis", "boden")
@@ -52,18 +50,10 @@ class _Part:
     time: str | None
 
 
-@dataclass(frozen=True)
-class Draft:
-    """A mapping in TOML, and a description in TOML of a rig other than the wire bonder; "" if there is none."""
+def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file: str) -> tuple[str, str]:
+    """A mapping in TOML: one run for each commonly sampled part of a file, with the channels that it has.
 
-    mapping: str
-    description: str = ""
-
-
-def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file: str = "rig.toml") -> Draft:
-    """A mapping: one run for each commonly sampled part of a file, with the channels that it has.
-
-    If the columns are not those of the wire bonder, a description of a rig is proposed too.
+    If the columns are not those of the wire bonder, a description of a rig in TOML is proposed too, otherwise "".
 
     Parameters
     ----------
@@ -88,7 +78,7 @@ def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file
     places = dict.fromkeys(place for part in parts for place in part.columns)
     names: dict[str, str] = {}
     first = {place: next(part.columns[place] for part in parts if place in part.columns) for place in places}
-    bonder = _is_bonder(place for place in places)
+    bonder = _is_bonder(places)
     for place in places:
         names[place] = _name(place, first[place][1], set(names.values()), WORDS if bonder else ())
     if bonder:
@@ -97,7 +87,7 @@ def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file
     else:
         lines += [
             "# The rig's description: masses, springs, drive, sensors. See docs/describe.md; rig describe --new asks for one.",
-            f"description = {_quoted(description_file)}    # ?", "",
+            f"description = {value_text(description_file)}    # ?", "",
         ]  # fmt: skip
     for place in places:
         lines += _channel(names[place], *first[place])
@@ -109,9 +99,7 @@ def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file
         own = [names[place] for place in part.columns] if len(part.columns) < len(places) else []
         other = {names[p]: source for p, (source, _) in part.columns.items() if source != first[p][0]}
         lines += _run(part, own, other, folder, ids, _configuration(part) if named else "")
-    if bonder:
-        return Draft("\n".join(lines))
-    return Draft("\n".join(lines), _rig({names[place]: first[place] for place in places}, setups))
+    return "\n".join(lines), "" if bonder else _rig({names[place]: first[place] for place in places}, setups)
 
 
 def _is_bonder(places: Iterable[str]) -> bool:
@@ -128,26 +116,18 @@ def _rig(channels: Mapping[str, tuple[str, Column]], setups: set[str]) -> str:
     moved = next((name for name in kinds if any(word in name for word in BASES)), next(iter(kinds), "drive"))
     drive = next((name for name, kind in kinds.items() if kind not in MOTION), moved)
     sensed = [name for name, kind in kinds.items() if name != drive and kind in MOTION] or ["first"]
-    bodies = tuple(
-        Body(name=f"body_{name}", mass=MASS, motion="rotation" if kinds.get(name) in ROTARY else "straight") for name in sensed
-    )
-    links = tuple(
-        Link(
-            name=f"link_{name}",
-            a=f"body_{name}",
-            b=f"body_{sensed[k - 1]}" if k else GROUND,
-            stiffness=STIFFNESS,
-            damping=DAMPING,
-        )
-        for k, name in enumerate(sensed)
-    )
     quantity = kinds.get(drive, "force")
     # A measured motion of a base is imposed.
     based = quantity in MOTION and any(word in drive for word in BASES)
-    if based:
-        turns: Literal["straight", "rotation"] = "rotation" if quantity in ROTARY else "straight"
-        bodies = (Body(name=f"body_{drive}", mass=MASS, motion=turns), *bodies)
-        links = (msgspec.structs.replace(links[0], b=f"body_{drive}"), *links[1:])
+    bodies = tuple(
+        Body(name=f"body_{name}", mass=MASS, motion="rotation" if kinds.get(name) in ROTARY else "straight")
+        for name in ([drive, *sensed] if based else sensed)
+    )
+    below = [f"body_{drive}" if based else GROUND, *(f"body_{name}" for name in sensed)]
+    links = tuple(
+        Link(name=f"link_{name}", a=f"body_{name}", b=support, stiffness=STIFFNESS, damping=DAMPING)
+        for name, support in zip(sensed, below, strict=False)
+    )
     pushed = Drive(channel=drive, quantity=quantity, factor=1.0, pushes={f"body_{sensed[-1]}": 1.0})
     model = RigModel(
         name="rig", bodies=bodies, links=links,
@@ -193,7 +173,7 @@ def _no_records(tables: Sequence[ForeignTable]) -> str:
 
 
 def _groups(table: ForeignTable) -> dict[str, dict[str, tuple[str, Column]]]:
-    """Columns by the part before the last dot or slash, or after #: if groups have the same names, each group is a run."""
+    # Columns by the part before the last dot or slash, or after #: if groups have the same names, each group is a run.
     groups: dict[str, dict[str, tuple[str, Column]]] = {}
     for source, column in table.columns.items():
         found = re.fullmatch(r"(?:(?P<before>.*)[./])?(?P<name>[^./#]+)(?:#(?P<after>\d+))?", source)
@@ -240,15 +220,15 @@ def _channel(name: str, source: str, column: Column) -> list[str]:
         sensitivity = f"{column.sensitivity!r}    # ? the file's unit system has {column.sensitivity:g} of its units in one"
     return [
         f"[channels.{name}]    # {len(values)} values{extent}",
-        f"source = {_quoted(source)}",
-        f"unit = {_quoted(_unit_of(name, column, source))}{note}",
+        f"source = {value_text(source)}",
+        f"unit = {value_text(_unit_of(name, column, source))}{note}",
         f"sensitivity = {sensitivity}",
         'place = ""',
         "",
     ]
 
 
-def _unit_of(name: str, column: Column, source: str = "") -> str:
+def _unit_of(name: str, column: Column, source: str) -> str:
     guess = next((unit for word, unit in QUANTITIES if word in name.lower()), "m/s^2")
     return known_unit(column.unit) or ("1" if name == GAIN else _unit_in(column.label, source) or guess)
 
@@ -256,16 +236,9 @@ def _unit_of(name: str, column: Column, source: str = "") -> str:
 def _unit_in(*names: str) -> str | None:
     # The unit at the end of a column's label or name: encoder_angle_deg, force_kN, Kraft (N), gyro [deg/s].
     for name in names:
-        found = re.search(r"[\s_.\-(\[]([^\s_.\-()\[\]]+)[)\]]?$", name)
-        within = re.search(r"[\[(]([^\[\]()]+)[)\]]$", name)
-        unit = (
-            known_unit(within[1])
-            if within and within[1] != "1"
-            else known_unit(found[1])
-            if found and found[1] not in AMBIGUOUS
-            else None
-        )
-        if unit is not None:
+        bracketed = re.search(r"[\[(]([^\[\]()]+)[)\]]$", name)
+        found = bracketed or re.search(r"[\s_.\-(\[]([^\s_.\-()\[\]]+)[)\]]?$", name)
+        if found and found[1] not in (("1",) if bracketed else AMBIGUOUS) and (unit := known_unit(found[1])):
             return unit
     return None
 
@@ -294,46 +267,32 @@ def _configuration(part: _Part) -> str:
     return UNLOCKED if locked is None else "locked"
 
 
-def _run(
-    part: _Part, own: Sequence[str], other: Mapping[str, str], folder: Path, ids: set[str], configuration: str
-) -> list[str]:  # fmt: skip
-    table, group = part.table, part.group
-    text = _run_text(part)
+def _run(part: _Part, own: Sequence[str], other: Mapping[str, str], folder: Path, ids: set[str], configuration: str) -> list[str]:
+    table, group, text = part.table, part.group, _run_text(part)
     name = text if text not in ids else f"{text}_{len(ids)}"
     ids.add(name)
     guess = re.search(r"(?:gain|(?<![a-z])[ul])[ _-]?(\d+(?:\.\d+)?)", text, re.IGNORECASE)
-    gain = _number(table, group, ("gain",)) or (float(guess[1]) if guess else 1.0)
+    gain = table.numbers.get(f"{group}.gain", table.numbers.get("gain")) or (float(guess[1]) if guess else 1.0)
     rate = next(column.sample_rate for _, column in part.columns.values())
     lines = [
         "[[runs]]",
-        f"id = {_quoted(name)}",
-        f"file = {_quoted(Path(os.path.relpath(table.path.resolve(), folder.resolve())).as_posix())}",
+        f"id = {value_text(name)}",
+        f"file = {value_text(Path(os.path.relpath(table.path.resolve(), folder.resolve())).as_posix())}",
         *([f'configuration = "{configuration}"    # ?'] if configuration else []),
         f"gain = {gain}    # ?",
         'excitation = "other"    # ? random, multisine, sweep, moves, free or other',
     ]
     if part.time is not None:
-        lines.append(f"time = {_quoted(part.time)}")
+        lines.append(f"time = {value_text(part.time)}")
         unit = time_unit(part.time, table.columns[part.time])
         if not table.columns[part.time].unit or seconds_per(unit) != 1.0:
-            lines.append(f"time_unit = {_quoted(unit)}" + ("" if table.columns[part.time].unit else "    # ?"))
+            lines.append(f"time_unit = {value_text(unit)}" + ("" if table.columns[part.time].unit else "    # ?"))
     elif rate is not None:
         lines.append(f"sample_rate = {rate!r}")
     else:
         lines.append("# sample_rate = 1024.0    # ? not given by the file; required for the import")
     if own:
-        lines.append(f"channels = [{', '.join(_quoted(name) for name in own)}]")
+        lines.append(f"channels = {value_text(own)}")
     if other:
-        lines.append(f"sources = {{ {', '.join(f'{name} = {_quoted(source)}' for name, source in other.items())} }}")
+        lines.append(f"sources = {value_text(other)}")
     return [*lines, ""]
-
-
-def _number(table: ForeignTable, group: str, names: Sequence[str]) -> float | None:
-    # A single number in the file, next to the columns or at its top.
-    places = [f"{group}.{name}" if group else name for name in names] + list(names)
-    return next((table.numbers[place] for place in places if place in table.numbers), None)
-
-
-def _quoted(text: str) -> str:
-    # A JSON string is a TOML basic string.
-    return msgspec.json.encode(text).decode()

@@ -1,13 +1,14 @@
-"""Export formats for other programs: samples, transfer functions and parameter tables as frames, .mat and universal files."""
+"""Exports samples, transfer functions and parameter tables for other programs, in the format of the output's extension."""
 
 from __future__ import annotations
 
 import contextlib
 import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -15,14 +16,16 @@ import pandas as pd
 
 from isorig.analysis.campaign import Campaign, FloatArray, Run
 from isorig.rig.errors import PlanError
-from isorig.rig.exchange.formats.uff import FREQUENCY, REFERENCE, RESPONSE, TIME
+from isorig.rig.exchange.formats.uff import FREQUENCY, REFERENCE, RESPONSE, TIME, TIME_RESPONSE
 from isorig.rig.exchange.table import STREAMED
 from isorig.rig.files.findings import Findings
 from isorig.rig.files.inputs import content_of
 from isorig.rig.files.output import cell, replaced
-from isorig.rig.files.recording import GAIN
-from isorig.rig.frf.transfer import Transfer
+from isorig.rig.files.recording import GAIN, open_recording
+from isorig.rig.files.rigfile import references_of
+from isorig.rig.frf.transfer import Transfer, transfer_functions
 
+ENDINGS = (".mat", ".uff", ".csv", ".parquet")
 #: Dataset 58: ordinate data types by SI unit (SDRC universal file; 8 displacement, 11 velocity, 12 acceleration, 13 force).
 ORDINATES = {"m": 8, "m/s": 11, "m/s^2": 12, "N": 13}
 #: Function type of a coherence; maximum length of a line, and of an entity's name.
@@ -33,6 +36,72 @@ DIRECTIONS = {f"{sign}{axis}": (-k if sign == "-" else k) for k, axis in enumera
 MATLAB_NAME = 63
 
 
+def export_campaign(
+    source: Path, output: Path, *, what: Literal["samples", "frf"], runs: Sequence[str], reference: str | None, resolution: float,
+    binary: bool,
+) -> list[Path]:  # fmt: skip
+    """Export a recording; returns the paths written.
+
+    Raises
+    ------
+    PlanError
+        The output's extension or a run's name is unknown.
+    """
+    ending = _ending(output, ENDINGS)
+    with open_recording(source) as whole:
+        campaign = _chosen(whole, runs)
+        if what == "samples":
+            return _samples(campaign, output, ending, binary=binary)
+        found = transfer_functions(campaign, reference=reference or references_of(campaign), resolution=resolution)
+    if ending == ".mat":
+        write_matlab(frf_tree(found), output)
+    elif ending == ".uff":
+        write_uff(frf_sets(found, campaign), output)
+    else:
+        write_frame(frf_frame(found), output)
+    return [output]
+
+
+def _samples(campaign: Campaign, output: Path, ending: str, *, binary: bool) -> list[Path]:
+    if ending == ".mat":
+        write_matlab(samples_tree(campaign), output)
+    elif ending == ".uff":
+        write_uff(samples_sets(campaign, binary=binary), output)
+    else:
+        several = len(campaign.runs) > 1
+        paths = [output.with_name(f"{output.stem}-{run.id}{output.suffix}") if several else output for run in campaign.runs]
+        for run, path in zip(campaign.runs, paths, strict=True):
+            write_frame(samples_frame(run), path)
+        return paths
+    return [output]
+
+
+def export_parameters(source: Path, output: Path) -> list[Path]:
+    """Export the parameter table of a parameters.json or findings.json; returns the paths written."""
+    ending = _ending(output, (".mat", ".csv", ".parquet"))
+    frame = parameters_frame(source)
+    if ending == ".mat":
+        write_matlab(frame_tree(frame), output)
+    else:
+        write_frame(frame, output)
+    return [output]
+
+
+def _ending(output: Path, allowed: Sequence[str]) -> str:
+    ending = output.suffix.lower()
+    if ending not in allowed:
+        raise PlanError(f"{output} ends in {ending or 'nothing'}; allowed are {', '.join(allowed)}")
+    return ending
+
+
+def _chosen(campaign: Campaign, runs: Sequence[str]) -> Campaign:
+    known = [run.id for run in campaign.runs]
+    unknown = next((name for name in runs if name not in known), None)
+    if unknown is not None:
+        raise PlanError(f"{campaign.source} has no run {unknown!r}; it has {', '.join(known)}")
+    return replace(campaign, runs=tuple(run for run in campaign.runs if not runs or run.id in runs))
+
+
 def samples_frame(run: Run) -> pd.DataFrame:
     """The samples of a run in SI: time in s, and a column for each channel, its unit in brackets."""
     columns = {f"{name} [{channel.unit}]": channel.read() for name, channel in run.channels.items()}
@@ -41,20 +110,19 @@ def samples_frame(run: Run) -> pd.DataFrame:
 
 def frf_frame(found: Sequence[Transfer]) -> pd.DataFrame:
     """Transfer functions, a row for each frequency: identification, frequency in Hz, value, standard deviations, coherence."""
-    return pd.concat(
-        [
-            pd.DataFrame(
-                {
-                    "response": item.frf.response, "reference": item.frf.reference, "configuration": item.configuration,
-                    "gain": item.gain, "frequency_hz": item.frf.frequency, "real": item.frf.value.real,
-                    "imag": item.frf.value.imag, "magnitude_std": item.frf.magnitude_std, "phase_std_rad": item.frf.phase_std,
-                    "coherence": item.frf.coherence,
-                }
-            )
-            for item in found
-        ],
-        ignore_index=True,
-    )  # fmt: skip
+    tables = [
+        {
+            **_identified(item), "frequency_hz": item.frf.frequency, "real": item.frf.value.real, "imag": item.frf.value.imag,
+            "magnitude_std": item.frf.magnitude_std, "phase_std_rad": item.frf.phase_std, "coherence": item.frf.coherence,
+        }
+        for item in found
+    ]  # fmt: skip
+    return pd.concat(map(pd.DataFrame, tables), ignore_index=True)
+
+
+def _identified(item: Transfer) -> dict[str, Any]:
+    frf = item.frf
+    return {"response": frf.response, "reference": frf.reference, "configuration": item.configuration, "gain": item.gain}
 
 
 class ParameterRows(msgspec.Struct, frozen=True, kw_only=True, tag_field="format", tag="rig-parameters"):
@@ -107,54 +175,46 @@ def write_matlab(content: Mapping[str, Any], path: Path) -> None:
 
 def samples_tree(campaign: Campaign) -> dict[str, Any]:
     """The campaign as a tree: runs.<id> with sample_rate, gain, configuration and the channels in SI; rig; units."""
-    taken: set[str] = set()
-    runs = {
-        _name(run.id, taken): {
+    runs = _fields(
+        (run.id, {
             "id": run.id, "configuration": run.configuration, "gain": run.gain, "sample_rate": run.sample_rate,
             "excitation": run.excitation,
-            **_fields({STREAMED if name == GAIN else name: channel.read() for name, channel in run.channels.items()}),
-        }
+            **_fields((STREAMED if name == GAIN else name, channel.read()) for name, channel in run.channels.items()),
+        })
         for run in campaign.runs
-    }  # fmt: skip
+    )  # fmt: skip
     units = {name: channel.unit for run in campaign.runs for name, channel in run.channels.items()}
-    return {"runs": runs, "units": _fields(units), "rig": dict(campaign.known) or {"note": "no known values"}}
+    return {"runs": runs, "units": _fields(units.items()), "rig": dict(campaign.known) or {"note": "no known values"}}
 
 
 def frf_tree(found: Sequence[Transfer]) -> dict[str, Any]:
     """Transfer functions as a tree: frf.<response>_<configuration>_<gain> with frequency, complex H, std, coherence."""
-    taken: set[str] = set()
-    return {
-        "frf": {
-            _name(f"{item.frf.response}_{'' if item.alone else f'{item.configuration}_'}gain{item.gain:g}", taken): {
-                "response": item.frf.response, "reference": item.frf.reference, "configuration": item.configuration,
-                "gain": item.gain, "frequency": item.frf.frequency, "H": item.frf.value,
-                "magnitude_std": item.frf.magnitude_std, "coherence": item.frf.coherence,
-            }
-            for item in found
-        }
-    }  # fmt: skip
+    trees = _fields(
+        (f"{item.frf.response}_{'' if item.alone else f'{item.configuration}_'}gain{item.gain:g}", {
+            **_identified(item), "frequency": item.frf.frequency, "H": item.frf.value,
+            "magnitude_std": item.frf.magnitude_std, "coherence": item.frf.coherence,
+        })
+        for item in found
+    )  # fmt: skip
+    return {"frf": trees}
 
 
 def frame_tree(frame: pd.DataFrame) -> dict[str, Any]:
     """A parameter table as a tree: parameters.<name> with value, std, unit."""
-    taken: set[str] = set()
     rows = frame.replace({None: np.nan}).to_dict("records")
-    return {"parameters": {_name(str(row["name"]), taken): _fields(row) for row in rows}}
+    return {"parameters": _fields((row["name"], _fields(row.items())) for row in rows)}
 
 
-def _fields(values: Mapping[Any, Any]) -> dict[str, Any]:
-    taken: set[str] = set()
-    return {_name(str(key), taken): value for key, value in values.items()}
-
-
-def _name(text: str, taken: set[str]) -> str:
+def _fields(items: Iterable[tuple[Any, Any]]) -> dict[str, Any]:
     # A field name in MATLAB starts with a letter, has letters, digits and underscores, and at most 63 of them.
-    plain = re.sub(r"\W", "_", text, flags=re.ASCII)
-    name = (plain if plain[:1].isalpha() else f"x{plain}")[: MATLAB_NAME - 3]
-    while name in taken:
-        name += "_"
-    taken.add(name)
-    return name
+    found: dict[str, Any] = {}
+    for key, value in items:
+        plain = re.sub(r"\W", "_", str(key), flags=re.ASCII)
+        name = (plain if plain[:1].isalpha() else f"x{plain}")[: MATLAB_NAME - 3]
+        while name in found:
+            name += "_"
+        found[name] = value
+    return found
 
 
 def samples_sets(campaign: Campaign, *, binary: bool) -> list[dict[str, Any]]:
@@ -162,15 +222,12 @@ def samples_sets(campaign: Campaign, *, binary: bool) -> list[dict[str, Any]]:
     short = next((run.id for run in campaign.runs if len(run) < 2), None)
     if short is not None:
         raise PlanError(f"run {short!r} has one sample but a universal file needs two; choose others with --run, or export .mat")
-    points = _Points(campaign)
-    return [_si_units()] + [
-        points.dataset(
-            1, channel.name, "", np.arange(len(run)) / run.sample_rate, channel.read(), (TIME, "s"), binary,
-            f"{run.id}, {run.set_up}",
-        )
-        for run in campaign.runs
-        for channel in run.channels.values()
-    ]  # fmt: skip
+    points, sets = _points(campaign), [_si_units()]
+    for run in campaign.runs:
+        time, description = np.arange(len(run)) / run.sample_rate, f"{run.id}, {run.set_up}"
+        for channel in run.channels.values():
+            sets.append(_dataset(points, TIME_RESPONSE, channel.name, "", time, channel.read(), description, binary=binary))
+    return sets
 
 
 def frf_sets(found: Sequence[Transfer], campaign: Campaign) -> list[dict[str, Any]]:
@@ -178,73 +235,69 @@ def frf_sets(found: Sequence[Transfer], campaign: Campaign) -> list[dict[str, An
 
     In text: the package writes half the size of complex values to the header of a binary dataset.
     """
-    points = _Points(campaign)
-    sets = [_si_units()]
+    points, sets = _points(campaign), [_si_units()]
     for item in found:
         frf, description = item.frf, f"{item.label}, {item.frf.estimator}, {item.frf.averages:.1f} averages"
         for kind, values in ((4, frf.value), (6, frf.coherence)):
-            sets.append(
-                points.dataset(kind, frf.response, frf.reference, frf.frequency, values, (FREQUENCY, "Hz"), False, description)
-            )
+            sets.append(_dataset(points, kind, frf.response, frf.reference, frf.frequency, values, description))
     return sets
 
 
-class _Points:
-    """Identification of a campaign's channels in a universal file: a name of ten characters, node, direction and unit of each."""
+class _Point(NamedTuple):
+    # A channel in a universal file: its name of at most ten characters, node, direction and unit.
+    name: str
+    node: int
+    direction: int
+    unit: str
 
-    def __init__(self, campaign: Campaign) -> None:
-        channels = {name: channel for run in campaign.runs for name, channel in run.channels.items()}
-        self._units = {name: channel.unit for name, channel in channels.items()}
-        self._nodes = {name: k for k, name in enumerate(channels, 1)}
-        self._directions = {name: DIRECTIONS.get(c.about.get("direction", "").strip().lower(), 0) for name, c in channels.items()}
-        self._names: dict[str, str] = {}
-        for name in channels:
-            short = name[:UFF_NAME]
-            if short in self._names.values():
-                end = f"~{self._nodes[name]}"
-                short = name[: UFF_NAME - len(end)] + end
-            self._names[name] = short
 
-    def dataset(
-        self,
-        kind: int,
-        response: str,
-        reference: str,
-        x: FloatArray,
-        values: Any,
-        axis: tuple[int, str],
-        binary: bool,
-        description: str,
-    ) -> dict[str, Any]:
-        """A dataset 58; `reference` is empty for a time record, and a coherence has no unit."""
-        import pyuff
+#: The reference of a time record.
+NOWHERE = _Point("NONE", 0, 0, "")
 
-        above = self._units[response] if kind != COHERENCE else "1"
-        below = self._units[reference] if reference and kind != COHERENCE else ""
-        return dict(
-            pyuff.prepare_58(
-                binary=int(binary), id1=description[:LINE], id4=(RESPONSE + response)[:LINE],
-                id5=(REFERENCE + reference)[:LINE] if reference else "NONE", func_type=kind,
-                rsp_ent_name=self._names[response], rsp_node=self._nodes[response], rsp_dir=self._directions[response],
-                ref_ent_name=self._names.get(reference, "NONE"), ref_node=self._nodes.get(reference, 0),
-                ref_dir=self._directions.get(reference, 0), abscissa_spacing=1, data=values, x=x,
-                abscissa_spec_data_type=axis[0], abscissa_axis_units_lab=axis[1],
-                ordinate_spec_data_type=ORDINATES.get(above, 0), ordinate_axis_units_lab=above,
-                orddenom_spec_data_type=ORDINATES.get(below, 0), orddenom_axis_units_lab=below or "NONE",
-                abscissa_min=float(x[0]), abscissa_inc=float(x[1] - x[0]) if len(x) > 1 else 1.0, num_pts=len(x),
-                ord_data_type=6 if np.iscomplexobj(values) else 4, z_axis_value=0.0,
-            )
-        )  # fmt: skip
+
+def _points(campaign: Campaign) -> dict[str, _Point]:
+    channels = {name: channel for run in campaign.runs for name, channel in run.channels.items()}
+    points: dict[str, _Point] = {}
+    for node, (name, channel) in enumerate(channels.items(), 1):
+        short = name[:UFF_NAME]
+        if any(short == other.name for other in points.values()):
+            short = name[: UFF_NAME - len(f"~{node}")] + f"~{node}"
+        direction = DIRECTIONS.get(channel.about.get("direction", "").strip().lower(), 0)
+        points[name] = _Point(short, node, direction, channel.unit)
+    return points
+
+
+def _dataset(
+    points: Mapping[str, _Point], kind: int, response: str, reference: str, x: FloatArray, values: Any, description: str, *,
+    binary: bool = False,
+) -> dict[str, Any]:  # fmt: skip
+    # A dataset 58; `reference` is empty for a time record, and a coherence has no unit.
+    import pyuff
+
+    sensor, source = points[response], points.get(reference, NOWHERE)
+    above, below = ("1", "") if kind == COHERENCE else (sensor.unit, source.unit)
+    axis, unit = (TIME, "s") if kind == TIME_RESPONSE else (FREQUENCY, "Hz")
+    return dict(
+        pyuff.prepare_58(
+            binary=int(binary), id1=description[:LINE], id4=(RESPONSE + response)[:LINE],
+            id5=(REFERENCE + reference)[:LINE] if reference else "NONE", func_type=kind,
+            rsp_ent_name=sensor.name, rsp_node=sensor.node, rsp_dir=sensor.direction,
+            ref_ent_name=source.name, ref_node=source.node, ref_dir=source.direction,
+            abscissa_spacing=1, data=values, x=x, abscissa_spec_data_type=axis, abscissa_axis_units_lab=unit,
+            ordinate_spec_data_type=ORDINATES.get(above, 0), ordinate_axis_units_lab=above,
+            orddenom_spec_data_type=ORDINATES.get(below, 0), orddenom_axis_units_lab=below or "NONE",
+            abscissa_min=float(x[0]), abscissa_inc=float(x[1] - x[0]) if len(x) > 1 else 1.0, num_pts=len(x),
+            ord_data_type=6 if np.iscomplexobj(values) else 4, z_axis_value=0.0,
+        )
+    )  # fmt: skip
 
 
 def _si_units() -> dict[str, Any]:
     import pyuff
 
     return dict(
-        pyuff.prepare_164(
-            units_code=1, units_description="SI", temp_mode=1, length=1.0, force=1.0, temp=1.0, temp_offset=0.0
-        )
-    )  # fmt: skip
+        pyuff.prepare_164(units_code=1, units_description="SI", temp_mode=1, length=1.0, force=1.0, temp=1.0, temp_offset=0.0)
+    )
 
 
 def write_uff(sets: Sequence[dict[str, Any]], path: Path) -> None:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
-from isorig.analysis.campaign import Campaign, Channel, Gap, IntArray, Run, Samples
+from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, Gap, IntArray, Run, Samples
 from isorig.analysis.fitting.repeats import same_drive
 from isorig.analysis.fitting.trials import SHORTEST
 from isorig.analysis.model.rig_model import RigModel
@@ -21,7 +22,7 @@ from isorig.rig.exchange.mapping import ChannelMap, Mapping, RunMap, read_mappin
 from isorig.rig.exchange.reading import read_foreign
 from isorig.rig.exchange.table import Column, ForeignTable
 from isorig.rig.exchange.units import UNITS, known_unit, unit
-from isorig.rig.files.recording import Extra, write
+from isorig.rig.files.recording import write
 from isorig.rig.files.rigfile import read_description
 from isorig.rig.wire_bonder.description import wire_bonder
 
@@ -90,19 +91,12 @@ def import_campaign(mapping_path: Path, output: Path, *, data: Path | None = Non
                 f"{', '.join(model.configurations)}, so correct it{did_you_mean(wanted.configuration, model.configurations)}"
                 + ("" if mapping.description else ", or give the rig's own description with description = FILE.toml")
             )
-    tables: dict[str, ForeignTable] = {}
-    runs = []
-    for wanted in mapping.runs:
-        if wanted.file not in tables:
-            tables[wanted.file] = read_foreign(folder / wanted.file)
-        runs.append(_run(wanted, mapping, tables[wanted.file]))
-    campaign = Campaign(runs=tuple(runs), known=mapping.rig, description=description, source=str(output))
+    # A file with several runs is read once.
+    table_in = cache(read_foreign)
+    runs = tuple(_run(wanted, mapping, table_in(folder / wanted.file)) for wanted in mapping.runs)
+    campaign = Campaign(runs=runs, known=mapping.rig, description=description, source=str(output))
     campaign = repeats(campaign, tuple(drive.channel for drive in model.drives))
-    # The format allows additional attributes.
-    attributes = {
-        name: {key: value for key in SENSOR if (value := getattr(channel, key))} for name, channel in mapping.channels.items()
-    }  # fmt: skip
-    write(output, campaign, {run.id: Extra(channels=attributes) for run in runs})
+    write(output, campaign)
     return campaign
 
 
@@ -195,9 +189,10 @@ def channel_of(name: str, wanted: ChannelMap, column: Column, kept: IntArray | s
     # The format stores numbers; logical values become 0 and 1.
     samples: Samples = np.ascontiguousarray(values.astype(np.uint8) if values.dtype.kind == "b" else values)
     return Channel(
-        name=name, samples=samples, quantity=wanted.quantity or meant.quantity, unit=meant.si,
+        name=name, samples=samples, quantity=wanted.quantity or meant.quantity, unit=SI_UNIT[meant.quantity],
         scale=meant.factor / wanted.sensitivity, offset=meant.factor * wanted.offset,
         full_scale=None if wanted.range is None else meant.factor * wanted.range,
+        about={key: value for key in SENSOR if (value := getattr(wanted, key))},
     )  # fmt: skip
 
 

@@ -14,11 +14,8 @@ from isorig.analysis.wording import did_you_mean
 from isorig.rig.errors import PlanError
 from isorig.rig.exchange.clock import seconds_per
 from isorig.rig.exchange.units import unit
-from isorig.rig.files.recording import GAIN
+from isorig.rig.files.recording import GAIN, RESERVED
 from isorig.rig.files.tomlfile import read_toml
-
-#: Names reserved by the recording format; `gain` is the streamed gain only.
-RESERVED = ("gaps", "timing", "spectra")
 
 
 class MappingPart(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

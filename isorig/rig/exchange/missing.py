@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.clock import column_rate, is_time
 from isorig.rig.exchange.table import Column
 
@@ -27,7 +26,7 @@ def completed(columns: Mapping[str, Column]) -> tuple[dict[str, Column], list[st
     columns
         Columns of equal length, NaN in empty cells.
     """
-    rate = _rate(columns)
+    rate = next((column_rate(name, column, "") for name, column in columns.items() if is_time(name, column)), None)
     found: dict[str, Column] = {}
     remarks = []
     for name, column in columns.items():
@@ -61,13 +60,3 @@ def completed(columns: Mapping[str, Column]) -> tuple[dict[str, Column], list[st
             found[name] = replace(column, values=values, lost=lost, sample_rate=column.sample_rate or (rate if short else None))
             remarks.append(f"column {name!r} has no value in {len(lost)} of {len(values)} rows: they are stored as gaps")
     return found, remarks
-
-
-def _rate(columns: Mapping[str, Column]) -> float | None:
-    for name, column in columns.items():
-        if is_time(name, column):
-            try:
-                return column_rate(name, column, "")
-            except RecordingError:
-                return None
-    return None

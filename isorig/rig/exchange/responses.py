@@ -10,7 +10,6 @@ from isorig.analysis.campaign import Spectrum
 from isorig.analysis.spectra.welch import Frf
 from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.reading import read_foreign
-from isorig.rig.exchange.table import ForeignTable
 from isorig.rig.files.inputs import import_first
 
 #: Tolerance for equal frequency steps, as a share of a step.
@@ -18,7 +17,10 @@ EVEN = 1e-3
 
 
 def read_responses(path: Path) -> list[Frf]:
-    """The transfer functions of a file in another program's format (.uff, .mat, .csv, .npz ...).
+    """The transfer functions of a file in another program's format (.uff, .mat, .csv, .npz ...), with even frequency steps.
+
+    Their coherence is the file's if it has one, otherwise 1. The number of averages is unknown, so `averages` is 1 and the
+    standard deviations are meaningless.
 
     Raises
     ------
@@ -26,27 +28,19 @@ def read_responses(path: Path) -> list[Frf]:
         It has none: what it has, and what to do.
     """
     table = read_foreign(path)
-    found = responses_of(table)
+    responses = [spectrum for spectrum in table.spectra if spectrum.kind == "transfer_function"]
+    coherences = {(s.response, s.reference): s for s in table.spectra if s.kind == "coherence"}
+    found = [
+        _frf(spectrum, coherences.get((spectrum.response, spectrum.reference)))
+        for spectrum in responses
+        if np.ptp(np.diff(spectrum.frequency)) <= EVEN * _spacing(spectrum)
+    ]
     if not found:
-        if any(spectrum.kind == "transfer_function" for spectrum in table.spectra):
+        if responses:
             raise RecordingError(f"{path} contains transfer functions with uneven frequency steps; export them with even ones")
         has = f"time records; {import_first(path)}" if table.columns else "spectra without a phase; export the transfer functions"
         raise RecordingError(f"{path} contains no transfer function but {has}")
     return found
-
-
-def responses_of(table: ForeignTable) -> list[Frf]:
-    """The transfer functions of a table with even frequency steps.
-
-    Their coherence is the file's if it has one, otherwise 1. The number of averages is unknown, so `averages` is 1 and the
-    standard deviations are meaningless.
-    """
-    coherences = {(s.response, s.reference): s for s in table.spectra if s.kind == "coherence"}
-    return [
-        _frf(spectrum, coherences.get((spectrum.response, spectrum.reference)))
-        for spectrum in table.spectra
-        if spectrum.kind == "transfer_function" and np.ptp(np.diff(spectrum.frequency)) <= EVEN * _spacing(spectrum)
-    ]
 
 
 def _frf(spectrum: Spectrum, coherence: Spectrum | None) -> Frf:

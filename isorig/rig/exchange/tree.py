@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,12 +38,34 @@ WRAPPERS = ("signals",)
 COHERENT = 1.0 + 1e-9
 
 
+T = TypeVar("T")
+
+
 @dataclass(frozen=True)
 class _Content:
-    # Content of a file, by name.
+    # Content of a file, by name: the names of the structures around it and its own, joined by `dot`.
+    dot: str
     arrays: dict[str, NDArray[Any]] = field(default_factory=dict)
     numbers: dict[str, float] = field(default_factory=dict)
     words: dict[str, str] = field(default_factory=dict)
+
+    def around(self, name: str) -> list[str]:
+        # The structures around a name, innermost first, each with its separator; the last one is the file.
+        parts = name.split(self.dot)[:-1]
+        return [self.dot.join(parts[:k]) + self.dot for k in range(len(parts), 0, -1)] + [""]
+
+    def within(self, structure: str, found: Mapping[str, T]) -> dict[str, T]:
+        # What is directly in a structure, by its own name.
+        inner = {name[len(structure) :]: value for name, value in found.items() if name.startswith(structure)}
+        return {name: value for name, value in inner.items() if self.dot not in name}
+
+    def plain(self, name: str) -> str:
+        # The own name of an item, without separators of words.
+        return _plain(name.rsplit(self.dot, 1)[-1])
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[\W_]", "", name.lower())
 
 
 def table_of(path: Path, items: Iterable[tuple[str, Any]], remarks: Sequence[str] = (), dot: str = ".") -> ForeignTable:
@@ -60,7 +82,7 @@ def table_of(path: Path, items: Iterable[tuple[str, Any]], remarks: Sequence[str
     dot
         Separator between the parts of a name.
     """
-    content = _sorted(items)
+    content = _sorted(items, dot)
     columns: dict[str, Column] = {}
     spectra: list[Spectrum] = []
     said = list(remarks)
@@ -69,103 +91,80 @@ def table_of(path: Path, items: Iterable[tuple[str, Any]], remarks: Sequence[str
         if not vectors:
             said.append(f"{name!r} has the shape {values.shape}, more than {COLUMNS_MOST} records, and is left out")
             continue
-        axis = _frequencies(name, len(next(iter(vectors.values()))), content, dot)
+        axis = _frequencies(name, len(next(iter(vectors.values()))), content)
         if values.dtype.kind == "c" and axis is None:
             said.append(f"{name!r} is complex but has no frequency axis of its length; it is left out")
         elif axis is not None:
-            if _leaf(name, dot) not in FREQUENCIES:
-                spectra += _spectra(vectors, axis, content, dot, len(spectra))
+            if content.plain(name) not in FREQUENCIES:
+                spectra += _spectra(vectors, axis, content, len(spectra))
         else:
-            rate, unit = _rate(name, content, dot), _word(name, content, dot)
-            label = _label(name, content, dot) if len(vectors) == 1 else ""
+            rate, unit, label = _rate(name, content), _unit(name, content), _label(name, content) if len(vectors) == 1 else ""
             columns |= {one: Column(values=vector, sample_rate=rate, unit=unit, label=label) for one, vector in vectors.items()}
     return ForeignTable(path=path, columns=columns, numbers=content.numbers, spectra=tuple(spectra), remarks=tuple(said))
 
 
-def _sorted(items: Iterable[tuple[str, Any]]) -> _Content:
-    content = _Content()
+def _sorted(items: Iterable[tuple[str, Any]], dot: str) -> _Content:
+    content = _Content(dot)
     for name, value in items:
+        values = np.asarray(value)
         if isinstance(value, str):
             content.words[name] = value
-            continue
-        values = np.asarray(value)
-        if values.dtype.kind not in "biufc" or values.size == 0:
-            continue
-        if values.size > 1:
+        elif values.dtype.kind in "biufc" and values.size > 1:
             content.arrays[name] = values
-        elif values.dtype.kind != "c":
+        elif values.dtype.kind in "biuf" and values.size == 1:
             content.numbers[name] = float(values.ravel()[0])
     return content
 
 
-def _leaf(name: str, dot: str) -> str:
-    return re.sub(r"[\W_]", "", name.rsplit(dot, 1)[-1].lower())
-
-
-def _around(name: str, dot: str) -> list[str]:
-    # The structures around a name, innermost first, each with its separator.
-    parts = name.split(dot)[:-1]
-    return [dot.join(parts[:k]) + dot for k in range(len(parts), 0, -1)] + [""]
-
-
-def _near(name: str, found: Mapping[str, float], dot: str) -> Iterable[tuple[str, float]]:
-    # The items in the same structure as a name or in one around it, and in their abscissae: leaf and value, nearest first.
-    places = [f"{before}{part}" for before in _around(name, dot) for part in ("", *(f"{each}{dot}" for each in ABSCISSAE))]
-    for place in (f"{name}{OWN}{dot}", *places):
-        for other, value in found.items():
-            if other.startswith(place) and dot not in other[len(place) :]:
-                yield other, value
-
-
-def _rate(name: str, content: _Content, dot: str) -> float | None:
-    for other, number in _near(name, content.numbers, dot):
-        leaf = _leaf(other, dot)
-        if leaf in RATES and number > 0.0:
-            return number
-        if leaf in STEPS and number > 0.0:
-            return 1.0 / number
+def _rate(name: str, content: _Content) -> float | None:
+    # From a rate or an interval in the same structure as a name or in one around it, or in their abscissae, nearest first.
+    dot = content.dot
+    structures = [f"{outer}{part}" for outer in content.around(name) for part in ("", *(f"{each}{dot}" for each in ABSCISSAE))]
+    for structure in (f"{name}{OWN}{dot}", *structures):
+        for key, number in content.within(structure, content.numbers).items():
+            if _plain(key) in RATES and number > 0.0:
+                return number
+            if _plain(key) in STEPS and number > 0.0:
+                return 1.0 / number
     # The logger of the Cambridge laboratory (peer package pydvma): indata with buflen samples at freq.
-    if {"buflen", "freq"} <= content.numbers.keys():
-        return content.numbers["freq"]
-    return None
+    return content.numbers["freq"] if {"buflen", "freq"} <= content.numbers.keys() else None
 
 
-def _label(name: str, content: _Content, dot: str) -> str:
+def _label(name: str, content: _Content) -> str:
     # The name that a structure gives its array: a text next to it, or the structure's own name if it is not an element of a list.
-    before = _around(name, dot)[0]
-    if not before or _leaf(name, dot) not in PLAIN:
+    before, dot = content.around(name)[0], content.dot
+    if not before or content.plain(name) not in PLAIN:
         return ""
-    words = {key[len(before) :].lower(): text for key, text in content.words.items() if key.startswith(before)}
+    words = {key.lower(): text for key, text in content.within(before, content.words).items()}
     said = next((words[key] for key in NAMES if words.get(key)), "")
     parts = [part for part in before.removesuffix(dot).split(dot) if part.lower() not in WRAPPERS]
     return said or (parts[-1] if parts and not parts[-1].endswith("]") else "")
 
 
-def _word(name: str, content: _Content, dot: str) -> str:
+def _unit(name: str, content: _Content) -> str:
     # The unit of an array: name_unit, units.name in a structure around it, or its own structure's unit if its name is generic.
-    before, leaf = _around(name, dot), name.rsplit(dot, 1)[-1]
-    places = [f"{name}_{word}" for word in UNIT_WORDS] + [f"{each}units{dot}{leaf}" for each in before]
-    if _leaf(name, dot) in PLAIN:
+    before, dot = content.around(name), content.dot
+    places = [f"{name}_{word}" for word in UNIT_WORDS] + [f"{each}units{dot}{name.rsplit(dot, 1)[-1]}" for each in before]
+    if content.plain(name) in PLAIN:
         places += [f"{before[0]}{part}{word}" for part in ("", f"quantity{dot}") for word in (*UNIT_WORDS, "label")]
     return next((content.words[place] for place in places if place in content.words), "")
 
 
-def _frequencies(name: str, size: int, content: _Content, dot: str) -> FloatArray | None:
+def _frequencies(name: str, size: int, content: _Content) -> FloatArray | None:
     # The frequency axis of an array, Hz; None if it is not a function of frequency.
-    for before in _around(name, dot):
-        near = {
-            key[len(before) :]: np.squeeze(values) for key, values in content.arrays.items()
-            if key.startswith(before) and dot not in key[len(before) :] and np.squeeze(values).shape == (size,)
-        }  # fmt: skip
-        axis = next((v for k, v in near.items() if _leaf(k, dot) in FREQUENCIES and v.dtype.kind in "iuf" and _ascends(v)), None)
+    dot, numbers = content.dot, content.numbers
+    for before in content.around(name):
+        inside = ((key, np.squeeze(values)) for key, values in content.within(before, content.arrays).items())
+        near = {key: values for key, values in inside if values.shape == (size,)}
+        axis = next((v for k, v in near.items() if _plain(k) in FREQUENCIES and v.dtype.kind in "iuf" and _ascends(v)), None)
         if axis is not None:
             timed = any(is_time(key, Column(values=values)) for key, values in near.items())
             return None if timed else np.asarray(axis, dtype=np.float64)
-        step = content.numbers.get(f"{before}x_values{dot}increment")
+        step = numbers.get(f"{before}x_values{dot}increment")
         if step and content.words.get(f"{before}x_values{dot}quantity{dot}label", "").lower() == "hz":
-            return np.asarray(content.numbers.get(f"{before}x_values{dot}start_value", 0.0) + step * np.arange(size))
-    if {"npts", "freq"} <= content.numbers.keys() and size == int(content.numbers["npts"]) // 2 + 1:
-        return np.asarray(np.fft.rfftfreq(int(content.numbers["npts"]), 1.0 / content.numbers["freq"]))
+            return np.asarray(numbers.get(f"{before}x_values{dot}start_value", 0.0) + step * np.arange(size))
+    if {"npts", "freq"} <= numbers.keys() and size == int(numbers["npts"]) // 2 + 1:
+        return np.asarray(np.fft.rfftfreq(int(numbers["npts"]), 1.0 / numbers["freq"]))
     return None
 
 
@@ -173,16 +172,18 @@ def _ascends(values: NDArray[Any]) -> bool:
     return bool(np.isfinite(values).all() and values[0] >= 0.0 and (np.diff(values) > 0.0).all())
 
 
-def _spectra(vectors: Mapping[str, NDArray[Any]], axis: FloatArray, content: _Content, dot: str, before: int) -> list[Spectrum]:
+def _spectra(vectors: Mapping[str, NDArray[Any]], axis: FloatArray, content: _Content, before: int) -> list[Spectrum]:
     found: list[Spectrum] = []
     for name, values in vectors.items():
-        plain = re.sub(r"\[[\d,]*\]$", "", name)
-        response = _text_near(plain, content, dot, ("response", "output")) or name
-        reference = _text_near(plain, content, dot, ("reference", "input"))
+        array = re.sub(r"\[[\d,]*\]$", "", name)
+        structure, leaf = content.around(array)[0], content.plain(array)
+        words = content.within(structure, content.words) if structure else {}
+        response, reference = words.get("response", words.get("output")) or name, words.get("reference", words.get("input", ""))
         is_complex = values.dtype.kind == "c"
         coherent = is_complex and not values.imag.any() and bool((values.real >= 0.0).all() and (values.real <= COHERENT).all())
-        leaf = _leaf(plain, dot)
-        kind = "coherence" if coherent or leaf.startswith("coh") else "transfer_function" if is_complex else _real_kind(leaf)
+        kind = "coherence" if coherent or leaf.startswith("coh") else "transfer_function" if is_complex else "spectrum"
+        if kind == "spectrum" and ("psd" in leaf or "pxx" in leaf):
+            kind = "power_spectral_density"
         if kind == "coherence" and found and found[-1].kind == "transfer_function":
             # A coherence follows the function to which it belongs.
             response, reference = found[-1].response, found[-1].reference
@@ -190,16 +191,7 @@ def _spectra(vectors: Mapping[str, NDArray[Any]], axis: FloatArray, content: _Co
             Spectrum(
                 name=f"{before + len(found):03d}", kind=kind, response=response, reference=reference, frequency=axis,
                 values=values.real.astype(np.float64) if kind == "coherence" or not is_complex else values.astype(np.complex128),
-                unit=_word(plain, content, dot) or "1",
+                unit=_unit(array, content) or "1",
             )
         )  # fmt: skip
     return found
-
-
-def _real_kind(leaf: str) -> str:
-    return "power_spectral_density" if "psd" in leaf or "pxx" in leaf else "spectrum"
-
-
-def _text_near(name: str, content: _Content, dot: str, wanted: Sequence[str]) -> str:
-    before = _around(name, dot)[0]
-    return next((content.words[before + word] for word in wanted if before and before + word in content.words), "")

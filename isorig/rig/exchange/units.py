@@ -3,27 +3,21 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from typing import NamedTuple
 
-from isorig.analysis.campaign import SI_UNIT, Quantity
+from isorig.analysis.campaign import Quantity
 from isorig.analysis.units import FACTORS
 from isorig.rig.errors import PlanError
 
 
-@dataclass(frozen=True, kw_only=True)
-class Unit:
-    """The quantity of a unit, its SI unit, and the conversion factor."""
+class Unit(NamedTuple):
+    """The quantity of a unit, and its size in the SI unit of that quantity."""
 
     quantity: Quantity
-    si: str
     factor: float
 
 
-UNITS = {
-    name: Unit(quantity=quantity, si=SI_UNIT[quantity], factor=factor)
-    for quantity, factors in FACTORS.items()
-    for name, factor in factors.items()
-}
+UNITS = {name: Unit(quantity, factor) for quantity, factors in FACTORS.items() for name, factor in factors.items()}
 #: Units of converter counts, without a physical quantity.
 COUNTS = ("count", "counts", "cts", "ticks", "lsb", "LSB", "inc", "increments")
 #: Other spellings, in the order of their replacement.

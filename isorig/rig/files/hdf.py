@@ -12,9 +12,9 @@ import queue
 import subprocess
 import sys
 import threading
-from collections import OrderedDict
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Literal
 
@@ -44,13 +44,12 @@ class _Walker:
     """The other process, and the thread that reads its answers."""
 
     def __init__(self) -> None:
-        self.pid = os.getpid()
         self._process = subprocess.Popen(
             [sys.executable, "-I", str(Path(__file__).with_name("hdf_walk.py"))],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, encoding="utf-8",
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
         )  # fmt: skip
-        self._lines: queue.Queue[str | None] = queue.Queue()
+        self._lines: queue.Queue[str] = queue.Queue()
         assert self._process.stdout is not None
         threading.Thread(target=self._listen, args=(self._process.stdout,), daemon=True).start()
         self._started = False
@@ -80,32 +79,26 @@ class _Walker:
         self._process.wait()
 
     def _answer(self, patience: float) -> dict[str, str] | None:
-        while True:
-            try:
-                line = self._lines.get(timeout=patience)
-            except queue.Empty:
-                return None
-            if line is None:
-                return None
-            if line != ".\n":
-                answer: dict[str, str] = json.loads(line)
-                return answer
+        with suppress(queue.Empty):
+            while line := self._lines.get(timeout=patience):
+                if line != ".\n":
+                    answer: dict[str, str] = json.loads(line)
+                    return answer
+        return None
 
     def _listen(self, lines: IO[str]) -> None:
         for line in lines:
             self._lines.put(line)
-        self._lines.put(None)
+        self._lines.put("")
 
 
 _lock = threading.Lock()
-_walker: list[_Walker] = []
-_walked: OrderedDict[tuple[int, int, int, int], None] = OrderedDict()
 
 
 def start_checks() -> None:
     """Start the other process, which takes as long as importing the libraries for a recording here; files are checked later."""
     with _lock:
-        _started()
+        _walker(os.getpid())
 
 
 def survived(path: Path) -> None:
@@ -117,36 +110,34 @@ def survived(path: Path) -> None:
         In one sentence.
     """
     with _lock:
-        answer = _asked("matlab", path, STILL + path.stat().st_size / SPEED)
-    if "refused" in answer:
-        raise RecordingError(f"{path}: {answer['refused']}")
+        _asked("matlab", path, STILL + path.stat().st_size / SPEED)
 
 
-def _started() -> _Walker:
-    # A forked process shares its parent's pipes, so it starts another checking process.
-    if _walker and _walker[0].pid != os.getpid():
-        _walker.clear()
-    if not _walker:
-        _walker.append(_Walker())
-    return _walker[0]
+@lru_cache(maxsize=1)
+def _walker(pid: int) -> _Walker:
+    # A forked process, which has another `pid`, shares its parent's pipes, so it starts another checking process.
+    return _Walker()
 
 
 def _asked(kind: Kind, path: Path, patience: float) -> dict[str, str]:
+    walker = _walker(os.getpid())
     try:
-        answer = _started().ask(kind, path.absolute(), patience)
+        answer = walker.ask(kind, path.absolute(), patience)
+        if answer is None:
+            raise RecordingError(f"{path} is damaged so that reading it never ends; copy it again from its source")
     except RecordingError:
-        _walker.pop().end()
+        walker.end()
+        _walker.cache_clear()
         raise
-    if answer is None:
-        _walker.pop().end()
-        raise RecordingError(f"{path} is damaged so that reading it never ends; copy it again from its source")
+    if "refused" in answer:
+        raise RecordingError(f"{path}: {answer['refused']}")
     return answer
 
 
-def _walk(path: Path, begin: bytes) -> None:
+@lru_cache(maxsize=REMEMBERED)
+def _walk(path: Path, begin: bytes, identity: tuple[int, ...]) -> None:
+    # A file with another `identity` is another one, although it has the same path.
     answer = _asked("hdf5", path, STILL)
-    if "refused" in answer:
-        raise RecordingError(f"{path}: {answer['refused']}")
     if "damaged" in answer:
         raise RecordingError(f"{path} is damaged ({answer['damaged']}); copy it again from its source")
     if "closed" in answer:
@@ -166,11 +157,7 @@ def opened(path: Path) -> Iterator[h5py.File]:
 
     begin, identity = _begin(path)
     with _lock:
-        if identity not in _walked:
-            _walk(path, begin)
-            _walked[identity] = None
-            if len(_walked) > REMEMBERED:
-                _walked.popitem(last=False)
+        _walk(path, begin, identity)
     try:
         file = h5py.File(path, "r", rdcc_nbytes=CHUNK_CACHE)
     except OSError as error:
@@ -179,7 +166,7 @@ def opened(path: Path) -> Iterator[h5py.File]:
         yield file
 
 
-def _begin(path: Path) -> tuple[bytes, tuple[int, int, int, int]]:
+def _begin(path: Path) -> tuple[bytes, tuple[int, ...]]:
     try:
         about = path.stat()
         if path.is_dir():

@@ -41,27 +41,12 @@ def free_tree(free: Free) -> dict[str, Any]:
 
 def free_of(tree: Mapping[str, Any]) -> Free:
     """The fitted parameter that `free_tree` stored."""
-    values = {key: value for key, value in tree.items() if key != "unbounded_below"}
-    if tree.get("unbounded_below"):
-        values["low"] = -np.inf
     from isorig.analysis.fitting.solve import Free
 
-    return msgspec.convert(values, Free)
+    return msgspec.convert({**tree, "low": -np.inf} if tree.get("unbounded_below") else tree, Free)
 
 
-def read_model(path: str | Path) -> tuple[RigModel, datetime | None]:
-    """The model in a JSON file, and the time of its zero.
-
-    Raises
-    ------
-    PlanError
-        The file is not a model.
-    """
-    model, origin, _ = read_fitted(path)
-    return model, origin
-
-
-def read_fitted(path: str | Path) -> tuple[RigModel, datetime | None, tuple[Free, ...]]:
+def read_model(path: str | Path) -> tuple[RigModel, datetime | None, tuple[Free, ...]]:
     """The model in a JSON file, the time of its zero, and its fitted parameters; none if the file does not list them.
 
     Raises

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -18,7 +16,7 @@ from isorig.analysis.parameters.joint_fit import Characterization, characterize
 from isorig.rig.errors import PlanError
 from isorig.rig.files.inputs import content_of
 from isorig.rig.files.models import write_model
-from isorig.rig.files.output import cell, write_json, write_text
+from isorig.rig.files.output import csv_text, write_json, write_text
 from isorig.rig.files.rigfile import GivenRig
 from isorig.rig.model.baseline import baseline_model, recorded_in
 from isorig.rig.model.prediction import seconds_from
@@ -60,11 +58,8 @@ def write_characterization(
     `further` is added to parameters.json as further keys.
     """
     table = {name: msgspec.to_builtins(entry) for name, entry in found.table.items()}
-    text = io.StringIO()
-    rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(("name", *COLUMNS))
-    rows.writerows((cell(name), *("" if row[key] is None else cell(row[key]) for key in COLUMNS)) for name, row in table.items())
-    write_text(folder / "parameters.csv", text.getvalue())
+    rows = ((name, *(row[key] for key in COLUMNS)) for name, row in table.items())
+    write_text(folder / "parameters.csv", csv_text(("name", *COLUMNS), rows))
     drive: dict[str, Any] = {"levels": drive_levels(campaign, found.fit.model.drive.channel)}
     if found.head_mass is not None:
         drive["head_mass"] = found.head_mass

@@ -18,6 +18,7 @@ from typing import Annotated, Any, Literal, TypeVar, get_args
 import h5py
 import msgspec
 import numpy as np
+from msgspec.structs import asdict
 from numpy.typing import NDArray
 
 from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, Gap, Quantity, Run, Samples, Spectrum
@@ -28,8 +29,8 @@ from isorig.rig.files.output import reason, replaced, reserve
 
 FORMAT, VERSION = "rig-recording", 1
 UNITS = frozenset(SI_UNIT.values())
-#: Datasets of a run that are not channels; "gain" is one, although no sensor recorded it.
-NOT_CHANNELS = frozenset({"gaps", "timing"})
+#: Parts of a run that are not channels; "gain" is one, although no sensor recorded it.
+RESERVED = ("gaps", "timing", "spectra")
 GAIN = "gain"
 #: Rows of a chunk, and of the blocks for reading and writing.
 ROWS = 1 << 16
@@ -88,7 +89,7 @@ class ChannelAttributes(msgspec.Struct, frozen=True, kw_only=True):
     unit: str = "m/s^2"
     scale: float = 1.0
     offset: float = 0.0
-    range: Positive | None = None
+    full_scale: Positive | None = msgspec.field(default=None, name="range")
 
     def __post_init__(self) -> None:
         if self.unit not in UNITS:
@@ -252,12 +253,9 @@ def _run(group: Any, name: str, where: str) -> Run:
         raise RecordingError(f"{here} has channels of unequal length ({text}); cut them to one length")
     if min(lengths.values()) == 0:
         raise RecordingError(f"{here} has no samples; measure it again or remove it")
-    return Run(
-        id=name, configuration=about.configuration, sample_rate=about.sample_rate, gain=about.gain, channels=channels,
-        excitation=about.excitation, started=about.started, band=about.band, use=about.use, repeat_of=about.repeat_of,
-        period=None if about.period is None else int(about.period), gaps=_gaps(group, here, min(lengths.values())),
-        usable_to=about.usable_to, spectra=_spectra(group, here),
-    )  # fmt: skip
+    stated = asdict(about) | {"period": None if about.period is None else int(about.period)}
+    gaps = _gaps(group, here, min(lengths.values()))
+    return Run(id=name, channels=channels, gaps=gaps, spectra=_spectra(group, here), **stated)
 
 
 def _channels(group: h5py.Group, here: str) -> dict[str, Channel]:
@@ -268,9 +266,7 @@ def _channels(group: h5py.Group, here: str) -> dict[str, Channel]:
         if key in SENSORS and not isinstance(item, h5py.Dataset):
             raise RecordingError(f"{here}: {key!r} is a group; a channel is a dataset of numbers, so write it again")
     channels = {
-        key: _channel(item, key, here)
-        for key, item in items.items()
-        if key not in NOT_CHANNELS and isinstance(item, h5py.Dataset)
+        key: _channel(item, key, here) for key, item in items.items() if key not in RESERVED and isinstance(item, h5py.Dataset)
     }
     if not channels.keys() - {GAIN}:
         raise RecordingError(f"{here} has no channel; a run needs at least one")
@@ -285,17 +281,15 @@ def _channel(dataset: h5py.Dataset, name: str, where: str) -> Channel:
         raise RecordingError(f"{here} contains {dataset.dtype} values; a channel contains numbers, so convert it")
     usual = {"quantity": "gain", "unit": "1"} if name == GAIN else {}
     about = _attributes(dataset, ChannelAttributes, here, usual)
-    return Channel(
-        name=name, samples=Stored(dataset, here, scale=about.scale, offset=about.offset), quantity=about.quantity,
-        unit=about.unit, scale=about.scale, offset=about.offset, full_scale=about.range,
-        about={key: str(_plain(dataset.attrs[key], f"{here}: {key}")) for key in SENSOR if key in dataset.attrs},
-    )  # fmt: skip
+    sensor = {key: str(_plain(dataset.attrs[key], f"{here}: {key}")) for key in SENSOR if key in dataset.attrs}
+    samples = Stored(dataset, here, scale=about.scale, offset=about.offset)
+    return Channel(name=name, samples=samples, about=sensor, **asdict(about))
 
 
 def _attributes(item: Any, kind: type[T], here: str, usual: Mapping[str, str] | None = None) -> T:
     # The attributes of an object, checked by their types; `usual` are those that it need not have.
     held = item.attrs
-    given = {key: _plain(held[key], f"{here}: {key}") for key in kind.__struct_fields__ if key in held}
+    given = {key: _plain(held[key], f"{here}: {key}") for key in kind.__struct_encode_fields__ if key in held}
     if isinstance(started := given.get("started"), str):
         with suppress(ValueError):
             given["started"] = datetime.fromisoformat(started)
@@ -373,11 +367,9 @@ def _spectrum(group: Any, name: str, here: str) -> Spectrum:
     if (np.diff(frequency) <= 0.0).any():
         raise RecordingError(f"{here} has frequencies that are not ascending; sort them")
     about = _attributes(group, SpectrumAttributes, here)
-    return Spectrum(
-        name=name, kind=about.kind, response=about.response, reference=about.reference, unit=about.unit, window=about.window,
-        averages=int(about.averages), frequency=frequency.astype(np.float64),
-        values=values.astype(np.complex128) if values.dtype.kind == "c" else values.astype(np.float64),
-    )  # fmt: skip
+    values = values.astype(np.complex128 if values.dtype.kind == "c" else np.float64)
+    stated = asdict(about) | {"averages": int(about.averages)}
+    return Spectrum(name=name, frequency=frequency.astype(np.float64), values=values, **stated)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -462,19 +454,9 @@ def _write(file: h5py.File, campaign: Campaign, extras: Mapping[str, Extra]) -> 
     for run in campaign.runs:
         extra = extras.get(run.id, Extra())
         group = file.create_group(f"runs/{run.id}")
-        _set_attributes(
-            group,
-            {
-                "configuration": run.configuration, "sample_rate": run.sample_rate, "gain": run.gain,
-                "excitation": run.excitation, "use": run.use, "band": run.band, "period": run.period,
-                "started": None if run.started is None else run.started.isoformat(), "repeat_of": run.repeat_of,
-                "usable_to": run.usable_to, **extra.attributes,
-            },
-        )  # fmt: skip
+        _set_attributes(group, {**_stated(run, RunAttributes), **extra.attributes})
         for channel in run.channels.values():
-            about = {"quantity": channel.quantity, "unit": channel.unit, "scale": channel.scale, "offset": channel.offset}
-            about |= channel.about
-            about |= {"range": channel.full_scale, **extra.channels.get(channel.name, {})}
+            about = {**_stated(channel, ChannelAttributes), **channel.about, **extra.channels.get(channel.name, {})}
             # A constant gain is the same number repeated.
             _set_attributes(store(group, channel.name, channel.samples, compressed=channel.quantity == "gain"), about)
         if run.gaps:
@@ -485,18 +467,17 @@ def _write(file: h5py.File, campaign: Campaign, extras: Mapping[str, Extra]) -> 
             inside = group.create_group(f"spectra/{spectrum.name}")
             store(inside, "frequency", spectrum.frequency)
             store(inside, "values", spectrum.values)
-            _set_attributes(
-                inside,
-                {
-                    "kind": spectrum.kind, "response": spectrum.response, "reference": spectrum.reference,
-                    "unit": spectrum.unit, "averages": spectrum.averages, "window": spectrum.window,
-                },
-            )  # fmt: skip
+            _set_attributes(inside, _stated(spectrum, SpectrumAttributes))
+
+
+def _stated(item: object, kind: type[msgspec.Struct]) -> dict[str, Any]:
+    return {key: getattr(item, name) for key, name in zip(kind.__struct_encode_fields__, kind.__struct_fields__, strict=True)}
 
 
 def _set_attributes(item: Any, attributes: Mapping[str, Any]) -> None:
     # Text of fixed length: HDF5 stores text of variable length outside of the checksums.
-    for key, value in attributes.items():
+    for key, given in attributes.items():
+        value = given.isoformat() if isinstance(given, datetime) else given
         if isinstance(value, str):
             encoded = value.encode()
             item.attrs.create(key, encoded, dtype=h5py.string_dtype("utf-8", max(len(encoded), 1)))

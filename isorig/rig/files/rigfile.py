@@ -13,7 +13,7 @@ from isorig.analysis.errors import ModelError
 from isorig.analysis.model.rig_model import RigModel, from_tree
 from isorig.rig.errors import PlanError
 from isorig.rig.files.inputs import TOML_MOST, content_of
-from isorig.rig.files.models import read_fitted
+from isorig.rig.files.models import read_model
 from isorig.rig.wire_bonder.description import BUILT_IN, wire_bonder
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def read_rig(given: str | Path) -> GivenRig:
                 f"{path} is not a rig; give {', '.join(dict.fromkeys((*BUILT_IN, *SHIPPED)))}, a .toml "
                 "description or a model.json"
             )
-        model, origin, fitted = read_fitted(path)
+        model, origin, fitted = read_model(path)
         return GivenRig(model=model, origin=origin, fitted=fitted)
     model, text = read_description(path)
     return GivenRig(model=model, description=text)
@@ -90,7 +90,7 @@ def rig_of(campaign: Campaign) -> RigModel:
     """
     if campaign.description is None:
         return wire_bonder()
-    return _described(campaign.description, "it")[0]
+    return _described(campaign.description, "it")
 
 
 def references_of(campaign: Campaign) -> tuple[str, ...]:
@@ -116,12 +116,12 @@ def read_description(path: Path) -> tuple[RigModel, str]:
         text = content_of(path, TOML_MOST).decode()
     except (OSError, UnicodeDecodeError) as error:
         raise PlanError(f"{path} cannot be read ({error}); give the file of a rig's description") from None
-    return _described(text, str(path))
+    return _described(text, str(path)), text
 
 
-def _described(text: str, what: str) -> tuple[RigModel, str]:
+def _described(text: str, what: str) -> RigModel:
     try:
-        return from_tree(tomllib.loads(text)), text
+        return from_tree(tomllib.loads(text))
     except tomllib.TOMLDecodeError as error:
         raise PlanError(f"{what} is not TOML ({error}); correct that line") from None
     except ModelError as error:

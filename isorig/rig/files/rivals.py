@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -152,36 +152,32 @@ def _open(diagnosis: Diagnosis) -> list[OpenSet]:
     last = -1
     for step in diagnosis.steps:
         own = (step.cause, step.location)
-        last = max((k for k, (_, entries) in enumerate(diagnosis.searched) if own in _keys(entries)), default=last)
-        entries = diagnosis.searched[last][1]
+        having = (k for k, (_, entries) in enumerate(diagnosis.searched) if own in (each.candidate.key for each in entries))
+        last = max(having, default=last)
+        entries = sorted(diagnosis.searched[last][1], key=lambda entry: entry.score.figure)
         keys = {own, *step.indistinguishable}
-        models = [_model(*entry.candidate.key, entry.fit) for entry in _best_of_each(entries) if entry.candidate.key in keys]
+        best = _first_of_each(entries, lambda entry: entry.candidate.key)
+        models = [_model(*entry.candidate.key, entry.fit) for entry in best if entry.candidate.key in keys]
         fitted = {(model.cause, model.location) for model in models}
         equal = {entry.candidate.twin for entry in entries if entry.candidate.key in fitted}
         twins, unfitted = sorted((keys - fitted) & equal), sorted(keys - fitted - equal)
         if len(keys) > 1 and models:
             found.append(OpenSet(why="indistinguishable", models=models, twins=twins, unfitted=unfitted))
     if diagnosis.verdict in ("unexplained", "partly explained") and last < len(diagnosis.searched) - 1:
-        score, entries = diagnosis.searched[-1]
-        ranked = sorted(entries, key=lambda entry: excess(entry.score.error, 0.0 * score.error))
-        places: dict[tuple[str, str], Entry] = {}
-        for entry in ranked:
-            places.setdefault(entry.place, entry)
-        models = [_model(*entry.candidate.key, entry.fit) for entry in list(places.values())[:UNDECIDED]]
+        score, tried = diagnosis.searched[-1]
+        ranked = sorted(tried, key=lambda entry: excess(entry.score.error, 0.0 * score.error))
+        best = _first_of_each(ranked, lambda entry: entry.place)
+        models = [_model(*entry.candidate.key, entry.fit) for entry in best[:UNDECIDED]]
         if len(models) > 1:
             found.append(OpenSet(why="undecided", models=models))
     return found
 
 
-def _keys(entries: Sequence[Entry]) -> set[tuple[str, str]]:
-    return {entry.candidate.key for entry in entries}
-
-
-def _best_of_each(entries: Sequence[Entry]) -> list[Entry]:
-    best: dict[tuple[str, str], Entry] = {}
-    for entry in sorted(entries, key=lambda entry: entry.score.figure):
-        best.setdefault(entry.candidate.key, entry)
-    return list(best.values())
+def _first_of_each(entries: Sequence[Entry], key: Callable[[Entry], tuple[str, str]]) -> list[Entry]:
+    found: dict[tuple[str, str], Entry] = {}
+    for entry in entries:
+        found.setdefault(key(entry), entry)
+    return list(found.values())
 
 
 def _model(cause: str, location: str, fitted: Fit) -> FittedModel:
@@ -194,8 +190,3 @@ def fitted_model(cause: str, location: str, model: RigModel, free: Sequence[Free
         cause=cause, location=location, model=to_tree(model), free=[free_tree(each) for each in free],
         covariance=np.nan_to_num(covariance).tolist(),
     )  # fmt: skip
-
-
-def model_of(found: Rivals) -> RigModel:
-    """The rig that explains the runs best."""
-    return from_tree(found.explains.model)

@@ -17,9 +17,7 @@ from isorig.rig.files.inputs import TOML_MOST, content_of
 T = TypeVar("T")
 
 
-def read_toml(
-    path: Path, convert: Callable[[Mapping[str, Any]], T], what: str, *, hint: str = "", keys: Iterable[str] = ()
-) -> T:  # fmt: skip
+def read_toml(path: Path, convert: Callable[[Mapping[str, Any]], T], what: str, *, hint: str = "", keys: Iterable[str] = ()) -> T:
     """Read a file and convert its keys.
 
     Parameters
@@ -66,26 +64,20 @@ def _explained(text: str, keys: Iterable[str]) -> str:
     return f"{where} has the key {unknown[1]!r}, which is unknown there{did_you_mean(unknown[1], keys)}"
 
 
-def plain(part: msgspec.Struct) -> dict[str, Any]:
-    """A part as plain values, without keys that have their default; the first key of a law is its name."""
-    kind = part.__struct_config__
-    found: dict[str, Any] = {} if kind.tag is None else {str(kind.tag_field): kind.tag}
-    for field in msgspec.structs.fields(type(part)):
-        value = getattr(part, field.name)
-        default = field.default_factory() if field.default_factory is not msgspec.NODEFAULT else field.default
-        if default is msgspec.NODEFAULT or value != default:
-            found[field.name] = _plain(value)
-    return found
-
-
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """Plain values of a part, without keys that have their default; the first key of a law is its name."""
     if isinstance(value, msgspec.Struct):
-        return plain(value)
+        kind = value.__struct_config__
+        found: dict[str, Any] = {} if kind.tag is None else {str(kind.tag_field): kind.tag}
+        for field in msgspec.structs.fields(value):
+            item = getattr(value, field.name)
+            default = field.default_factory() if field.default_factory is not msgspec.NODEFAULT else field.default
+            if item != default:
+                found[field.name] = plain(item)
+        return found
     if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, tuple | list):
-        return [_plain(item) for item in value]
-    return value
+        return {key: plain(item) for key, item in value.items()}
+    return [plain(item) for item in value] if isinstance(value, tuple | list) else value
 
 
 def table_text(name: str, values: Mapping[str, Any], *, many: bool = False) -> list[str]:

@@ -14,7 +14,7 @@ from isorig.analysis.fitting.solve import base_parameters
 from isorig.analysis.model.parameter_units import unit_of
 from isorig.rig.diagnose.many import shared_out
 from isorig.rig.errors import REFUSALS
-from isorig.rig.files.models import read_fitted, read_model
+from isorig.rig.files.models import read_model
 from isorig.rig.fleet.catalogue import Catalogue, key_of
 from isorig.rig.fleet.history import Fleet, Incident, TrackedRig, followed
 from isorig.rig.fleet.policy import POLICY
@@ -115,7 +115,7 @@ def _explain(question: ChangeToExplain) -> None:
     scatter = {
         f.path: question.scatter[f.path] * (1.0 if f.log else abs(question.levels[f.path])) for f in known
     }  # fmt: skip
-    own, _, fitted = read_fitted(catalogue.diagnosis(key_of(question.after, question.version, question.baseline)) / "model.json")
+    own, _, fitted = read_model(catalogue.diagnosis(key_of(question.after, question.version, question.baseline)) / "model.json")
     today = {f.path: own.get(f.path) for f in fitted if f.path in question.levels}
     found = explanations(read(question.path), earlier, scatter, today=today, changed=question.changed)
     common = {name: getattr(question, name) for name in ("rig", "before", "after", "version", "baseline")}

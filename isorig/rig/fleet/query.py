@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import threading
 
 import pyarrow as pa
 
 from isorig.rig.errors import RigError, TimeLimitError
-from isorig.rig.files.output import cell
+from isorig.rig.files.output import csv_text
 from isorig.rig.fleet.catalogue import Catalogue
 
 #: Limits of a query: seconds, rows of its result, and its memory. A fleet's catalogue has about 30 rows for each recording.
@@ -57,8 +55,4 @@ def query_answers(catalogue: Catalogue, query: str) -> str:
             late.cancel()
     if len(rows) > ROWS:
         raise RigError(f"the query has more than {ROWS} rows; add a limit, or aggregate them in the query")
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(map(cell, names))
-    table.writerows(map(cell, row) for row in rows)
-    return text.getvalue()
+    return csv_text(names, rows)

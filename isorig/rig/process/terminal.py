@@ -109,9 +109,7 @@ def show_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]
         whole = plain or place == 0
         # The library measures the longest word even of cells that it may not break.
         least = max(len(displayable(text)) for text in (head, *(row[place] for row in rows))) if whole else None
-        table.add_column(
-            displayable(head), justify="right" if plain else "left", no_wrap=whole, overflow="fold", min_width=least
-        )  # fmt: skip
+        table.add_column(displayable(head), justify="right" if plain else "left", no_wrap=whole, overflow="fold", min_width=least)
     for row in rows:
         table.add_row(*map(displayable, row))
     console = Console()

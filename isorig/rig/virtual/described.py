@@ -55,7 +55,7 @@ def described_campaign(
         for k, level in enumerate(LEVELS):
             plan = usual_run(model, name)
             plan = replace(plan, seed=int(generator.integers(2**31)), seconds=seconds or plan.seconds)
-            drive = synthetic_drive(GivenRig(model=model), plan).runs[0]
+            drive = synthetic_drive(model, plan).runs[0]
             scaled = {key: replace(channel, scale=level * channel.scale) for key, channel in drive.channels.items()}
             drive = replace(drive, id=f"{name}_{k + 1}", gain=level, channels=scaled, started=BEGIN + timedelta(seconds=start))
             start += drive.duration + PAUSE
@@ -68,6 +68,4 @@ def described_campaign(
                 size = sizes.setdefault(key, share * float(np.std(values)))
                 channels[key] = replace(channel, samples=values + generator.normal(0.0, size, len(values)), scale=1.0)
             runs.append(replace(run, channels=channels))
-    return Campaign(
-        runs=tuple(runs), description=given.description or description_text(given.model), source="a virtual rig"
-    )  # fmt: skip
+    return Campaign(runs=tuple(runs), description=given.description or description_text(given.model), source="a virtual rig")

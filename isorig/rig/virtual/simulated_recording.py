@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, FloatArray, Quantity, Run
@@ -17,7 +18,6 @@ from isorig.rig.files.rigfile import GivenRig
 from isorig.rig.model.prediction import predicted, seconds_from
 from isorig.rig.virtual.levels import BEGIN, HEAD_PER_GAIN, MOVE_PER_GAIN
 
-Kind = Literal["random", "multisine", "sweep", "half-sine", "hits", "moves", "free"]
 #: Periods of a synthetic multisine.
 PERIODS = 4
 #: Duration of a synthetic half sine, and its start, seconds.
@@ -36,7 +36,7 @@ class SyntheticDrive:
 
     Parameters
     ----------
-    kind
+    excitation
         Band-limited noise, odd random-phase multisine, logarithmic sweep, one half sine, consecutive moves, or none at all (a
         mass that is released).
     gain
@@ -49,26 +49,22 @@ class SyntheticDrive:
         Duration in s, rate in Hz, random seed, and configuration of the rig.
     """
 
-    kind: Kind = "random"
+    excitation: Literal["random", "multisine", "sweep", "half-sine", "hits", "moves", "free"]
+    level: float | None
+    band: tuple[float, float] | None
+    seconds: float
+    sample_rate: float
+    configuration: str
     gain: float = 70.0
-    level: float | None = None
-    band: tuple[float, float] | None = None
-    seconds: float = 30.0
-    sample_rate: float = 1024.0
     seed: int = 0
-    configuration: str = "unlocked"
 
 
-def usual_run(model: RigModel, configuration: str = "unlocked") -> SyntheticDrive:
+def usual_run(model: RigModel, configuration: str) -> SyntheticDrive:
     """A run as the rig's description says that it is usually driven."""
-    usual = model.usual
-    return SyntheticDrive(
-        kind=usual.excitation, level=usual.level, band=usual.band, seconds=usual.seconds, sample_rate=usual.sample_rate,
-        configuration=configuration,
-    )  # fmt: skip
+    return SyntheticDrive(configuration=configuration, **msgspec.structs.asdict(model.usual))
 
 
-def synthetic_drive(given: GivenRig, plan: SyntheticDrive) -> Campaign:
+def synthetic_drive(model: RigModel, plan: SyntheticDrive) -> Campaign:
     """A campaign of one run that contains the drive only.
 
     Raises
@@ -76,7 +72,7 @@ def synthetic_drive(given: GivenRig, plan: SyntheticDrive) -> Campaign:
     PlanError
         A number of the plan cannot be used.
     """
-    model, rate = given.model, plan.sample_rate
+    rate = plan.sample_rate
     for name, value in {"sample-rate": rate, "seconds": plan.seconds, "gain": plan.gain}.items():
         if not 0.0 < value < float("inf"):
             raise PlanError(f"--{name} is {value:g}; it must be positive and finite, so correct it")
@@ -92,7 +88,7 @@ def synthetic_drive(given: GivenRig, plan: SyntheticDrive) -> Campaign:
         raise PlanError(f"--band is {band[0]:g} to {band[1]:g} Hz; it must ascend from above 0 to at most {rate / 2.0:g} Hz")
     if plan.level is not None and not 0.0 <= plan.level < float("inf"):
         raise PlanError(f"--level is {plan.level:g}; it must be finite and not negative, so correct it")
-    period = n // PERIODS if plan.kind == "multisine" else None
+    period = n // PERIODS if plan.excitation == "multisine" else None
     channels = {}
     for k, drive in enumerate(model.drives):
         values = _wave(plan, n, band, _level(plan, drive), plan.seed + k)
@@ -101,10 +97,10 @@ def synthetic_drive(given: GivenRig, plan: SyntheticDrive) -> Campaign:
         )
     run = Run(
         id="made_up", configuration=plan.configuration, sample_rate=rate, gain=plan.gain, channels=channels,
-        excitation="other" if plan.kind in ("half-sine", "hits") else plan.kind, started=BEGIN,
-        band=None if plan.kind in ("half-sine", "hits", "moves", "free") else band, period=period,
+        excitation="other" if plan.excitation in ("half-sine", "hits") else plan.excitation, started=BEGIN,
+        band=None if plan.excitation in ("half-sine", "hits", "moves", "free") else band, period=period,
     )  # fmt: skip
-    return Campaign(runs=(run,), description=given.description, source="a made-up drive")
+    return Campaign(runs=(run,), source="a made-up drive")
 
 
 def _level(plan: SyntheticDrive, drive: Drive) -> float:
@@ -112,12 +108,12 @@ def _level(plan: SyntheticDrive, drive: Drive) -> float:
         return plan.level
     if drive.quantity != "acceleration":
         return FORCE_LEVEL if drive.quantity == "force" else 1.0
-    return plan.gain * (HEAD_PER_GAIN if plan.kind in ("random", "multisine") else MOVE_PER_GAIN)
+    return plan.gain * (HEAD_PER_GAIN if plan.excitation in ("random", "multisine") else MOVE_PER_GAIN)
 
 
 def _wave(plan: SyntheticDrive, n: int, band: tuple[float, float], level: float, seed: int) -> FloatArray:
     rate, values = plan.sample_rate, np.zeros(n)
-    match plan.kind:
+    match plan.excitation:
         case "random":
             values = excitation.random(samples=n, sample_rate=rate, rms=level, band=band, seed=seed)
         case "multisine":
@@ -156,28 +152,18 @@ def with_forces(given: GivenRig, campaign: Campaign) -> tuple[Campaign, Mapping[
     for run in simulated.runs:
         drive = excitation_of(model, run)
         found = trace(model, drive, configuration=run.configuration, start_time=seconds_from(campaign, run, given.origin))
-        inner: dict[str, tuple[FloatArray, Quantity]] = {}
+        channels = dict(run.channels)
+        inner: list[tuple[str, FloatArray, Quantity]] = []
         for name, force in found.friction.items():
-            inner[f"{name}_friction"] = force, "force"
-            inner[f"{name}_held"] = found.held[name], "gain"
-        for name, force in found.transmitted.items():
-            inner[f"{name}_force"] = force, "force"
-        for name in inner:
-            if name in run.channels:
+            inner += [(f"{name}_friction", force, "force"), (f"{name}_held", found.held[name], "gain")]
+        inner += [(f"{name}_force", force, "force") for name, force in found.transmitted.items()]
+        for name, values, quantity in inner:
+            if name in channels:
                 raise PlanError(f"the rig has a sensor {name!r}, which is the name of an internal force; rename the sensor")
-        extra = {
-            name: Channel(name=name, samples=values, quantity=quantity, unit=SI_UNIT[quantity])
-            for name, (values, quantity) in inner.items()
-        }
-        runs.append(replace(run, channels={**run.channels, **extra}))
+            channels[name] = Channel(name=name, samples=values, quantity=quantity, unit=SI_UNIT[quantity])
+        runs.append(replace(run, channels=channels))
         changes[run.id] = found.changes
-    return (
-        Campaign(
-            runs=tuple(runs), known=simulated.known, description=simulated.description or given.description,
-            source=simulated.source,
-        ),
-        changes,
-    )  # fmt: skip
+    return replace(simulated, runs=tuple(runs), description=simulated.description or given.description), changes
 
 
 def events_table(changes: Mapping[str, tuple[Change, ...]]) -> str:

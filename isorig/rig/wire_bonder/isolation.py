@@ -79,7 +79,7 @@ def given_models(model: Path | None, parameters: Path | None, method: Method | N
     """
     models, notes = [], []
     if model is not None:
-        rig, origin = read_model(model)
+        rig, origin, _ = read_model(model)
         models.append(Model(name="simulated", rig=rig, origin=origin))
     if parameters is None and method is not None:
         raise PlanError("--method needs a parameter table; give one with --parameters")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,9 +28,7 @@ def read_json(path: Path) -> ForeignTable:
     """Arrays of a JSON file: of an object by its keys, of a list of objects by their keys or names; null is a lost sample."""
     found = table_of(path, _flattened("", msgspec.json.decode(content_of(path, JSON_MOST)), 0))
     columns, remarks = completed(found.columns)
-    return ForeignTable(
-        path=path, columns=columns, numbers=found.numbers, spectra=found.spectra, remarks=(*found.remarks, *remarks)
-    )
+    return replace(found, columns=columns, remarks=(*found.remarks, *remarks))
 
 
 def read_npy(path: Path) -> ForeignTable:

@@ -63,10 +63,8 @@ def _channels(segment: Mapping[str, Any], here: str, remarks: list[str]) -> Iter
     shift = 1 if names and names[0] == X else 0
     for place in places:
         clock = max((k for k in clocks if k < place), default=None)
-        steps = segment.get("Delta_X", [])
-        step = float(steps[place - shift]) if 0 <= place - shift < len(steps) else float("nan")
-        units = segment.get("Y_Unit_Label", [])
-        unit = str(units[place - shift]).strip() if 0 <= place - shift < len(units) else ""
+        step = float(dict(enumerate(segment.get("Delta_X", []))).get(place - shift, "nan"))
+        unit = str(dict(enumerate(segment.get("Y_Unit_Label", []))).get(place - shift, "")).strip()
         rate = _rate(None if clock is None else data[:, clock], step, f"{here}, {names[place]!r}")
         if rate is None and step > 0.0:
             remarks.append(f"the interval of {names[place]!r}, {step:g} s, is rounded, so its sample rate is unknown: give it")

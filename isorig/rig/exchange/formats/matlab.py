@@ -6,6 +6,7 @@ import struct
 import zlib
 from collections.abc import Iterator
 from contextlib import suppress
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -89,45 +90,38 @@ def _flattened(name: str, value: Any, depth: int = 0) -> Iterator[tuple[str, Any
 
 
 def _version73(path: Path) -> Iterator[tuple[str, Any]]:
-    found: list[tuple[str, Any]] = []
     with opened(path) as file:
-        for name in file:
-            if not name.startswith("#"):
-                _visit(file, name, file[name], found, 0)
-    yield from found
+        visited = (_visited(file, name, file[name], 0) for name in file if not name.startswith("#"))
+        yield from islice(chain.from_iterable(visited), PARTS_MOST)
 
 
-def _visit(file: h5py.File, name: str, item: Any, found: list[tuple[str, Any]], depth: int) -> None:
+def _visited(file: h5py.File, name: str, item: Any, depth: int) -> Iterator[tuple[str, Any]]:
     # MATLAB_class is the data type of a dataset; "#refs#" contains the targets of cells and struct arrays.
-    if depth > DEEP or len(found) > PARTS_MOST:
+    if depth > DEEP:
         return
     if isinstance(item, h5py.Group):
         if "MATLAB_sparse" not in item.attrs:
             for key in item:
-                _visit(file, f"{name}.{key}", item[key], found, depth + 1)
+                yield from _visited(file, f"{name}.{key}", item[key], depth + 1)
         return
     # MATLAB_empty marks a size instead of values.
     if not isinstance(item, h5py.Dataset) or item.attrs.get("MATLAB_empty", 0):
         return
     if _class_of(item) == "char":
         if item.dtype.kind in "ui":
-            found.append((name, "".join(map(chr, np.asarray(item[()]).ravel(order="C").tolist()))))
+            yield name, "".join(map(chr, np.asarray(item[()]).ravel(order="C").tolist()))
     elif item.dtype.kind in "biuf":
-        found.append((name, np.asarray(item[()])))
+        yield name, np.asarray(item[()])
     elif item.dtype.names == ("real", "imag"):
         raw = item[()]
-        found.append((name, np.asarray(raw["real"] + 1j * raw["imag"])))
+        yield name, np.asarray(raw["real"] + 1j * raw["imag"])
     elif h5py.check_ref_dtype(item.dtype) is h5py.Reference:
-        _referred(file, name, item, found, depth)
-
-
-def _referred(file: h5py.File, name: str, item: h5py.Dataset, found: list[tuple[str, Any]], depth: int) -> None:
-    # A cell array name{k}, or a field of a struct array: name(k).field becomes name[k].field.
-    before, _, field = name.rpartition(".")
-    cell = _class_of(item) == "cell" or not before
-    for k, reference in enumerate(np.asarray(item[()]).ravel()[:PARTS_MOST]):
-        if reference:
-            _visit(file, f"{name}[{k}]" if cell else f"{before}[{k}].{field}", file[reference], found, depth + 1)
+        # A cell array name{k}, or a field of a struct array: name(k).field becomes name[k].field.
+        before, _, field = name.rpartition(".")
+        cell = _class_of(item) == "cell" or not before
+        for k, reference in enumerate(np.asarray(item[()]).ravel()[:PARTS_MOST]):
+            if reference:
+                yield from _visited(file, f"{name}[{k}]" if cell else f"{before}[{k}].{field}", file[reference], depth + 1)
 
 
 def _class_of(item: h5py.Dataset) -> str:

@@ -12,18 +12,6 @@ from isorig.rig.errors import PlanError, RecordingError
 from isorig.rig.exchange.table import Column, ForeignTable, Format
 
 
-class _Warnings:
-    """Collects the warnings of a package instead of printing them."""
-
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-
-    def keep(self, record: logging.LogRecord) -> bool:
-        """Collect a warning, and stop its propagation."""
-        self.lines.append(record.getMessage())
-        return False
-
-
 def read_tdms(path: Path) -> ForeignTable:
     """Channels as group/name, with rate and unit from their properties; channels without samples are left out."""
     try:
@@ -32,10 +20,15 @@ def read_tdms(path: Path) -> ForeignTable:
         raise PlanError("reading TDMS needs the package npTDMS; install isorig[tdms]") from None
     columns: dict[str, Column] = {}
     empty: list[str] = []
-    said = _Warnings()
+    warnings: list[str] = []
+
+    def kept(record: logging.LogRecord) -> bool:
+        warnings.append(record.getMessage())
+        return False
+
     # The package's loggers print directly.
     console = log.log_manager.console_handler
-    console.addFilter(said.keep)
+    console.addFilter(kept)
     try:
         file = TdmsFile.read(path)
         for group in file.groups():
@@ -50,11 +43,11 @@ def read_tdms(path: Path) -> ForeignTable:
                         values=values, sample_rate=1.0 / step if step > 0.0 else None,
                         unit=str(channel.properties.get("unit_string", "")), label=_tdms_label(group.name, channel.name),
                     )  # fmt: skip
-        if said.lines:
+        if warnings:
             # It reads the available part of a truncated file; the missing amount is unknown.
-            raise ValueError(said.lines[0])
+            raise ValueError(warnings[0])
     finally:
-        console.removeFilter(said.keep)
+        console.removeFilter(kept)
     if not columns:
         text = f"its channels {', '.join(empty)} are empty" if empty else "it has no channel of numbers"
         raise RecordingError(f"{path} has no samples ({text}); record it again, or export the file that the logger wrote them to")

@@ -81,8 +81,10 @@ def read_text(path: Path) -> ForeignTable:
         values = _seconds(frame[k]) if is_clock else frame[k].to_numpy()
         key = name if name not in columns else f"{name}[{k}]"
         columns[key] = Column(values=values, unit="s" if is_clock else unit, sample_rate=rate)
-    if spectra := _over_frequency(path, columns):
-        return spectra
+    # A table over frequency: real and imaginary parts, or magnitude and phase, become complex values.
+    over = table_of(path, [(name.replace(".", "_"), column.values) for name, column in _joined(columns).items()])
+    if over.spectra and not over.columns:
+        return over
     found, remarks = completed(columns)
     return ForeignTable(path=path, columns=found, remarks=tuple(remarks))
 
@@ -202,17 +204,13 @@ def _is_value(field: str, decimal: str) -> bool:
 def _head(head: Sequence[str], style: _Style) -> tuple[list[str], list[str]]:
     # Names and units: from the last header line with a name for each column, or a line of units and the names above it.
     rows = [fields for line in reversed(head) if (fields := _named(line, style.separator, style.count))]
+    blank = [""] * style.count
     if not rows:
-        rows = [fields for line in reversed(head) if (fields := _other_names(line, style.count))][:1]
-    if not rows:
-        return [f"column{k}" for k in range(style.count)], [""] * style.count
-    if len(rows) > 1 and _are_units(rows[0]):
-        named = [_name_and_unit(name) for name in rows[1]]
-        return [name or f"column{k}" for k, (name, _) in enumerate(named)], [
-            unit.strip("[]()").strip(" -") or own for unit, (_, own) in zip(rows[0], named, strict=True)
-        ]
+        rows = [*(fields for line in reversed(head) if (fields := _other_names(line, style.count))), blank][:1]
+    units = rows.pop(0) if len(rows) > 1 and _are_units(rows[0]) else blank
     named = [_name_and_unit(name) for name in rows[0]]
-    return [name or f"column{k}" for k, (name, _) in enumerate(named)], [unit for _, unit in named]
+    names = [name or f"column{k}" for k, (name, _) in enumerate(named)]
+    return names, [unit.strip("[]()").strip(" -") or own for unit, (_, own) in zip(units, named, strict=True)]
 
 
 def _named(line: str, separator: str, count: int) -> list[str] | None:
@@ -274,12 +272,6 @@ def _seconds(column: pd.Series[str]) -> FloatArray:
     else:
         seconds = seconds + 86400.0 * np.concatenate([[0.0], np.cumsum(np.diff(seconds) < -43200.0)])
     return np.asarray(seconds - seconds[0])
-
-
-def _over_frequency(path: Path, columns: dict[str, Column]) -> ForeignTable | None:
-    # A table over frequency: real and imaginary parts, or magnitude and phase, become complex values.
-    found = table_of(path, [(name.replace(".", "_"), column.values) for name, column in _joined(columns).items()])
-    return found if found.spectra and not found.columns else None
 
 
 def _joined(columns: dict[str, Column]) -> dict[str, Column]:

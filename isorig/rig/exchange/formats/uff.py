@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import io
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,20 +29,9 @@ GENERAL, TIME_RESPONSE = 0, 1
 TYPES = {8: ("m", 1, 0), 9: ("N", 0, 1), 11: ("m/s", 1, 0), 12: ("m/s^2", 1, 0), 13: ("N", 0, 1)}
 #: Data types of the abscissa: time and frequency.
 TIME, FREQUENCY = 17, 18
-AXES = {
-    0: "",
-    1: "+x",
-    -1: "-x",
-    2: "+y",
-    -2: "-y",
-    3: "+z",
-    -3: "-z",
-    4: "+rx",
-    -4: "-rx",
-    5: "+ry",
-    -5: "-ry",
-    6: "+rz",
-    -6: "-rz",
+#: Directions of dataset 58.
+AXES = {0: ""} | {
+    int(f"{sign}{k}"): f"{sign}{axis}" for k, axis in enumerate(("x", "y", "z", "rx", "ry", "rz"), 1) for sign in "+-"
 }
 #: Lines of text at the start of a dataset.
 ID_LINES = ("id1", "id2", "id3", "id4", "id5")
@@ -49,14 +39,13 @@ ID_LINES = ("id1", "id2", "id3", "id4", "id5")
 RESPONSE, REFERENCE = "response ", "reference "
 #: Hz per unit of frequency, in lower case.
 FREQUENCY_UNITS = {"hz": 1.0, "khz": 1e3, "rad/s": 0.5 / np.pi, "rpm": 1.0 / 60.0}
+#: A unit system as given by dataset 164: file units per m and per N.
+System = tuple[float, float]
+SI: System = (1.0, 1.0)
 
 
-@dataclass(frozen=True)
-class _System:
-    # A unit system as given by dataset 164: file units per m and per N.
-    name: str = ""
-    length: float = 1.0
-    force: float = 1.0
+class _LeftOutError(Exception):
+    """Why a function is neither a time record nor a spectrum."""
 
 
 def read_uff(path: Path) -> ForeignTable:
@@ -70,17 +59,15 @@ def read_uff(path: Path) -> ForeignTable:
     columns: dict[str, Column] = {}
     spectra: list[Spectrum] = []
     remarks: list[str] = []
-    system = _System()
+    system = SI
     sets = _sets(path)
-    names = {end: _names(sets, end) for end in ("rsp", "ref")}
-    labels = _labels(sets)
+    functions = [item for item in sets if item["type"] == 58]
+    named = zip(_names(functions, "rsp"), _names(functions, "ref"), _labels(functions), strict=True)
     for place, item in enumerate(sets, 1):
-        if item.get("type") == 164:
+        if item["type"] == 164:
             system = _system(item)
             continue
-        if item.get("type") != 58:
-            continue
-        response, reference = (names[end][place - 1] for end in ("rsp", "ref"))
+        response, reference, label = next(named)
         here = f"function {place} ({response})"
         x, values = np.asarray(item["x"], dtype=np.float64), np.asarray(item["data"])
         count = int(item["num_pts"])
@@ -89,9 +76,15 @@ def read_uff(path: Path) -> ForeignTable:
                 f"{path}, {here} has {len(values)} of {count} values: the file was truncated; copy it again from its source"
             )
         x, values = x[:count], values[:count]
-        said = _function(item, (response, reference), labels[place - 1], x, values, system, columns, spectra)
-        if said:
-            remarks.append(f"{here} {said}; it is left out")
+        try:
+            found = _function(item, (response, reference), x, values, system)
+        except _LeftOutError as why:
+            remarks.append(f"{here} {why}; it is left out")
+            continue
+        if isinstance(found, Column):
+            columns[_unused(response, columns)] = replace(found, label=label)
+        else:
+            spectra.append(replace(found, name=f"{len(spectra):03d}"))
     if not columns and not spectra and remarks:
         raise RecordingError(f"{path} contains nothing usable: {remarks[0]}")
     return ForeignTable(path=path, columns=columns, spectra=tuple(spectra), remarks=tuple(remarks))
@@ -107,32 +100,22 @@ def _sets(path: Path) -> list[dict[str, Any]]:
         return [file.read_sets(k) for k in places]
 
 
-def _system(item: Mapping[str, Any]) -> _System:
+def _system(item: Mapping[str, Any]) -> System:
     length, force = float(item.get("length") or 1.0), float(item.get("force") or 1.0)
-    if not (0.0 < length < np.inf and 0.0 < force < np.inf):
-        return _System()
-    return _System(str(item.get("units_description", "")).strip(), length, force)
+    return (length, force) if 0.0 < length < np.inf and 0.0 < force < np.inf else SI
 
 
-def _function(
-    item: Mapping[str, Any], names: tuple[str, str], label: str, x: FloatArray, values: Any, system: _System,
-    columns: dict[str, Column], spectra: list[Spectrum],
-) -> str:  # fmt: skip
-    # Add a function to the columns or the spectra; otherwise return why it is neither.
+def _function(item: Mapping[str, Any], names: tuple[str, str], x: FloatArray, values: Any, system: System) -> Column | Spectrum:
     kind, axis_unit, over = int(item.get("func_type", 0)), _label(item, "abscissa_axis_units_lab"), _over(item)
     if over == FREQUENCY and kind in (GENERAL, *KINDS):
-        return _spectrum(item, names, x * FREQUENCY_UNITS.get(axis_unit.lower(), 1.0), values, system, spectra)
+        return _spectrum(item, names, x * FREQUENCY_UNITS.get(axis_unit.lower(), 1.0), values, system)
     if over != TIME or kind not in (GENERAL, TIME_RESPONSE) or np.iscomplexobj(values) or len(x) < 2:
         text = f"function type {kind} with {len(x)} {'complex' if np.iscomplexobj(values) else 'real'} values"
         along = {TIME: "time", FREQUENCY: "frequency"}.get(over, f"an abscissa of type {over} in {axis_unit or 'no unit'}")
-        return f"is of {text} over {along}, neither a time record nor a function of frequency"
-    rate = _rate(item, x, seconds_per(axis_unit or "s") or 1.0)
-    if isinstance(rate, str):
-        return rate
+        raise _LeftOutError(f"is of {text} over {along}, neither a time record nor a function of frequency")
     unit, sensitivity = _unit(item, "ordinate", system)
-    name = _unused(names[0], columns)
-    columns[name] = Column(values=values, sample_rate=rate, unit=unit, sensitivity=sensitivity, label=label)
-    return ""
+    rate = _rate(item, x, seconds_per(axis_unit or "s") or 1.0)
+    return Column(values=values, sample_rate=rate, unit=unit, sensitivity=sensitivity)
 
 
 def _over(item: Mapping[str, Any]) -> int:
@@ -146,46 +129,42 @@ def _over(item: Mapping[str, Any]) -> int:
     return TIME if kind == TIME_RESPONSE else FREQUENCY if kind in KINDS else axis
 
 
-def _rate(item: Mapping[str, Any], x: FloatArray, factor: float) -> float | str:
+def _rate(item: Mapping[str, Any], x: FloatArray, factor: float) -> float:
     if int(item.get("abscissa_spacing", 1)) == 0:
         try:
             return even_rate(x, "its abscissa", factor)
         except RecordingError as error:
-            return f"has an uneven abscissa ({error})"
+            raise _LeftOutError(f"has an uneven abscissa ({error})") from None
     step = (float(item.get("abscissa_inc") or 0.0) or float(x[-1] - x[0]) / (len(x) - 1)) * factor
     if not 1.0 / VALUE_MOST < step < VALUE_MOST:
-        return f"has the sample interval {step:g} s"
+        raise _LeftOutError(f"has the sample interval {step:g} s")
     # The increment has six digits: an integer rate within its rounding is used.
     whole = round(1.0 / step)
     return float(whole) if abs(1.0 / step - whole) <= 5e-6 * whole else 1.0 / step
 
 
-def _names(sets: Sequence[Mapping[str, Any]], end: str) -> list[str]:
+def _names(functions: Sequence[Mapping[str, Any]], end: str) -> list[str]:
     # A name with several nodes or directions gets them appended.
-    plain = [_place(item, end) for item in sets]
-    dofs = [(item.get(f"{end}_node", 0), item.get(f"{end}_dir", 0)) for item in sets]
-    several = {name for name in plain if len({dof for other, dof in zip(plain, dofs, strict=True) if other == name}) > 1}
-    return [
-        f"{name} {dof[0]}{AXES.get(int(dof[1]), '')}" if name in several else name for name, dof in zip(plain, dofs, strict=True)
-    ]
+    dofs = [f"{int(item.get(f'{end}_node', 0))}{AXES.get(int(item.get(f'{end}_dir', 0)), '')}" for item in functions]
+    named = [(_name(item, end) or dof, dof) for item, dof in zip(functions, dofs, strict=True)]
+    several = Counter(name for name, _ in set(named))
+    return [f"{name} {dof}" if several[name] > 1 else name for name, dof in named]
 
 
-def _labels(sets: Sequence[Mapping[str, Any]]) -> list[str]:
+def _labels(functions: Sequence[Mapping[str, Any]]) -> list[str]:
     # The first ID line that differs between the channels names them; the same line for all is the title of the measurement.
-    functions = [item for item in sets if item.get("type") == 58]
     for line in ID_LINES:
         texts = [_label(item, line) for item in functions]
         if len(set(texts)) > 1 and all(texts) and not any(text.startswith((RESPONSE, REFERENCE)) for text in texts):
-            return [_label(item, line) if item.get("type") == 58 else "" for item in sets]
-    return [""] * len(sets)
+            return texts
+    return [""] * len(functions)
 
 
-def _place(item: Mapping[str, Any], end: str) -> str:
+def _name(item: Mapping[str, Any], end: str) -> str:
     lines = (str(item.get(line, "")).strip() for line in ("id4", "id5"))
     mark = RESPONSE if end == "rsp" else REFERENCE
     whole = next((line[len(mark) :] for line in lines if line.startswith(mark)), "")
-    name = _label(item, f"{end}_ent_name")
-    return whole or name or f"{int(item.get(f'{end}_node', 0))}{AXES.get(int(item.get(f'{end}_dir', 0)), '')}"
+    return whole or _label(item, f"{end}_ent_name")
 
 
 def _label(item: Mapping[str, Any], key: str) -> str:
@@ -193,11 +172,11 @@ def _label(item: Mapping[str, Any], key: str) -> str:
     return "" if text.upper() == "NONE" else text
 
 
-def _unit(item: Mapping[str, Any], part: str, system: _System) -> tuple[str, float]:
+def _unit(item: Mapping[str, Any], part: str, system: System) -> tuple[str, float]:
     # Unit and sensitivity: the axis label gives the unit of the values, otherwise the unit system (164) and the data type do.
     label, kind = _label(item, f"{part}_axis_units_lab"), int(item.get(f"{part}_spec_data_type", 0))
     si, length, force = TYPES.get(kind, ("", 0, 0))
-    factor = system.length**length * system.force**force
+    factor = system[0] ** length * system[1] ** force
     known = known_unit(label)
     if known is not None and (factor == 1.0 or known != si):
         return known, 1.0
@@ -209,12 +188,9 @@ def _unused(name: str, taken: Mapping[str, Column]) -> str:
     return name if name not in taken else next(f"{name}#{k}" for k in range(2, len(taken) + 3) if f"{name}#{k}" not in taken)
 
 
-def _spectrum(
-    item: Mapping[str, Any], names: tuple[str, str], frequency: FloatArray, values: Any, system: _System,
-    spectra: list[Spectrum],
-) -> str:  # fmt: skip
+def _spectrum(item: Mapping[str, Any], names: tuple[str, str], frequency: FloatArray, values: Any, system: System) -> Spectrum:
     if len(frequency) < 2 or not (np.isfinite(frequency).all() and (np.diff(frequency) > 0.0).all()):
-        return "has frequencies that are not ascending"
+        raise _LeftOutError("has frequencies that are not ascending")
     kind = KINDS.get(int(item.get("func_type", 0)), "transfer_function" if np.iscomplexobj(values) else "spectrum")
     above, below = _unit(item, "ordinate", system), _unit(item, "orddenom", system)
     scale = below[1] / above[1] if kind == "transfer_function" else 1.0
@@ -222,13 +198,9 @@ def _spectrum(
     unit = (
         "1" if above[0] == below[0] or not above[0] else f"{above[0]}/({below[0]})" if below[0] and below[0] != "1" else above[0]
     )
-    spectra.append(
-        Spectrum(
-            name=f"{len(spectra):03d}", kind=kind, response=names[0], reference=names[1], frequency=frequency,
-            values=numbers * scale, unit=unit,
-        )
-    )  # fmt: skip
-    return ""
+    return Spectrum(
+        name="", kind=kind, response=names[0], reference=names[1], frequency=frequency, values=numbers * scale, unit=unit
+    )
 
 
 UFF = Format(extensions=(".uff", ".unv"), name="a universal file", read=read_uff, advice="export it again as dataset 58")
