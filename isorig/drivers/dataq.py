@@ -12,19 +12,16 @@ import math
 import time
 from collections import deque
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from isorig.drivers.alignment import DIGITAL, Alignment, Stretch
 from isorig.drivers.arrivals import Arrivals
-from isorig.drivers.block import Block, Input, Raw, Status
+from isorig.drivers.block import Block, Input, Status
 from isorig.drivers.errors import ProtocolError, SettingError
-from isorig.drivers.kinds import CHANNELS, DrivenRig, Settings, Simulation, StreamKind
+from isorig.drivers.kinds import CHANNELS, Settings, StreamKind
 from isorig.drivers.marks import Marks
 from isorig.drivers.port import Port
+from isorig.drivers.simulated.streams import SimulatedDataq, words
 from isorig.drivers.waits import WAITS, Waits
-
-if TYPE_CHECKING:
-    from isorig.drivers.simulated.served import Peer
 
 CLOCK = 60e6
 END = b"\r"
@@ -227,15 +224,6 @@ class DataqSettings(Settings, frozen=True):
             raise ValueError(f"counter is {self.counter:g}; give the counting rate of the counter at the digital inputs, Hz")
 
 
-def _far_end(rig: DrivenRig, asked: Simulation) -> Peer:
-    from isorig.drivers.simulated.streams import SimulatedDataq, words
-
-    def source(samples: int, rate: float) -> Raw:
-        return words(rig.volts(samples, rate))
-
-    return SimulatedDataq(source, seconds=asked.seconds, speed=asked.speed, faults=asked.faults)
-
-
 EXAMPLE = """
 sample_rate = 2000.0
 full_scale = 10.0
@@ -245,6 +233,6 @@ KIND = StreamKind(
     open=DataqInstrument,
     example=EXAMPLE + CHANNELS,
     settings=DataqSettings,
-    far_end=_far_end,
+    far_end=lambda rig, asked: SimulatedDataq(lambda samples, rate: words(rig.volts(samples, rate)), asked),
     recognized=r"\b0683:|DATAQ|DI-1100",
 )

@@ -6,7 +6,6 @@ import struct
 import time
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from types import TracebackType
 from typing import Any, Literal, cast
 from zlib import crc32
 
@@ -20,6 +19,7 @@ from isorig.drivers.instrument import Values, in_real_time
 from isorig.drivers.kinds import CHANNELS, Settings, StreamKind
 from isorig.drivers.order import BlockHeader, Order
 from isorig.drivers.port import Port
+from isorig.drivers.simulated.framed import SimulatedFramed
 from isorig.drivers.waits import WAITS, Waits
 
 PROTOCOL = "isorig-framed/1"
@@ -45,6 +45,16 @@ ANSWERS: Mapping[str, tuple[WordKind, ...]] = {
 NAME = 200
 
 
+class FramedSettings(Settings, frozen=True):
+    """The baud rate of a real serial line."""
+
+    baud_rate: int = 921600
+
+    def __post_init__(self) -> None:
+        if self.baud_rate < 1:
+            raise ValueError(f"baud_rate is {self.baud_rate}; give that of the instrument, e.g. 921600")
+
+
 class FramedInstrument:
     """An instrument on a serial line or any other port that pyserial can open (a path, `socket://127.0.0.1:port`).
 
@@ -52,8 +62,8 @@ class FramedInstrument:
     ----------
     port
         Path or URL.
-    baud_rate
-        Baud rate of a real serial line.
+    settings
+        The settings of the plan.
     waits
         Its timeouts.
 
@@ -65,8 +75,8 @@ class FramedInstrument:
         The answer is from another protocol.
     """
 
-    def __init__(self, port: str, *, baud_rate: int = 921600, waits: Waits = WAITS) -> None:
-        self._port, self._waits = Port(port, baud_rate=baud_rate, waits=waits), waits
+    def __init__(self, port: str, settings: FramedSettings, waits: Waits = WAITS) -> None:
+        self._port, self._waits = Port(port, baud_rate=settings.baud_rate, waits=waits), waits
         self._name = port
         self._decoder = Decoder()
         self._frames: deque[tuple[Frame, float]] = deque()
@@ -90,12 +100,6 @@ class FramedInstrument:
         except BaseException:
             self._port.close()
             raise
-
-    def __enter__(self) -> FramedInstrument:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self.close()
 
     @property
     def damaged(self) -> int:
@@ -319,21 +323,14 @@ def _payload(drive: Values) -> Iterator[bytes]:
     yield struct.pack("<I", check)
 
 
-class FramedSettings(Settings, frozen=True):
-    """The baud rate of a real serial line."""
-
-    baud_rate: int = 921600
-
-    def __post_init__(self) -> None:
-        if self.baud_rate < 1:
-            raise ValueError(f"baud_rate is {self.baud_rate}; give that of the instrument, e.g. 921600")
-
-
-def _open(port: str, settings: FramedSettings, waits: Waits) -> FramedInstrument:
-    return FramedInstrument(port, baud_rate=settings.baud_rate, waits=waits)
-
-
 EXAMPLE = """
 sample_rate = 1000.0
 """
-KIND = StreamKind(name="framed", open=_open, example=EXAMPLE + CHANNELS, settings=FramedSettings, plays=True)
+KIND = StreamKind(
+    name="framed",
+    open=FramedInstrument,
+    example=EXAMPLE + CHANNELS,
+    settings=FramedSettings,
+    far_end=SimulatedFramed,
+    plays=True,
+)

@@ -10,7 +10,7 @@ reports it, and polls the status byte otherwise.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -18,10 +18,10 @@ from isorig.drivers.analyzer import Analyzer, displayed, example
 from isorig.drivers.answers import number, text, whole
 from isorig.drivers.block import FloatArray, InstrumentRecord, Shows, Status
 from isorig.drivers.errors import InstrumentError, ProtocolError
-from isorig.drivers.kinds import DrivenRig, RecordsKind, Simulation
-
-if TYPE_CHECKING:
-    from isorig.drivers.simulated.served import Peer
+from isorig.drivers.kinds import DrivenRig, RecordsKind
+from isorig.drivers.simulated.analyzers import Simulated35670a
+from isorig.drivers.simulated.commanded import Simulation
+from isorig.drivers.simulated.served import Peer
 
 DONE = 1 << 5
 BAD = -1e37
@@ -132,8 +132,6 @@ class Hp35670aInstrument(Analyzer):
 
 
 def _far_end(rig: DrivenRig, asked: Simulation) -> Peer:
-    from isorig.drivers.simulated.analyzers import Simulated35670a
-
     asked.faults.only((), "a 35670a")
     coherence, time_record = displayed(rig)
     return Simulated35670a({"XFR:POW:COH 1,2": coherence, "XTIM:VOLT 1": time_record})

@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import msgspec
 import numpy as np
@@ -23,14 +23,12 @@ from isorig.drivers.answers import WordKind, number, whole
 from isorig.drivers.arrivals import Arrivals
 from isorig.drivers.block import Block, Input, Status
 from isorig.drivers.errors import ConnectionLostError, DriverError, ProtocolError, SettingError
-from isorig.drivers.kinds import CHANNELS, DrivenRig, Settings, Simulation, StreamKind
+from isorig.drivers.kinds import CHANNELS, Settings, StreamKind
 from isorig.drivers.link import LineLink, linked
 from isorig.drivers.order import EXACT, LOOSE, BlockHeader, Order
 from isorig.drivers.port import LONGEST
+from isorig.drivers.simulated.streams import SimulatedLines
 from isorig.drivers.waits import WAITS, Waits
-
-if TYPE_CHECKING:
-    from isorig.drivers.simulated.served import Peer
 
 #: Fields of a line, commands of a list, characters of a command.
 MOST_FIELDS, MOST_COMMANDS, LONGEST_COMMAND = 64, 32, 200
@@ -472,12 +470,6 @@ class LinesInstrument:
             self._arrived(item, lost)
 
 
-def _far_end(rig: DrivenRig, asked: Simulation) -> Peer:
-    from isorig.drivers.simulated.streams import SimulatedLines
-
-    return SimulatedLines(rig.volts, seconds=asked.seconds, speed=asked.speed, faults=asked.faults)
-
-
 EXAMPLE = """
 sample_rate = 100.0
 start = ["go"]
@@ -497,6 +489,6 @@ KIND = StreamKind(
     open=LinesInstrument,
     example=EXAMPLE + CHANNELS,
     settings=LinesSettings,
-    far_end=_far_end,
+    far_end=lambda rig, asked: SimulatedLines(rig.volts, asked),
     buses=("serial", "visa"),
 )

@@ -20,12 +20,10 @@ class CommandLink(Protocol):
     @property
     def name(self) -> str:
         """Its name in plans."""
-        ...
 
     @property
     def bus(self) -> bool:
         """Whether it transfers messages with an end, as GPIB does; False for a line of bytes."""
-        ...
 
     def send(self, command: str) -> None:
         """Send a command; the link adds its end.
@@ -35,7 +33,6 @@ class CommandLink(Protocol):
         ConnectionLostError
             The instrument is gone, or does not accept the bytes.
         """
-        ...
 
     def line(self) -> bytes:
         """The next line of an answer, without LF.
@@ -47,7 +44,6 @@ class CommandLink(Protocol):
         ProtocolError
             The line is too long.
         """
-        ...
 
     def exactly(self, count: int) -> bytes:
         """The next `count` bytes of an answer.
@@ -57,7 +53,6 @@ class CommandLink(Protocol):
         ConnectionLostError
             They do not arrive in time.
         """
-        ...
 
     def expect_nothing(self) -> None:
         """Check that no unexpected answer is waiting, so that no answer is assigned to the wrong command.
@@ -67,7 +62,6 @@ class CommandLink(Protocol):
         ProtocolError
             Bytes are waiting.
         """
-        ...
 
     def clear(self) -> None:
         """Device clear: the instrument forgets unfinished commands and unread answers; a line is read until it is silent.
@@ -77,19 +71,15 @@ class CommandLink(Protocol):
         ProtocolError
             The line does not become silent.
         """
-        ...
 
     def status_byte(self) -> int | None:
         """The status byte by serial poll; None if this link has none, then `*STB?` asks for it."""
-        ...
 
     def wait(self, seconds: float) -> None:
         """Wait until the instrument requests service, at most for `seconds`; a link without service requests just waits."""
-        ...
 
     def close(self) -> None:
         """Close the connection; may be called twice."""
-        ...
 
 
 class LineLink(Port):

@@ -11,6 +11,9 @@ from typing import Protocol
 
 from isorig.drivers.simulated.wire import PtyWire, Wire
 
+#: Bytes that may wait for the connection before a peer is asked for more.
+BACKLOG = 1 << 14
+
 
 class Peer(Protocol):
     """A simulated instrument: receives bytes, returns bytes."""
@@ -18,11 +21,9 @@ class Peer(Protocol):
     @property
     def unplugged(self) -> bool:
         """Whether the connection is to be cut."""
-        ...
 
     def step(self, data: bytes) -> bytes:
         """Bytes received, bytes to send; called frequently, also without input."""
-        ...
 
 
 class TcpWire:
@@ -73,7 +74,9 @@ def exchange(wire: Wire, peer: Peer, over: Callable[[], bool]) -> None:
         if peer.unplugged:
             wire.close()
             return
-        waiting += peer.step(wire.read(0.0 if waiting else 0.005))
+        data = wire.read(0.0 if waiting else 0.005)
+        if data or len(waiting) < BACKLOG:
+            waiting += peer.step(data)
         if waiting:
             waiting = waiting[wire.write(waiting, 0.02) :]
 

@@ -17,15 +17,12 @@ class Wire(Protocol):
 
     def read(self, timeout: float) -> bytes:
         """Bytes that arrived within `timeout` seconds."""
-        ...
 
     def write(self, data: bytes, timeout: float) -> int:
         """Send what fits within `timeout` seconds; returns the number of bytes sent."""
-        ...
 
     def close(self) -> None:
         """Disconnect."""
-        ...
 
 
 class PtyWire:
