@@ -156,13 +156,10 @@ class BlockShape:
         return SAMPLES.size + self.blocks * TIMING.itemsize
 
 
-def pack(layout: Layout, first_tick: int, timing: NDArray[Any], columns: Sequence[NDArray[Any]]) -> bytes:
-    """The content of a block of samples; `timing` as `TIMING`, `columns` in the order of the layout's channels."""
-    parts = [SAMPLES.pack(first_tick, len(columns[0]), len(timing)), timing.astype(TIMING).tobytes()]
-    parts += [
-        np.ascontiguousarray(values, channel.stored).tobytes()
-        for values, channel in zip(columns, layout.channels.values(), strict=True)
-    ]
+def pack(layout: Layout, first_tick: int, timing: Sequence[tuple[float, ...]], samples: NDArray[Any]) -> bytes:
+    """The content of a block of samples; `timing` as rows of `TIMING`, `samples` of all inputs, shape (n, inputs)."""
+    parts = [SAMPLES.pack(first_tick, len(samples), len(timing)), np.array(timing, TIMING).tobytes()]
+    parts += [samples[:, channel.input].astype(channel.stored).tobytes() for channel in layout.channels.values()]
     return b"".join(parts)
 
 

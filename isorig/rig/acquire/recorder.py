@@ -10,7 +10,7 @@ import shutil
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import datetime
@@ -23,7 +23,7 @@ from isorig.analysis.campaign import FloatArray
 from isorig.drivers.block import Block, Input, Status
 from isorig.rig.acquire.block_queue import BlockQueue
 from isorig.rig.acquire.journal import LONGEST, SYNC, Journal
-from isorig.rig.acquire.layout import TIMING, BlockKind, Layout, RunBegin, RunEnd, layout_of, pack, pack_log
+from isorig.rig.acquire.layout import BlockKind, Layout, RunBegin, RunEnd, layout_of, pack, pack_log
 from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.waits import SESSION_WAITS, SessionWaits
 from isorig.rig.errors import OutputError
@@ -88,7 +88,7 @@ class WorkingFileWriter:
         self._opened_ns = max(time.time_ns(), 0 if after is None else round(after.timestamp() * 1e9))
         self._ticking_ns = time.monotonic_ns()
 
-    def begin(self, run_id: str, *, sample_rate: float, period: int | None) -> tuple[int, int]:
+    def begin(self, run_id: str, period: int | None) -> tuple[int, int]:
         """Start a run, or repeat it; returns its index in the plan, and the number of runs started before.
 
         Raises
@@ -99,7 +99,7 @@ class WorkingFileWriter:
         run = next(k for k, planned in enumerate(self.layout.runs) if planned.id == run_id)
         take, self._takes = self._takes, self._takes + 1
         started = self._opened_ns + time.monotonic_ns() - self._ticking_ns
-        begin = RunBegin(started_ns=started, period=period, sample_rate=sample_rate, layout=self.layout)
+        begin = RunBegin(started_ns=started, period=period, sample_rate=self.layout.sample_rate, layout=self.layout)
         self.journal.append(BlockKind.BEGIN, run, take, msgspec.json.encode(begin))
         self.journal.sync()
         return run, take
@@ -136,10 +136,6 @@ class RunWriter:
         The working file.
     run_id
         The run's id.
-    columns
-        The input of each channel, by channel name.
-    sample_rate
-        Hz; sets the length of the queue.
     period
         Samples per period of a periodic drive.
     waits
@@ -152,24 +148,16 @@ class RunWriter:
     """
 
     def __init__(
-        self,
-        file: WorkingFileWriter,
-        run_id: str,
-        columns: Mapping[str, int],
-        *,
-        sample_rate: float,
-        period: int | None,
-        waits: SessionWaits = SESSION_WAITS,
-    ) -> None:
+        self, file: WorkingFileWriter, run_id: str, *, period: int | None, waits: SessionWaits = SESSION_WAITS
+    ) -> None:  # fmt: skip
         self._file, self._patience = file, waits.disk
-        self._columns = [columns[name] for name in file.layout.channels]
-        self._waiting = BlockQueue(int(waits.queue * sample_rate) + 1)
+        self._waiting = BlockQueue(int(waits.queue * file.layout.sample_rate) + 1)
         self.tally = Tally()
         self.error: OSError | None = None
         self._next = 0
         self._logged: deque[tuple[int, FloatArray]] = deque()
         try:
-            self._run, self._take = file.begin(run_id, sample_rate=sample_rate, period=period)
+            self._run, self._take = file.begin(run_id, period)
         except OSError as error:
             self.error = error
             raise self._refused() from None
@@ -286,12 +274,7 @@ class RunWriter:
         most = max(LONGEST // 2 // max(self._file.layout.row, 1), 1)
         for start in range(0, len(samples), most):
             part = samples[start : start + most]
-            content = pack(
-                self._file.layout,
-                first + start,
-                np.array(rows if start == 0 else [], TIMING),
-                [part[:, k] for k in self._columns],
-            )
+            content = pack(self._file.layout, first + start, rows if start == 0 else [], part)
             try:
                 self._file.journal.append(BlockKind.SAMPLES, self._run, self._take, content)
             except OSError:
