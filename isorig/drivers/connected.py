@@ -149,9 +149,12 @@ def ni_devices() -> list[Connected]:
     from isorig.drivers.ni import devices
 
     return [
-        Connected(bus="ni", port=one.port, name=_printable(one.name), settings={"inputs": list(one.inputs)} | one.output)
-        for one in devices()
-    ]
+        Connected(
+            bus="ni", port=port, name=_printable(name),
+            settings={"inputs": inputs} | ({"output": outputs[0]} if outputs else {}),
+        )
+        for port, (name, inputs, outputs) in devices().items()
+    ]  # fmt: skip
 
 
 def sound_devices() -> list[Connected]:

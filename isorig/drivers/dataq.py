@@ -41,10 +41,8 @@ class DataqInstrument:
     ----------
     port
         Path or URL.
-    settings
-        Settings from the plan.
-    waits
-        Its timeouts.
+    settings, waits
+        The settings of the plan, and the timeouts.
     """
 
     def __init__(self, port: str, settings: DataqSettings, waits: Waits = WAITS) -> None:
@@ -57,7 +55,6 @@ class DataqInstrument:
         self._scanning = False
         self._ready: deque[Block] = deque()
         self._tick = 0
-        self._warnings: list[str] = []
         try:
             self._quiet()
         except BaseException:
@@ -75,11 +72,6 @@ class DataqInstrument:
         if self._marks is not None:
             return 0.0
         return self._arrivals.unseen
-
-    @property
-    def noticed(self) -> Sequence[str]:
-        """Anomalies since the last start, one clause each."""
-        return tuple(self._warnings)
 
     def prepare(self, *, sample_rate: float, channels: Sequence[int]) -> float:
         """Set the nearest rate 60 MHz / n and scan the inputs from 0 to the last requested one; returns the actual rate."""
@@ -104,7 +96,7 @@ class DataqInstrument:
     def start(self) -> None:
         """Start scanning; the first scan has tick 0."""
         self._ready.clear()
-        self._tick, self._warnings = 0, []
+        self._tick = 0
         self._began = time.monotonic()
         self._begin()
 

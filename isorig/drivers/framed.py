@@ -62,10 +62,8 @@ class FramedInstrument:
     ----------
     port
         Path or URL.
-    settings
-        The settings of the plan.
-    waits
-        Its timeouts.
+    settings, waits
+        The settings of the plan, and the timeouts.
 
     Raises
     ------

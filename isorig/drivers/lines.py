@@ -154,10 +154,8 @@ class LinesInstrument:
     ----------
     port
         A name as in `isorig.drivers.link.linked`; without a command that asks for lines, a serial line or a socket.
-    settings
-        The settings of the plan.
-    waits
-        Its timeouts.
+    settings, waits
+        The settings of the plan, and the timeouts.
 
     Raises
     ------
@@ -216,12 +214,10 @@ class LinesInstrument:
     def start(self) -> None:
         """Start the instrument; the first line has tick 0."""
         self._quiet()
+        self._command(self._settings.start)
         self._reset()
         # An instrument that is never stopped is in the middle of a line.
         self._partial = not self._settings.start and not self._settings.read
-        self._command(self._settings.start)
-        self._began = time.monotonic()
-        self._order = self._ordered()
         self._open = True
 
     def read(self, timeout: float) -> Block | None:
@@ -285,11 +281,8 @@ class LinesInstrument:
         self._pending = Status.GOOD
         self._began = time.monotonic()
         self._arrivals: Arrivals[tuple[_Line, int, Status]] = Arrivals(self._rate)
-        self._order = self._ordered()
-
-    def _ordered(self) -> Order:
         rate = None if math.isnan(self._rate) else self._rate
-        return Order(who=self._link.name, began=self._began, counter_wrap=self._wrap, rate=rate, loose=JITTER)
+        self._order = Order(who=self._link.name, began=self._began, counter_wrap=self._wrap, rate=rate, loose=JITTER)
 
     def _quiet(self) -> None:
         # An instrument that sends lines all the time is never silent.

@@ -117,10 +117,8 @@ class MtiInstrument:
     ----------
     port
         Port of the adapter, or the channel of another interface.
-    settings
-        The settings of the plan.
-    waits
-        Its timeouts.
+    settings, waits
+        The settings of the plan, and the timeouts.
     """
 
     def __init__(self, port: str, settings: MtiSettings, waits: Waits = WAITS) -> None:
@@ -258,18 +256,12 @@ class MtiInstrument:
         data = np.frombuffer(b"".join(payload.ljust(8, b"\0") for _, payload in whole), np.uint8).reshape(-1, 8)
         following = int.from_bytes(self._frames[end][1][:2], "big") if end < len(self._frames) else None
         groups = decode(identifiers, data, following=following)
-        if not len(groups.counter):
-            self._frames = self._frames[end:]
-            return None
         straight = int(np.argmax(np.append(np.diff(groups.counter) % WRAP != 1, True))) + 1
-        begins = [k for k, (identifier, _) in enumerate(whole) if identifier == GROUP_COUNTER]
         if straight < len(groups.counter):
             wanted = int(groups.counter[straight])
-            cut = next(k for k in begins if int.from_bytes(whole[k][1][:2], "big") == wanted)
-            self._frames = self._frames[cut:]
-        else:
-            self._frames = self._frames[end:]
-        return self._as_block(groups, straight)
+            end = next(k for k in starts if int.from_bytes(whole[k][1][:2], "big") == wanted)
+        self._frames = self._frames[end:]
+        return self._as_block(groups, straight) if len(groups.counter) else None
 
     def _as_block(self, groups: DecodedGroups, count: int) -> Block | None:
         acceleration = groups.acceleration[:count]

@@ -99,10 +99,8 @@ class SoundInstrument(AnalogOutput):
     ----------
     port
         Its name in the list of `rig instruments`, or a part of it that no other has.
-    settings
-        The settings of the plan.
-    waits
-        Its timeouts.
+    settings, waits
+        The settings of the plan, and the timeouts.
 
     Raises
     ------
@@ -124,8 +122,6 @@ class SoundInstrument(AnalogOutput):
             ) from None
         self.identity = str(self._device["name"])
         self._stream: Any = None
-        self._made = 0
-        self._lock = threading.Lock()
         self._clear()
 
     @property
