@@ -148,7 +148,7 @@ def _losses(run: Recovered) -> Iterator[str]:
 
 
 def _channels(run: Run) -> Iterator[str]:
-    sizes = {name: _spread(values for (values,) in _parts(run, name)).std for name in run.sensors}
+    sizes = {name: _spread(run, name).std for name in run.sensors}
     loudest: dict[str, float] = {}
     for name, channel in run.sensors.items():
         loudest[channel.quantity] = max(loudest.get(channel.quantity, 0.0), sizes[name])
@@ -162,7 +162,7 @@ def _channels(run: Run) -> Iterator[str]:
 
 
 def _gain(run: Run, planned: float) -> Iterator[str]:
-    gains = _spread(values for (values,) in _parts(run, "gain")) if "gain" in run.channels else None
+    gains = _spread(run, "gain") if "gain" in run.channels else None
     if gains is not None and gains.highest - gains.lowest > GAIN_DIFFERENCE * abs(run.gain):
         yield f"The gain changed from {gains.lowest:.4g} to {gains.highest:.4g} during the run; repeat it with a constant gain."
     elif abs(run.gain - planned) > GAIN_DIFFERENCE * planned:
@@ -220,38 +220,32 @@ def _sliding(run: Run, rig: RigModel) -> ContactSliding | None:
 
 def _relative_motion(parts: Iterable[Sequence[FloatArray]]) -> float:
     # rms of the first body's motion relative to the other divided by that of its own motion.
-    own, relative = _Spread(), _Spread()
-    for one, other in parts:
-        own.add(one)
-        relative.add(one - other)
-    return relative.std / max(own.std, 1e-30)
+    own, relative = zip(*((_moments(one), _moments(one - other)) for one, other in parts), strict=True)
+    return _Spread.of(relative).std / max(_Spread.of(own).std, 1e-30)
 
 
+@dataclass(frozen=True, kw_only=True)
 class _Spread:
-    """Standard deviation and extremes of values given in parts; sums are about means (Chan, Golub and LeVeque 1983)."""
+    """Standard deviation and extremes of values that were given in parts."""
 
-    def __init__(self) -> None:
-        self._count, self._mean, self._squares = 0, 0.0, 0.0
-        self.lowest, self.highest = np.inf, -np.inf
+    std: float
+    lowest: float
+    highest: float
 
-    def add(self, values: FloatArray) -> None:
-        n, mean = len(values), float(values.mean())
-        both = self._count + n
-        self._squares += float(np.square(values - mean).sum()) + (mean - self._mean) ** 2 * self._count * n / both
-        self._mean += (mean - self._mean) * n / both
-        self._count = both
-        self.lowest, self.highest = min(self.lowest, float(values.min())), max(self.highest, float(values.max()))
-
-    @property
-    def std(self) -> float:
-        return float(np.sqrt(self._squares / self._count))
+    @classmethod
+    def of(cls, moments: Iterable[tuple[float, ...]]) -> _Spread:
+        count, mean, variance, lowest, highest = np.array(list(moments)).T
+        # Squares are about the mean of each part, which loses no digits (Chan, Golub and LeVeque 1983).
+        square = np.average(variance + (mean - np.average(mean, weights=count)) ** 2, weights=count)
+        return cls(std=float(np.sqrt(square)), lowest=float(lowest.min()), highest=float(highest.max()))
 
 
-def _spread(parts: Iterable[FloatArray]) -> _Spread:
-    spread = _Spread()
-    for values in parts:
-        spread.add(values)
-    return spread
+def _moments(values: FloatArray) -> tuple[float, ...]:
+    return len(values), float(values.mean()), float(values.var()), float(values.min()), float(values.max())
+
+
+def _spread(run: Run, name: str) -> _Spread:
+    return _Spread.of(_moments(values) for (values,) in _parts(run, name))
 
 
 def _parts(run: Run, *names: str) -> Iterator[Sequence[FloatArray]]:
