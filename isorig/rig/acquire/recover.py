@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
+from numpy.lib.recfunctions import unstructured_to_structured
 from numpy.typing import NDArray
 
 from isorig.analysis.campaign import Campaign, Channel, Gap, Run, Samples
@@ -282,9 +283,8 @@ class WorkingFileReader:
             rows = np.concatenate(parts)
             rows = rows[np.argsort(rows[:, 0], kind="stable")]
             fields = [("time", "<f8"), *((channel, "<f8") for channel in self._layout.logs[name].units)]
-            tables[name] = np.zeros(len(rows), np.dtype(fields))
-            for k, (field_name, _) in enumerate(fields):
-                tables[name][field_name] = rows[:, k] - (began if k == 0 else 0.0)
+            rows[:, 0] -= began
+            tables[name] = unstructured_to_structured(rows, np.dtype(fields))
         return tables
 
     def _measured(self, planned: RunLayout, take: _StartedRun, gaps: tuple[Gap, ...], timing: Saved) -> Run:
@@ -417,11 +417,8 @@ def working(path: Path) -> Iterator[tuple[dict[str, float | str], list[Recovered
     RecordingError
         The file is not a working file.
     """
-    file = WorkingFileReader(path)
-    try:
+    with closing(WorkingFileReader(path)) as file:
         yield file.known, file.runs()
-    finally:
-        file.close()
 
 
 def campaign_of(known: Mapping[str, float | str], runs: Sequence[Run], source: str) -> Campaign:
