@@ -120,13 +120,7 @@ class DataqInstrument:
         return None
 
     def rejoin(self) -> None:
-        """Reopen the port after a lost connection and restart the scan; the host's clock shows how many scans were lost.
-
-        Raises
-        ------
-        ConnectionLostError
-            The port is still not available.
-        """
+        """Reopen the port after a lost connection and restart the scan; the host's clock shows how many scans were lost."""
         self._port.reopen()
         self._quiet()
         self._configure()

@@ -247,13 +247,7 @@ class LinesInstrument:
         return None
 
     def rejoin(self) -> None:
-        """Reopen a lost line; count, clock or the host's clock show how many lines were lost.
-
-        Raises
-        ------
-        ConnectionLostError
-            The line is still not available, or the instrument is not at a line.
-        """
+        """Reopen a lost line; count, clock or the host's clock show how many lines were lost."""
         if not isinstance(self._link, LineLink):
             raise ConnectionLostError(f"{self._link.name} is lost; reconnect it and resume")
         self._link.reopen()

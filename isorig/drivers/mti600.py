@@ -173,13 +173,7 @@ class MtiInstrument:
                 return block
 
     def rejoin(self) -> None:
-        """Reopen the adapter after a lost connection; the instrument keeps sending, and its counter and clock show the loss.
-
-        Raises
-        ------
-        ConnectionLostError
-            The adapter is still not available.
-        """
+        """Reopen the adapter after a lost connection; the instrument keeps sending, and its counter and clock show the loss."""
         self.close()
         self._frames = []
         self._bus = self._opened()

@@ -73,11 +73,6 @@ class NiSettings(OutputSettings, frozen=True, kw_only=True):
     tachometer: str = ""
     tachometer_terminal: str = ""
 
-    @property
-    def used(self) -> bool:
-        """Whether there is an output."""
-        return bool(self.output)
-
     def __post_init__(self) -> None:
         self.check_output()
         if not self.inputs or any("/ai" not in name or not name.isprintable() or "," in name for name in self.inputs):

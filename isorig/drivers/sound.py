@@ -61,11 +61,6 @@ class SoundSettings(OutputSettings, frozen=True, kw_only=True):
     output: int | None = None
     output_full_scale: float = 1.0
 
-    @property
-    def used(self) -> bool:
-        """Whether there is an output."""
-        return self.output is not None
-
     def __post_init__(self) -> None:
         self.check_output()
         if not 1 <= self.channels <= MOST:

@@ -22,6 +22,8 @@ class OutputSettings(Settings, frozen=True):
 
     Parameters
     ----------
+    output
+        Its channel or number; none without it.
     drive_volts
         Volts at the output per m/s^2 of the drive at gain 1, in a run of gain 1.
     limit
@@ -30,6 +32,7 @@ class OutputSettings(Settings, frozen=True):
         Seconds of the soft start and of the soft stop.
     """
 
+    output: str | int | None = None
     drive_volts: float = 0.0
     limit: float = 1.0
     ramp: float = 0.1
@@ -37,7 +40,7 @@ class OutputSettings(Settings, frozen=True):
     @property
     def used(self) -> bool:
         """Whether there is an output."""
-        raise NotImplementedError
+        return self.output not in (None, "")
 
     def check_output(self) -> None:
         """Validate the settings of the output.
