@@ -178,15 +178,7 @@ class FramedInstrument:
         return self._possible(counted)
 
     def rejoin(self) -> None:
-        """Reopen the port after a lost connection and continue the current run.
-
-        Raises
-        ------
-        ConnectionLostError
-            The port is still not available, or there is no answer.
-        InstrumentError
-            The instrument was restarted in the meantime.
-        """
+        """Reopen the port after a lost connection and continue the current run."""
         self._port.reopen()
         self._decoder.forget()
         (counted,) = self._ask("COUNT?", tries=1)
@@ -325,10 +317,5 @@ EXAMPLE = """
 sample_rate = 1000.0
 """
 KIND = StreamKind(
-    name="framed",
-    open=FramedInstrument,
-    example=EXAMPLE + CHANNELS,
-    settings=FramedSettings,
-    far_end=SimulatedFramed,
-    plays=True,
+    name="framed", open=FramedInstrument, example=EXAMPLE + CHANNELS, settings=FramedSettings, far_end=SimulatedFramed, plays=True
 )

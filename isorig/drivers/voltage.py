@@ -43,13 +43,7 @@ class OutputSettings(Settings, frozen=True):
         return self.output not in (None, "")
 
     def check_output(self) -> None:
-        """Validate the settings of the output.
-
-        Raises
-        ------
-        ValueError
-            In one sentence.
-        """
+        """Validate the settings of the output; raises a ValueError in one sentence."""
         if not math.isfinite(self.drive_volts) or (self.used and self.drive_volts == 0.0):
             raise ValueError(
                 f"drive_volts is {self.drive_volts:g}; give the output's volts per m/s^2 of the drive in a run of gain 1"
@@ -85,13 +79,7 @@ class AnalogOutput:
         return False
 
     def load_drive(self, drive: Values) -> bool:
-        """Load the drive; False without an output.
-
-        Raises
-        ------
-        SettingError
-            The drive exceeds the limit.
-        """
+        """Load the drive; False without an output."""
         own = self._output_settings
         if not own.used:
             return False

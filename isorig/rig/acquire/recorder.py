@@ -128,7 +128,7 @@ class Tally:
 
 
 class RunWriter:
-    """Writes one run to the working file from a separate thread.
+    """Writes one run to the working file from a separate thread; its methods raise OutputError if the disk refuses or is stuck.
 
     Parameters
     ----------
@@ -166,13 +166,7 @@ class RunWriter:
         self._thread.start()
 
     def put(self, block: Block) -> None:
-        """Add a block; waits if the disk is too far behind, so that the instrument's buffers fill before anything is lost.
-
-        Raises
-        ------
-        OutputError
-            The disk refused to write, or has been stuck too long.
-        """
+        """Add a block; waits if the disk is too far behind, so that the instrument's buffers fill before anything is lost."""
         if not self._waiting.put(block, self._patience):
             raise OutputError(f"the disk has not written for {self._patience:g} s; record to another disk")
         if self.error is not None:
@@ -186,11 +180,6 @@ class RunWriter:
         """Write the waiting blocks and close the run; ticks that the instrument counted but did not send are lost.
 
         The run is complete if nothing interrupted it and all planned ticks are stored or counted as lost, or `enough` of them.
-
-        Raises
-        ------
-        OutputError
-            The disk refuses.
         """
         self._waiting.end()
         self._thread.join()
