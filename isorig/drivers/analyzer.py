@@ -31,10 +31,8 @@ class Analyzer:
     ----------
     port
         A name as in `isorig.drivers.link.linked`.
-    shows
-        Contents of its displays or traces.
-    waits
-        Its timeouts.
+    shows, waits
+        Contents of its displays or traces, and timeouts.
     """
 
     #: Valid answers to each query, and the command that switches the source off.

@@ -59,10 +59,8 @@ class AnalogOutput:
 
     Parameters
     ----------
-    name
-        The instrument, for messages.
-    settings
-        The settings of the output.
+    name, settings
+        The instrument, for messages, and the settings of the output.
     """
 
     def __init__(self, name: str, settings: OutputSettings) -> None:
@@ -93,14 +91,10 @@ class Voltage:
 
     Parameters
     ----------
-    drive
-        The drive at gain 1.
-    factor
-        Volts per unit of the drive, with the gain of the run.
-    limit
-        Largest voltage, V.
-    ramp
-        Samples of the fade.
+    drive, factor
+        The drive at gain 1, and volts per unit of it, with the gain of the run.
+    limit, ramp
+        Largest voltage, V, and samples of the fade.
     who
         The instrument, for the message.
 

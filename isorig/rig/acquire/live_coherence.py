@@ -18,14 +18,10 @@ class RunningCoherence:
 
     Parameters
     ----------
-    channels
-        All channels.
-    drive
-        The drive channel.
-    band
-        Hz.
-    rate
-        Hz.
+    channels, drive
+        All channels, and that of the drive.
+    band, rate
+        The driven band and the sample rate, Hz.
     """
 
     def __init__(self, channels: tuple[str, ...], *, drive: str, band: tuple[float, float], rate: float) -> None:

@@ -101,10 +101,8 @@ class PaceCheck:
 
     Parameters
     ----------
-    who
-        The instrument, for the message.
-    rate
-        Stated sample rate, Hz.
+    who, rate
+        The instrument, for the message, and its stated sample rate, Hz.
     """
 
     def __init__(self, who: str, rate: float) -> None:

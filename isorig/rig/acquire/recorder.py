@@ -132,14 +132,10 @@ class RunWriter:
 
     Parameters
     ----------
-    file
-        The working file.
-    run_id
-        The run's id.
-    period
-        Samples per period of a periodic drive.
-    waits
-        Timeouts.
+    file, run_id
+        The working file, and the run's id.
+    period, waits
+        Samples per period of a periodic drive, and timeouts.
 
     Raises
     ------

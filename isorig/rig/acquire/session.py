@@ -80,7 +80,7 @@ class Operator:
 def acquire(
     plan: Plan, port: str, output: Path, operator: Operator, *, resume: bool = False, again: Set[str] = frozenset(),
     force: bool = False, sync: float = SYNC, waits: SessionWaits = SESSION_WAITS,
-) -> tuple[Path, list[MeasuredRun]]:  # fmt: skip
+) -> list[MeasuredRun]:  # fmt: skip
     """Measure the runs of a plan and write them as a recording.
 
     If the session ends early for any reason (the operator, the instrument, a full disk), the measured data are in the recording
@@ -88,14 +88,8 @@ def acquire(
 
     Parameters
     ----------
-    plan
-        The plan.
-    port
-        The instrument's port.
-    output
-        The recording.
-    operator
-        The operator's interface.
+    plan, port, output, operator
+        The plan, the instrument's port, the recording, and the operator's interface.
     again
         Runs to repeat although they are complete, in a resumed session.
     resume
@@ -123,9 +117,9 @@ def acquire(
             else:
                 taken = _with_stream(plan, port, output, decoupled, done, resume=resume, force=force, sync=sync, waits=waits)
             display.settle()
+            return taken
     finally:
         display.end()
-    return output, taken
 
 
 def _make_room(plan: Plan, output: Path, *, force: bool) -> None:
