@@ -156,15 +156,11 @@ class FramedInstrument:
         """The next block, or None if none arrives within `timeout` seconds."""
         end = time.monotonic() + timeout
         while True:
-            while not self._frames:
+            if not self._frames:
                 self._receive()
-                if not self._frames and time.monotonic() >= end:
-                    return None
-            block = self._block(*self._frames.popleft())
-            if block is not None:
+            block = self._block(*self._frames.popleft()) if self._frames else None
+            if block is not None or time.monotonic() >= end:
                 return block
-            if time.monotonic() >= end:
-                return None
 
     def stop(self) -> int | None:
         """Stop the stream; returns the number of ticks that the instrument counted, None if that number is impossible."""

@@ -186,10 +186,9 @@ def log_of(layout: Layout, content: bytes) -> tuple[str, NDArray[np.float64]] | 
     """The logger and its rows; None if the content contradicts the layout."""
     if len(content) < LOG.size:
         return None
-    (number,), names = LOG.unpack_from(content), list(layout.logs)
-    if number >= len(names):
+    (number,), names, stored = LOG.unpack_from(content), list(layout.logs), content[LOG.size :]
+    width = 1 + len(layout.logs[names[number]].units) if number < len(names) else 0
+    if not width or len(stored) % (8 * width):
         return None
-    values = np.frombuffer(content[LOG.size : len(content) - (len(content) - LOG.size) % 8], "<f8")
-    width = 1 + len(layout.logs[names[number]].units)
-    whole = (len(content) - LOG.size) == 8 * len(values) and len(values) % width == 0
-    return (names[number], values.reshape(-1, width)) if whole and np.isfinite(values).all() else None
+    rows = np.frombuffer(stored, "<f8").reshape(-1, width)
+    return (names[number], rows) if np.isfinite(rows).all() else None
