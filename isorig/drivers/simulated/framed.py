@@ -16,8 +16,8 @@ from isorig.drivers.simulated.faults import TURN
 
 #: Speed relative to real time without a drive and without a given speed.
 ENDLESS = 10.0
-#: Bytes of frames that are made at once, and the largest drive in samples.
-BATCH, LONGEST = 1 << 14, 1 << 26
+#: Largest drive in samples.
+LONGEST = 1 << 26
 
 
 class Plant(Protocol):
@@ -79,17 +79,16 @@ class SimulatedFramed(Streaming):
         return answers
 
     def samples(self) -> bytes:
-        """The frames that are due."""
-        frames = b""
-        while len(frames) < BATCH and not self.unplugged and self._frame_due():
-            frames += b"".join(self.mishaps.sent(self._next_frame()))
-        return frames
+        """The next frame if it is due, as it is sent."""
+        frame = self._next_frame() if self._frame_due() else b""
+        # The frame in which the connection is cut does not arrive.
+        return b"".join(self.mishaps.sent(frame)) if frame and not self.unplugged else b""
 
     def _frame_due(self) -> bool:
         endless = len(self._drive) == 1
         if self.sent >= len(self._signal) and endless:
             self._play(np.zeros(2 * len(self._signal)))
-        if self.sent >= len(self._signal) or self.mishaps.late:
+        if self.sent >= len(self._signal):
             return False
         speed = ENDLESS if endless and math.isinf(self._speed) else self._speed
         return self.sent + self._rows <= (time.monotonic() - self._began) * speed * self._rate

@@ -12,7 +12,7 @@ from typing import Protocol
 from isorig.drivers.simulated.wire import PtyWire, Wire
 
 #: Bytes that may wait for the connection before a peer is asked for more.
-BACKLOG = 1 << 14
+BACKLOG = 1 << 12
 
 
 class Peer(Protocol):
@@ -69,15 +69,16 @@ class TcpWire:
 
 def exchange(wire: Wire, peer: Peer, over: Callable[[], bool]) -> None:
     """Transfer bytes between a connection and a peer until `over`, or until the peer is unplugged."""
-    waiting = b""
+    waiting, busy = b"", False
     while not over():
         if peer.unplugged:
             wire.close()
             return
-        data = wire.read(0.0 if waiting else 0.005)
+        data = wire.read(0.0 if busy else 0.005)
         if data or len(waiting) < BACKLOG:
             waiting += peer.step(data)
-        if waiting:
+        busy = bool(waiting)
+        if busy:
             waiting = waiting[wire.write(waiting, 0.02) :]
 
 
