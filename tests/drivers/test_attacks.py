@@ -33,9 +33,9 @@ from isorig.drivers.waits import Waits
     "name", ["socket://", "socket://:4000", "socket://here", "socket://h:x", "spy:///dev/ttyS0?file=x", "", "a\nb"]
 )
 def test_a_port_that_is_none_is_refused(name: str) -> None:
-    for kind, settings in ((FramedInstrument, FramedSettings()), (MtiInstrument, MtiSettings())):
+    for kind, own in ((FramedInstrument, FramedSettings()), (MtiInstrument, MtiSettings())):
         with pytest.raises(SettingError, match=r"is not a port; .*socket://127\.0\.0\.1:4000"):
-            kind(name, settings)
+            kind(name, own)
 
 
 def test_a_far_end_that_takes_nothing_ends_a_write() -> None:
