@@ -18,7 +18,9 @@ from typing import Any
 import numpy as np
 from table import Row, keep, options
 
+from isorig.drivers.simulated.commanded import Simulation
 from isorig.drivers.simulated.framed import SimulatedFramed
+from isorig.drivers.simulated.served import exchange
 from isorig.drivers.simulated.wire import PtyWire
 from isorig.rig.acquire.plan import plan_of
 from isorig.rig.acquire.session import Operator, acquire
@@ -43,7 +45,7 @@ def instrument(pipe: Connection, rows: int) -> None:
     """The far end, in real time."""
     wire = PtyWire()
     pipe.send(wire.port)
-    SimulatedFramed(wire, Noise(), speed=1.0, rows=rows).serve(600.0)
+    exchange(wire, SimulatedFramed(Noise(), Simulation(), rows=rows), lambda: False)
 
 
 def measure(seconds: float, rows: int, sync: float) -> tuple[float, float, int, int]:

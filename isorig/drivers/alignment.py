@@ -50,12 +50,10 @@ class Alignment:
 
     Parameters
     ----------
-    inputs
-        Words in a scan.
+    inputs, who
+        Words in a scan, and name of the port, for messages.
     bits
         Resolution of the converter: 12, 14, or 16; with 16 there are no zero bits to align by.
-    who
-        Name of the port, for messages.
     counted
         Whether a counter is wired to the digital inputs, so that they mark nothing.
     """

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
@@ -14,10 +14,8 @@ from isorig.drivers.block import Shows
 from isorig.drivers.errors import DriverError, InstrumentError, ProtocolError, SettingError
 from isorig.drivers.kinds import CHANNELS, DrivenRig
 from isorig.drivers.link import linked
+from isorig.drivers.simulated.analyzers import Curve
 from isorig.drivers.waits import WAITS, Waits
-
-if TYPE_CHECKING:
-    from isorig.drivers.simulated.analyzers import Curve
 
 T = TypeVar("T")
 #: Points and rate (Hz) of a simulated time record, and number of averages of a coherence.
@@ -33,10 +31,8 @@ class Analyzer:
     ----------
     port
         A name as in `isorig.drivers.link.linked`.
-    shows
-        Contents of its displays or traces.
-    waits
-        Its timeouts.
+    shows, waits
+        Contents of its displays or traces, and timeouts.
     """
 
     #: Valid answers to each query, and the command that switches the source off.

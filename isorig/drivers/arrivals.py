@@ -77,19 +77,15 @@ class Arrivals(Generic[T]):
                 yield from self._release(BEHIND - 1)
             self._bins.append(_Bin(begin=now))
         self._count += count
-        self._put(self._bins[-1], item, count, now)
+        one, delay = self._bins[-1], now - self._began - self._count / self._rate
+        one.items.append((item, count, delay))
+        if delay < one.least:
+            one.least, one.at = delay, now
 
     def finish(self) -> Iterator[tuple[T, int]]:
         """The remaining items, at the end of the run."""
         while self._bins:
             yield from self._release(LAST)
-
-    def _put(self, one: _Bin[T], item: T, count: int, now: float) -> None:
-        assert self._began is not None
-        delay = now - self._began - self._count / self._rate
-        one.items.append((item, count, delay))
-        if delay < one.least:
-            one.least, one.at = delay, now
 
     def _release(self, behind: int) -> Iterator[tuple[T, int]]:
         # Before the first bin is released: is everything from some place within it on later than what came before?

@@ -103,13 +103,7 @@ def serial_ports() -> list[Connected]:
 
 
 def visa_resources() -> list[Connected]:
-    """VISA resources other than serial ports.
-
-    Raises
-    ------
-    SettingError
-        PyVISA or its backend is missing.
-    """
+    """VISA resources other than serial ports."""
     from isorig.drivers.visa import manager
 
     opened = manager()
@@ -139,29 +133,20 @@ def can_interfaces() -> list[Connected]:
 
 
 def ni_devices() -> list[Connected]:
-    """NI devices with inputs; the modules of a chassis belong to it.
-
-    Raises
-    ------
-    SettingError
-        The package or NI's runtime is missing.
-    """
+    """NI devices with inputs; the modules of a chassis belong to it."""
     from isorig.drivers.ni import devices
 
     return [
-        Connected(bus="ni", port=one.port, name=_printable(one.name), settings={"inputs": list(one.inputs)} | one.output)
-        for one in devices()
-    ]
+        Connected(
+            bus="ni", port=port, name=_printable(name),
+            settings={"inputs": inputs} | ({"output": outputs[0]} if outputs else {}),
+        )
+        for port, (name, inputs, outputs) in devices().items()
+    ]  # fmt: skip
 
 
 def sound_devices() -> list[Connected]:
-    """Sound interfaces with inputs.
-
-    Raises
-    ------
-    SettingError
-        The package or the library PortAudio is missing.
-    """
+    """Sound interfaces with inputs."""
     from isorig.drivers.sound import devices
 
     return [Connected(bus="sound", port=name, name=_printable(about)) for name, about in devices()]

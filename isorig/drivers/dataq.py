@@ -12,19 +12,16 @@ import math
 import time
 from collections import deque
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from isorig.drivers.alignment import DIGITAL, Alignment, Stretch
 from isorig.drivers.arrivals import Arrivals
-from isorig.drivers.block import Block, Input, Raw, Status
+from isorig.drivers.block import Block, Input, Status
 from isorig.drivers.errors import ProtocolError, SettingError
-from isorig.drivers.kinds import CHANNELS, DrivenRig, Settings, Simulation, StreamKind
+from isorig.drivers.kinds import CHANNELS, Settings, StreamKind
 from isorig.drivers.marks import Marks
 from isorig.drivers.port import Port
+from isorig.drivers.simulated.streams import SimulatedDataq, words
 from isorig.drivers.waits import WAITS, Waits
-
-if TYPE_CHECKING:
-    from isorig.drivers.simulated.served import Peer
 
 CLOCK = 60e6
 END = b"\r"
@@ -44,10 +41,8 @@ class DataqInstrument:
     ----------
     port
         Path or URL.
-    settings
-        Settings from the plan.
-    waits
-        Its timeouts.
+    settings, waits
+        The settings of the plan, and the timeouts.
     """
 
     def __init__(self, port: str, settings: DataqSettings, waits: Waits = WAITS) -> None:
@@ -60,7 +55,6 @@ class DataqInstrument:
         self._scanning = False
         self._ready: deque[Block] = deque()
         self._tick = 0
-        self._warnings: list[str] = []
         try:
             self._quiet()
         except BaseException:
@@ -78,11 +72,6 @@ class DataqInstrument:
         if self._marks is not None:
             return 0.0
         return self._arrivals.unseen
-
-    @property
-    def noticed(self) -> Sequence[str]:
-        """Anomalies since the last start, one clause each."""
-        return tuple(self._warnings)
 
     def prepare(self, *, sample_rate: float, channels: Sequence[int]) -> float:
         """Set the nearest rate 60 MHz / n and scan the inputs from 0 to the last requested one; returns the actual rate."""
@@ -107,7 +96,7 @@ class DataqInstrument:
     def start(self) -> None:
         """Start scanning; the first scan has tick 0."""
         self._ready.clear()
-        self._tick, self._warnings = 0, []
+        self._tick = 0
         self._began = time.monotonic()
         self._begin()
 
@@ -131,13 +120,7 @@ class DataqInstrument:
         return None
 
     def rejoin(self) -> None:
-        """Reopen the port after a lost connection and restart the scan; the host's clock shows how many scans were lost.
-
-        Raises
-        ------
-        ConnectionLostError
-            The port is still not available.
-        """
+        """Reopen the port after a lost connection and restart the scan; the host's clock shows how many scans were lost."""
         self._port.reopen()
         self._quiet()
         self._configure()
@@ -227,15 +210,6 @@ class DataqSettings(Settings, frozen=True):
             raise ValueError(f"counter is {self.counter:g}; give the counting rate of the counter at the digital inputs, Hz")
 
 
-def _far_end(rig: DrivenRig, asked: Simulation) -> Peer:
-    from isorig.drivers.simulated.streams import SimulatedDataq, words
-
-    def source(samples: int, rate: float) -> Raw:
-        return words(rig.volts(samples, rate))
-
-    return SimulatedDataq(source, seconds=asked.seconds, speed=asked.speed, faults=asked.faults)
-
-
 EXAMPLE = """
 sample_rate = 2000.0
 full_scale = 10.0
@@ -245,6 +219,6 @@ KIND = StreamKind(
     open=DataqInstrument,
     example=EXAMPLE + CHANNELS,
     settings=DataqSettings,
-    far_end=_far_end,
+    far_end=lambda rig, asked: SimulatedDataq(lambda samples, rate: words(rig.volts(samples, rate)), asked),
     recognized=r"\b0683:|DATAQ|DI-1100",
 )

@@ -1,15 +1,4 @@
-"""The exceptions of the instrument layer.
-
-::
-
-    DriverError
-    ├── ConnectionLostError  (ConnectionError)  the instrument is gone: unplugged, powered off, closed
-    ├── ProtocolError        (ValueError)       the instrument sent something that its protocol does not allow
-    ├── InstrumentError      (RuntimeError)     the instrument reports a fault
-    └── SettingError         (ValueError)       a setting that the instrument does not have
-
-Every message is one sentence: what was found, what is allowed, what to do.
-"""
+"""The exceptions of the instrument layer. Every message is one sentence: what was found, what is allowed, what to do."""
 
 
 class DriverError(Exception):

@@ -6,7 +6,6 @@ import struct
 import time
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from types import TracebackType
 from typing import Any, Literal, cast
 from zlib import crc32
 
@@ -20,6 +19,7 @@ from isorig.drivers.instrument import Values, in_real_time
 from isorig.drivers.kinds import CHANNELS, Settings, StreamKind
 from isorig.drivers.order import BlockHeader, Order
 from isorig.drivers.port import Port
+from isorig.drivers.simulated.framed import SimulatedFramed
 from isorig.drivers.waits import WAITS, Waits
 
 PROTOCOL = "isorig-framed/1"
@@ -45,6 +45,16 @@ ANSWERS: Mapping[str, tuple[WordKind, ...]] = {
 NAME = 200
 
 
+class FramedSettings(Settings, frozen=True):
+    """The baud rate of a real serial line."""
+
+    baud_rate: int = 921600
+
+    def __post_init__(self) -> None:
+        if self.baud_rate < 1:
+            raise ValueError(f"baud_rate is {self.baud_rate}; give that of the instrument, e.g. 921600")
+
+
 class FramedInstrument:
     """An instrument on a serial line or any other port that pyserial can open (a path, `socket://127.0.0.1:port`).
 
@@ -52,10 +62,8 @@ class FramedInstrument:
     ----------
     port
         Path or URL.
-    baud_rate
-        Baud rate of a real serial line.
-    waits
-        Its timeouts.
+    settings, waits
+        The settings of the plan, and the timeouts.
 
     Raises
     ------
@@ -65,8 +73,8 @@ class FramedInstrument:
         The answer is from another protocol.
     """
 
-    def __init__(self, port: str, *, baud_rate: int = 921600, waits: Waits = WAITS) -> None:
-        self._port, self._waits = Port(port, baud_rate=baud_rate, waits=waits), waits
+    def __init__(self, port: str, settings: FramedSettings, waits: Waits = WAITS) -> None:
+        self._port, self._waits = Port(port, baud_rate=settings.baud_rate, waits=waits), waits
         self._name = port
         self._decoder = Decoder()
         self._frames: deque[tuple[Frame, float]] = deque()
@@ -90,12 +98,6 @@ class FramedInstrument:
         except BaseException:
             self._port.close()
             raise
-
-    def __enter__(self) -> FramedInstrument:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self.close()
 
     @property
     def damaged(self) -> int:
@@ -154,15 +156,11 @@ class FramedInstrument:
         """The next block, or None if none arrives within `timeout` seconds."""
         end = time.monotonic() + timeout
         while True:
-            while not self._frames:
+            if not self._frames:
                 self._receive()
-                if not self._frames and time.monotonic() >= end:
-                    return None
-            block = self._block(*self._frames.popleft())
-            if block is not None:
+            block = self._block(*self._frames.popleft()) if self._frames else None
+            if block is not None or time.monotonic() >= end:
                 return block
-            if time.monotonic() >= end:
-                return None
 
     def stop(self) -> int | None:
         """Stop the stream; returns the number of ticks that the instrument counted, None if that number is impossible."""
@@ -176,15 +174,7 @@ class FramedInstrument:
         return self._possible(counted)
 
     def rejoin(self) -> None:
-        """Reopen the port after a lost connection and continue the current run.
-
-        Raises
-        ------
-        ConnectionLostError
-            The port is still not available, or there is no answer.
-        InstrumentError
-            The instrument was restarted in the meantime.
-        """
+        """Reopen the port after a lost connection and continue the current run."""
         self._port.reopen()
         self._decoder.forget()
         (counted,) = self._ask("COUNT?", tries=1)
@@ -319,21 +309,9 @@ def _payload(drive: Values) -> Iterator[bytes]:
     yield struct.pack("<I", check)
 
 
-class FramedSettings(Settings, frozen=True):
-    """The baud rate of a real serial line."""
-
-    baud_rate: int = 921600
-
-    def __post_init__(self) -> None:
-        if self.baud_rate < 1:
-            raise ValueError(f"baud_rate is {self.baud_rate}; give that of the instrument, e.g. 921600")
-
-
-def _open(port: str, settings: FramedSettings, waits: Waits) -> FramedInstrument:
-    return FramedInstrument(port, baud_rate=settings.baud_rate, waits=waits)
-
-
 EXAMPLE = """
 sample_rate = 1000.0
 """
-KIND = StreamKind(name="framed", open=_open, example=EXAMPLE + CHANNELS, settings=FramedSettings, plays=True)
+KIND = StreamKind(
+    name="framed", open=FramedInstrument, example=EXAMPLE + CHANNELS, settings=FramedSettings, far_end=SimulatedFramed, plays=True
+)

@@ -9,8 +9,7 @@ reports it, and polls the status byte otherwise.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -18,10 +17,10 @@ from isorig.drivers.analyzer import Analyzer, displayed, example
 from isorig.drivers.answers import number, text, whole
 from isorig.drivers.block import FloatArray, InstrumentRecord, Shows, Status
 from isorig.drivers.errors import InstrumentError, ProtocolError
-from isorig.drivers.kinds import DrivenRig, RecordsKind, Simulation
-
-if TYPE_CHECKING:
-    from isorig.drivers.simulated.served import Peer
+from isorig.drivers.kinds import DrivenRig, RecordsKind
+from isorig.drivers.simulated.analyzers import Simulated35670a
+from isorig.drivers.simulated.commanded import Simulation
+from isorig.drivers.simulated.served import Peer
 
 DONE = 1 << 5
 BAD = -1e37
@@ -37,12 +36,8 @@ class Hp35670aInstrument(Analyzer):
     ANSWERS: ClassVar = {"*STB": whole(0, 255), "SYST:ERR": text(200), "SOUR:VOLT": number(), "OUTP": whole(0, 1)}
     SOURCE_OFF = "OUTP OFF"
     identity = "HP 35670A"
-    _invalid: tuple[str, ...] = ()
-
-    @property
-    def noticed(self) -> Sequence[str]:
-        """The number of points without a value in the last records."""
-        return self._invalid
+    #: The number of points without a value in the last records.
+    noticed: tuple[str, ...] = ()
 
     def status(self) -> Status:
         """Always GOOD: no command is known that queries overloads, so check the panel."""
@@ -50,7 +45,7 @@ class Hp35670aInstrument(Analyzer):
 
     def measure(self, timeout: float) -> None:
         """Start one measurement and wait until the operation is complete."""
-        self._invalid = ()
+        self.noticed = ()
         # The event of the measurement before stays set until it is cleared.
         self._send("*CLS")
         self._send("ABOR;INIT:IMM;*OPC")
@@ -88,7 +83,7 @@ class Hp35670aInstrument(Analyzer):
             raise InstrumentError(f"{self._link.name} has no valid value in trace {trace}; measure again")
         if not good.all():
             bad = int((~good).sum())
-            self._invalid += (f"trace {trace} has no value at {bad} of {len(good)} points, which are left out",)
+            self.noticed += (f"trace {trace} has no value at {bad} of {len(good)} points, which are left out",)
         return InstrumentRecord(
             kind=shown.kind, x=x[good], values=values[good], unit=shown.unit, source=shown.trace,
             status=Status.GOOD if good.all() else Status.LOST,
@@ -132,8 +127,6 @@ class Hp35670aInstrument(Analyzer):
 
 
 def _far_end(rig: DrivenRig, asked: Simulation) -> Peer:
-    from isorig.drivers.simulated.analyzers import Simulated35670a
-
     asked.faults.only((), "a 35670a")
     coherence, time_record = displayed(rig)
     return Simulated35670a({"XFR:POW:COH 1,2": coherence, "XTIM:VOLT 1": time_record})

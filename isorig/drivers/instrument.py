@@ -13,11 +13,9 @@ class Values(Protocol):
 
     def __len__(self) -> int:
         """Number of values."""
-        ...
 
     def __getitem__(self, part: slice, /) -> FloatArray:
         """A slice of the values."""
-        ...
 
 
 class Instrument(Protocol):
@@ -26,11 +24,9 @@ class Instrument(Protocol):
     @property
     def identity(self) -> str:
         """The identification that the instrument reports."""
-        ...
 
     def close(self) -> None:
         """Close the port; may be called twice."""
-        ...
 
 
 def in_real_time(instrument: Instrument) -> bool:
@@ -47,15 +43,12 @@ class Stream(Instrument, Protocol):
     @property
     def inputs(self) -> Sequence[Input]:
         """Its inputs in the order of a block's columns; final after `prepare`."""
-        ...
 
     def prepare(self, *, sample_rate: float, channels: Sequence[int]) -> float:
         """Set the rate (Hz) and the inputs to scan; returns the actual rate."""
-        ...
 
     def start(self) -> None:
         """Start streaming; the first sample has tick 0."""
-        ...
 
     def read(self, timeout: float) -> Block | None:
         """The next block, or None if none arrives within `timeout` seconds.
@@ -67,14 +60,12 @@ class Stream(Instrument, Protocol):
         ProtocolError, InstrumentError
             The data are invalid, or the instrument reports a fault that ends the stream.
         """
-        ...
 
     def stop(self) -> int | None:
         """Stop the stream; returns the number of ticks that the instrument counted, None if it does not count.
 
         Data still in transit are returned by `read` until it returns None.
         """
-        ...
 
 
 @runtime_checkable
@@ -83,15 +74,12 @@ class Exciter(Protocol):
 
     def set_gain(self, gain: float) -> None:
         """Set the drive gain of the next run."""
-        ...
 
     def set_configuration(self, name: str) -> bool:
         """Lock or unlock the rig; False if the operator has to do it."""
-        ...
 
     def load_drive(self, drive: Values) -> bool:
         """Load the drive at gain 1, one value per tick from tick 0 on, then 0; False if the instrument has no drive output."""
-        ...
 
 
 @runtime_checkable
@@ -108,7 +96,6 @@ class Rejoining(Protocol):
         InstrumentError
             The instrument was restarted in the meantime.
         """
-        ...
 
 
 @runtime_checkable
@@ -117,7 +104,6 @@ class Counting(Protocol):
 
     def count(self) -> int | None:
         """Ticks counted since the start; None if the reported number is impossible."""
-        ...
 
 
 @runtime_checkable
@@ -127,7 +113,6 @@ class Holding(Protocol):
     @property
     def held(self) -> int:
         """Ticks received but still held."""
-        ...
 
 
 @runtime_checkable
@@ -137,7 +122,6 @@ class Noticing(Protocol):
     @property
     def noticed(self) -> Sequence[str]:
         """Anomalies since the last start, one clause each."""
-        ...
 
 
 @runtime_checkable
@@ -146,11 +130,9 @@ class Describing(Protocol):
 
     def memory(self, place: int) -> bytes | None:
         """The memory of the sensor at an input, lowest bit first, without checksums; None if there is none."""
-        ...
 
     def force_sensitivity(self, place: int) -> float | None:
         """V per N by the memory of a force sensor at an input, as the vendor's library reads it; None if it does not."""
-        ...
 
 
 @runtime_checkable
@@ -165,7 +147,6 @@ class Sourcing(Protocol):
         SettingError
             The source cannot have that level, or answers with another.
         """
-        ...
 
 
 class Records(Instrument, Protocol):
@@ -173,7 +154,6 @@ class Records(Instrument, Protocol):
 
     def status(self) -> Status:
         """Present status of its inputs; GOOD if it cannot report it."""
-        ...
 
     def measure(self, timeout: float) -> None:
         """Start one measurement and wait until it is finished.
@@ -183,8 +163,6 @@ class Records(Instrument, Protocol):
         InstrumentError
             The instrument reports a fault, or does not finish within `timeout` seconds.
         """
-        ...
 
     def records(self) -> tuple[InstrumentRecord, ...]:
         """The records of the last measurement."""
-        ...

@@ -7,18 +7,17 @@ import pkgutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import msgspec
 
 from isorig import drivers
 from isorig.drivers.block import FloatArray, Shows
 from isorig.drivers.instrument import Records, Stream
+from isorig.drivers.simulated.commanded import Simulation
+from isorig.drivers.simulated.framed import Plant
+from isorig.drivers.simulated.served import Peer
 from isorig.drivers.waits import Waits
-
-if TYPE_CHECKING:
-    from isorig.drivers.simulated.faults import Faults
-    from isorig.drivers.simulated.served import Peer
 
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -28,44 +27,21 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """
 
 
-class DrivenRig(Protocol):
-    """A rig under a random drive, as measured by a simulated instrument."""
+class DrivenRig(Plant, Protocol):
+    """A rig, as measured by a simulated instrument: under the drive that this plays, or under a random one."""
 
     @property
     def names(self) -> tuple[str, ...]:
         """The channels, in the order of the instrument's inputs; the drive is the first."""
-        ...
 
     def channels(self, samples: int, rate: float) -> Mapping[str, FloatArray]:
         """Accelerations in m/s^2 by channel, each shape (samples,); `rate` in Hz."""
-        ...
 
     def volts(self, samples: int, rate: float) -> FloatArray:
         """Voltages of the accelerometers at the inputs, V, shape (samples, inputs)."""
-        ...
 
     def coherence(self, samples: int, rate: float) -> tuple[FloatArray, FloatArray]:
         """Frequency in Hz and coherence of the last channel with the drive, each shape (bins,)."""
-        ...
-
-
-@dataclass(frozen=True, kw_only=True)
-class Simulation:
-    """Options of a simulated instrument.
-
-    Parameters
-    ----------
-    speed
-        Speed relative to real time.
-    seconds
-        Length of the signal, which is repeated.
-    faults
-        Injected faults; a simulated instrument refuses those that it does not have (`Faults.only`).
-    """
-
-    speed: float
-    seconds: float
-    faults: Faults
 
 
 #: How an instrument is connected.
@@ -80,7 +56,7 @@ input = 3
 sensitivity = 0.2
 """
 #: Creates the simulated counterpart of an instrument, connected to a rig.
-FarEnd = Callable[[DrivenRig, Simulation], "Peer"]
+FarEnd = Callable[[DrivenRig, Simulation], Peer]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import msgspec
 import numpy as np
@@ -23,14 +23,12 @@ from isorig.drivers.answers import WordKind, number, whole
 from isorig.drivers.arrivals import Arrivals
 from isorig.drivers.block import Block, Input, Status
 from isorig.drivers.errors import ConnectionLostError, DriverError, ProtocolError, SettingError
-from isorig.drivers.kinds import CHANNELS, DrivenRig, Settings, Simulation, StreamKind
+from isorig.drivers.kinds import CHANNELS, Settings, StreamKind
 from isorig.drivers.link import LineLink, linked
 from isorig.drivers.order import EXACT, LOOSE, BlockHeader, Order
 from isorig.drivers.port import LONGEST
+from isorig.drivers.simulated.streams import SimulatedLines
 from isorig.drivers.waits import WAITS, Waits
-
-if TYPE_CHECKING:
-    from isorig.drivers.simulated.served import Peer
 
 #: Fields of a line, commands of a list, characters of a command.
 MOST_FIELDS, MOST_COMMANDS, LONGEST_COMMAND = 64, 32, 200
@@ -156,10 +154,8 @@ class LinesInstrument:
     ----------
     port
         A name as in `isorig.drivers.link.linked`; without a command that asks for lines, a serial line or a socket.
-    settings
-        The settings of the plan.
-    waits
-        Its timeouts.
+    settings, waits
+        The settings of the plan, and the timeouts.
 
     Raises
     ------
@@ -218,12 +214,10 @@ class LinesInstrument:
     def start(self) -> None:
         """Start the instrument; the first line has tick 0."""
         self._quiet()
+        self._command(self._settings.start)
         self._reset()
         # An instrument that is never stopped is in the middle of a line.
         self._partial = not self._settings.start and not self._settings.read
-        self._command(self._settings.start)
-        self._began = time.monotonic()
-        self._order = self._ordered()
         self._open = True
 
     def read(self, timeout: float) -> Block | None:
@@ -253,13 +247,7 @@ class LinesInstrument:
         return None
 
     def rejoin(self) -> None:
-        """Reopen a lost line; count, clock or the host's clock show how many lines were lost.
-
-        Raises
-        ------
-        ConnectionLostError
-            The line is still not available, or the instrument is not at a line.
-        """
+        """Reopen a lost line; count, clock or the host's clock show how many lines were lost."""
         if not isinstance(self._link, LineLink):
             raise ConnectionLostError(f"{self._link.name} is lost; reconnect it and resume")
         self._link.reopen()
@@ -287,11 +275,8 @@ class LinesInstrument:
         self._pending = Status.GOOD
         self._began = time.monotonic()
         self._arrivals: Arrivals[tuple[_Line, int, Status]] = Arrivals(self._rate)
-        self._order = self._ordered()
-
-    def _ordered(self) -> Order:
         rate = None if math.isnan(self._rate) else self._rate
-        return Order(who=self._link.name, began=self._began, counter_wrap=self._wrap, rate=rate, loose=JITTER)
+        self._order = Order(who=self._link.name, began=self._began, counter_wrap=self._wrap, rate=rate, loose=JITTER)
 
     def _quiet(self) -> None:
         # An instrument that sends lines all the time is never silent.
@@ -472,12 +457,6 @@ class LinesInstrument:
             self._arrived(item, lost)
 
 
-def _far_end(rig: DrivenRig, asked: Simulation) -> Peer:
-    from isorig.drivers.simulated.streams import SimulatedLines
-
-    return SimulatedLines(rig.volts, seconds=asked.seconds, speed=asked.speed, faults=asked.faults)
-
-
 EXAMPLE = """
 sample_rate = 100.0
 start = ["go"]
@@ -497,6 +476,6 @@ KIND = StreamKind(
     open=LinesInstrument,
     example=EXAMPLE + CHANNELS,
     settings=LinesSettings,
-    far_end=_far_end,
+    far_end=lambda rig, asked: SimulatedLines(rig.volts, asked),
     buses=("serial", "visa"),
 )

@@ -15,81 +15,42 @@ ADAPTED = re.compile(r"GPIB\d*::(\d{1,2})(::INSTR)?@(.+)", re.IGNORECASE)
 
 
 class CommandLink(Protocol):
-    """A connection for commands and their answers."""
+    """A connection for commands and their answers.
+
+    Its methods raise ConnectionLostError if the instrument is gone or late, ProtocolError if it sends what was not requested.
+    """
 
     @property
     def name(self) -> str:
         """Its name in plans."""
-        ...
 
     @property
     def bus(self) -> bool:
         """Whether it transfers messages with an end, as GPIB does; False for a line of bytes."""
-        ...
 
     def send(self, command: str) -> None:
-        """Send a command; the link adds its end.
-
-        Raises
-        ------
-        ConnectionLostError
-            The instrument is gone, or does not accept the bytes.
-        """
-        ...
+        """Send a command; the link adds its end."""
 
     def line(self) -> bytes:
-        """The next line of an answer, without LF.
-
-        Raises
-        ------
-        ConnectionLostError
-            No line arrives in time.
-        ProtocolError
-            The line is too long.
-        """
-        ...
+        """The next line of an answer, without LF."""
 
     def exactly(self, count: int) -> bytes:
-        """The next `count` bytes of an answer.
-
-        Raises
-        ------
-        ConnectionLostError
-            They do not arrive in time.
-        """
-        ...
+        """The next `count` bytes of an answer."""
 
     def expect_nothing(self) -> None:
-        """Check that no unexpected answer is waiting, so that no answer is assigned to the wrong command.
-
-        Raises
-        ------
-        ProtocolError
-            Bytes are waiting.
-        """
-        ...
+        """Check that no unexpected answer is waiting, so that no answer is assigned to the wrong command."""
 
     def clear(self) -> None:
-        """Device clear: the instrument forgets unfinished commands and unread answers; a line is read until it is silent.
-
-        Raises
-        ------
-        ProtocolError
-            The line does not become silent.
-        """
-        ...
+        """Device clear: the instrument forgets unfinished commands and unread answers; a line is read until it is silent."""
 
     def status_byte(self) -> int | None:
         """The status byte by serial poll; None if this link has none, then `*STB?` asks for it."""
-        ...
 
     def wait(self, seconds: float) -> None:
         """Wait until the instrument requests service, at most for `seconds`; a link without service requests just waits."""
-        ...
 
     def close(self) -> None:
         """Close the connection; may be called twice."""
-        ...
 
 
 class LineLink(Port):

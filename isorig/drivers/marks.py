@@ -23,10 +23,8 @@ class Marks:
 
     Parameters
     ----------
-    rate
-        Scan rate, Hz.
-    counter
-        Counting rate, Hz.
+    rate, counter
+        Scan rate and counting rate, Hz.
     """
 
     def __init__(self, rate: float, counter: float) -> None:

@@ -11,7 +11,7 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from zlib import crc32
 
 import can
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from isorig.drivers.block import Block, Input, Raw, Status
 from isorig.drivers.errors import ConnectionLostError, SettingError
-from isorig.drivers.kinds import DrivenRig, Settings, Simulation, StreamKind
+from isorig.drivers.kinds import Settings, StreamKind
 from isorig.drivers.mti600_messages import (
     ACCELERATION,
     CLIPPED,
@@ -34,10 +34,8 @@ from isorig.drivers.mti600_messages import (
 )
 from isorig.drivers.order import EXACT, BlockHeader, Order
 from isorig.drivers.port import check_name
+from isorig.drivers.simulated.streams import SimulatedSlcan, axes
 from isorig.drivers.waits import WAITS, Waits
-
-if TYPE_CHECKING:
-    from isorig.drivers.simulated.served import Peer
 
 BITRATE = 250_000
 #: The error message that reports messages dropped inside the instrument; any other one is a fault.
@@ -106,6 +104,12 @@ def _big(rows: NDArray[np.uint8], kind: str) -> NDArray[Any]:
     return np.ascontiguousarray(rows[:, :size]).view(kind).ravel()
 
 
+class MtiSettings(Settings, frozen=True):
+    """python-can's name of the adapter's interface: slcan over a serial port, virtual inside this process."""
+
+    bus: str = "slcan"
+
+
 class MtiInstrument:
     """An MTi-600 configured to send counter, time, acceleration and status; its rate is part of its configuration.
 
@@ -113,17 +117,15 @@ class MtiInstrument:
     ----------
     port
         Port of the adapter, or the channel of another interface.
-    bus
-        python-can's name of the adapter's interface: "slcan" over a serial port, "virtual" inside this process.
-    waits
-        Its timeouts.
+    settings, waits
+        The settings of the plan, and the timeouts.
     """
 
-    def __init__(self, port: str, *, bus: str = "slcan", waits: Waits = WAITS) -> None:
+    def __init__(self, port: str, settings: MtiSettings, waits: Waits = WAITS) -> None:
         self.identity = "Xsens MTi-600"
         one = Input(unit="m/s^2", per_count=PER_COUNT, full_scale=None, dtype="int16")
         self.inputs: Sequence[Input] = (one,) * 3
-        self._name, self._interface, self._waits = port, bus, waits
+        self._name, self._interface, self._waits = port, settings.bus, waits
         check_name(port)
         self._bus = self._opened()
         self._frames: list[tuple[int, bytes]] = []
@@ -171,13 +173,7 @@ class MtiInstrument:
                 return block
 
     def rejoin(self) -> None:
-        """Reopen the adapter after a lost connection; the instrument keeps sending, and its counter and clock show the loss.
-
-        Raises
-        ------
-        ConnectionLostError
-            The adapter is still not available.
-        """
+        """Reopen the adapter after a lost connection; the instrument keeps sending, and its counter and clock show the loss."""
         self.close()
         self._frames = []
         self._bus = self._opened()
@@ -254,18 +250,12 @@ class MtiInstrument:
         data = np.frombuffer(b"".join(payload.ljust(8, b"\0") for _, payload in whole), np.uint8).reshape(-1, 8)
         following = int.from_bytes(self._frames[end][1][:2], "big") if end < len(self._frames) else None
         groups = decode(identifiers, data, following=following)
-        if not len(groups.counter):
-            self._frames = self._frames[end:]
-            return None
         straight = int(np.argmax(np.append(np.diff(groups.counter) % WRAP != 1, True))) + 1
-        begins = [k for k, (identifier, _) in enumerate(whole) if identifier == GROUP_COUNTER]
         if straight < len(groups.counter):
             wanted = int(groups.counter[straight])
-            cut = next(k for k in begins if int.from_bytes(whole[k][1][:2], "big") == wanted)
-            self._frames = self._frames[cut:]
-        else:
-            self._frames = self._frames[end:]
-        return self._as_block(groups, straight)
+            end = next(k for k in starts if int.from_bytes(whole[k][1][:2], "big") == wanted)
+        self._frames = self._frames[end:]
+        return self._as_block(groups, straight) if len(groups.counter) else None
 
     def _as_block(self, groups: DecodedGroups, count: int) -> Block | None:
         acceleration = groups.acceleration[:count]
@@ -297,29 +287,17 @@ class MtiInstrument:
         return round((first + float(np.median(steps))) * 1e6) % Order.WRAP
 
 
-class MtiSettings(Settings, frozen=True):
-    """python-can's name of the adapter's interface."""
-
-    bus: str = "slcan"
-
-
-def _open(port: str, settings: MtiSettings, waits: Waits) -> MtiInstrument:
-    return MtiInstrument(port, bus=settings.bus, waits=waits)
-
-
-def _far_end(rig: DrivenRig, asked: Simulation) -> Peer:
-    from isorig.drivers.simulated.streams import MTI_RATE, SimulatedSlcan, axes
-
-    def source(samples: int, rate: float) -> Raw:
-        return axes(rig.channels(samples, rate)[rig.names[-1]])
-
-    return SimulatedSlcan(source, rate=MTI_RATE, seconds=asked.seconds, speed=asked.speed, faults=asked.faults)
-
-
 EXAMPLE = """
 sample_rate = 400.0
 [channels.motor]
 input = 1
 sensitivity = 1.0
 """
-KIND = StreamKind(name="mti600", open=_open, example=EXAMPLE, settings=MtiSettings, far_end=_far_end, buses=("serial", "can"))
+KIND = StreamKind(
+    name="mti600",
+    open=MtiInstrument,
+    example=EXAMPLE,
+    settings=MtiSettings,
+    far_end=lambda rig, asked: SimulatedSlcan(lambda samples, rate: axes(rig.channels(samples, rate)[rig.names[-1]]), asked),
+    buses=("serial", "can"),
+)

@@ -13,7 +13,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any, Literal, TypeVar
 
 import numpy as np
@@ -74,11 +73,6 @@ class NiSettings(OutputSettings, frozen=True, kw_only=True):
     tachometer: str = ""
     tachometer_terminal: str = ""
 
-    @property
-    def used(self) -> bool:
-        """Whether there is an output."""
-        return bool(self.output)
-
     def __post_init__(self) -> None:
         self.check_output()
         if not self.inputs or any("/ai" not in name or not name.isprintable() or "," in name for name in self.inputs):
@@ -100,10 +94,8 @@ class NiInstrument(AnalogOutput):
     ----------
     port
         Its name, e.g. cDAQ1.
-    settings
-        The settings of the plan.
-    waits
-        Its timeouts.
+    settings, waits
+        The settings of the plan, and the timeouts.
 
     Raises
     ------
@@ -126,14 +118,10 @@ class NiInstrument(AnalogOutput):
         self._written = 0
         self._running = False
         self._ready: deque[Block] = deque()
-        self._noticed: list[str] = []
+        #: Anomalies since the last start, one clause each.
+        self.noticed: list[str] = []
         # Whether the device reports overloads and open sensors; unknown until asked.
         self._reports = {"overloaded_chans_exist": True, "open_chans_exist": True}
-
-    @property
-    def noticed(self) -> Sequence[str]:
-        """Anomalies since the last start, one clause each."""
-        return tuple(self._noticed)
 
     def prepare(self, *, sample_rate: float, channels: Sequence[int]) -> float:
         """Set up all inputs on one clock; returns the rate that the device has."""
@@ -173,7 +161,7 @@ class NiInstrument(AnalogOutput):
     def start(self) -> None:
         """Start the inputs, and the output with them."""
         self._ready.clear()
-        self._noticed = []
+        self.noticed = []
         if self._drive is not None:
             self._call(self._arm_output)
         if self._tachometer is not None:
@@ -275,9 +263,7 @@ class NiInstrument(AnalogOutput):
 
     def _write(self, task: Any, first: int, count: int) -> int:
         assert self._drive is not None
-        from nidaqmx.stream_writers import AnalogSingleChannelWriter
-
-        writer = AnalogSingleChannelWriter(task.out_stream, auto_start=False)
+        writer = self._ni.stream_writers.AnalogSingleChannelWriter(task.out_stream, auto_start=False)
         return int(writer.write_many_sample(np.ascontiguousarray(self._drive[first : first + count]), timeout=1.0))
 
     def _silence(self) -> None:
@@ -292,22 +278,18 @@ class NiInstrument(AnalogOutput):
         try:
             self._call(lambda: self._lower(now))
         except DriverError as error:
-            self._noticed.append(f"the output could not be set to zero, so switch the amplifier off: {error}")
+            self.noticed.append(f"the output could not be set to zero, so switch the amplifier off: {error}")
 
     def _lower(self, volts: float) -> None:
-        from nidaqmx.stream_writers import AnalogSingleChannelWriter
-
         with self._ni.Task() as task:
             self._output_channel(task)
-            writer = AnalogSingleChannelWriter(task.out_stream, auto_start=True)
+            writer = self._ni.stream_writers.AnalogSingleChannelWriter(task.out_stream, auto_start=True)
             for value in fade_out(volts, STEPS):
                 writer.write_one_sample(float(value))
                 time.sleep(self._settings.ramp / STEPS)
 
     def _fetch(self, until: int | None = None) -> bool:
         # The samples that the device has beyond the read position, as a block; whether there were any.
-        from nidaqmx.stream_readers import AnalogMultiChannelReader
-
         stream = self._task.in_stream
         first = int(self._call(lambda: stream.curr_read_pos))
         count = min(int(self._call(lambda: stream.avail_samp_per_chan)), MOST)
@@ -318,7 +300,7 @@ class NiInstrument(AnalogOutput):
         data = np.empty((len(self.inputs), count))
         volts = data[: len(self._settings.inputs)]
         try:
-            reader = AnalogMultiChannelReader(stream)
+            reader = self._ni.stream_readers.AnalogMultiChannelReader(stream)
             got = reader.read_many_sample(volts, number_of_samples_per_channel=count, timeout=1.0)
             if self._tachometer is not None:
                 data[-1, :got] = self._tachometer.edges(first, got)
@@ -338,12 +320,11 @@ class NiInstrument(AnalogOutput):
         relative = self._ni.constants.ReadRelativeTo
         stream.relative_to, stream.offset = relative.MOST_RECENT_SAMPLE, 0
         data = np.empty((len(self._settings.inputs), 1))
-        from nidaqmx.stream_readers import AnalogMultiChannelReader
-
-        AnalogMultiChannelReader(stream).read_many_sample(data, number_of_samples_per_channel=1, timeout=1.0)
+        reader = self._ni.stream_readers.AnalogMultiChannelReader(stream)
+        reader.read_many_sample(data, number_of_samples_per_channel=1, timeout=1.0)
         stream.relative_to, stream.offset = relative.CURRENT_READ_POSITION, 0
         lost = int(stream.curr_read_pos) - first
-        self._noticed.append(f"at tick {first} the host was late, and the device overwrote {lost} samples")
+        self.noticed.append(f"at tick {first} the host was late, and the device overwrote {lost} samples")
 
     def _status(self, stream: Any) -> Status:
         status = Status.GOOD
@@ -366,8 +347,8 @@ class NiInstrument(AnalogOutput):
     def _notice_open(self, stream: Any) -> None:
         names = ", ".join(self._call(lambda: stream.open_chans))
         clause = f"no sensor is connected to {names}, or its cable is broken"
-        if clause not in self._noticed:
-            self._noticed.append(clause)
+        if clause not in self.noticed:
+            self.noticed.append(clause)
 
     def _close_tasks(self) -> None:
         self._close_output()
@@ -397,18 +378,8 @@ class NiInstrument(AnalogOutput):
         return InstrumentError(f"{self._name} reports NI error {code} ({brief}); correct the plan or the device's set-up")
 
 
-@dataclass(frozen=True)
-class FoundDevice:
-    """A device or chassis: its port, its name, its inputs, and the output as a setting if it has one."""
-
-    port: str
-    name: str
-    inputs: tuple[str, ...]
-    output: dict[str, str]
-
-
-def devices() -> list[FoundDevice]:
-    """Devices of this computer with analog inputs; the modules of a chassis belong to it.
+def devices() -> dict[str, tuple[str, list[str], list[str]]]:
+    """Devices of this computer with analog inputs: by port the name, the inputs and the outputs; modules belong to their chassis.
 
     Raises
     ------
@@ -416,23 +387,21 @@ def devices() -> list[FoundDevice]:
         The package or NI's runtime is missing.
     """
     package, errors = _package()
-    found: dict[str, FoundDevice] = {}
+    found: dict[str, tuple[str, list[str], list[str]]] = {}
     try:
         for device in package.system.System.local().devices:
-            inputs = tuple(str(name) for name in device.ai_physical_chans.channel_names)
-            outputs = tuple(str(name) for name in device.ao_physical_chans.channel_names)
             try:
                 chassis = str(device.compact_daq_chassis_device.name)
             except errors.DaqError:
                 chassis = str(device.name)
-            before = found.get(chassis, FoundDevice(chassis, f"NI {device.product_type}", (), {}))
-            output = before.output or ({"output": outputs[0]} if outputs else {})
-            found[chassis] = FoundDevice(chassis, before.name, before.inputs + inputs, output)
+            _, inputs, outputs = found.setdefault(chassis, (f"NI {device.product_type}", [], []))
+            inputs += map(str, device.ai_physical_chans.channel_names)
+            outputs += map(str, device.ao_physical_chans.channel_names)
     except errors.DaqError as error:
         raise SettingError(f"NI devices cannot be listed ({_brief(error)}); check them in NI's own tool") from None
     except (errors.Error, OSError) as error:
         raise SettingError(_not_installed(error)) from None
-    return [one for one in found.values() if one.inputs]
+    return {port: about for port, about in found.items() if about[1]}
 
 
 def _package() -> tuple[Any, Any]:
@@ -440,6 +409,8 @@ def _package() -> tuple[Any, Any]:
     try:
         import nidaqmx
         import nidaqmx.constants
+        import nidaqmx.stream_readers
+        import nidaqmx.stream_writers
         import nidaqmx.system
         from nidaqmx import errors
     except ImportError:

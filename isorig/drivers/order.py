@@ -38,18 +38,12 @@ class BlockHeader:
 
     Parameters
     ----------
-    counter
-        Transmitted count of its first sample, wrapping.
-    rows
-        Number of its samples.
+    counter, rows, mark
+        Transmitted count of its first sample, wrapping; number and checksum of its samples.
     host
         Host's clock, seconds.
-    clock
-        Instrument's clock at the first sample in microseconds, wrapping; None if it has none.
-    sequence
-        Number of the frame, wrapping; None if it has none.
-    mark
-        Checksum of its samples.
+    clock, sequence
+        Instrument's clock at the first sample in microseconds, and number of the frame; both wrap, None if it has none.
     """
 
     counter: int
@@ -89,14 +83,10 @@ class Order:
     ----------
     who
         The instrument's name, for messages.
-    counter_wrap
-        Modulus of the counter.
-    first
-        The counter at tick 0; that of the first block if None.
-    rate
-        Sample rate, Hz; None if unknown.
-    began
-        Host's clock at tick 0.
+    counter_wrap, first
+        Modulus of the counter; the counter at tick 0, that of the first block if None.
+    rate, began
+        Sample rate, Hz, None if unknown; host's clock at tick 0, seconds.
     loose
         Allowed difference between counter and clock, in samples and in seconds.
     real_time

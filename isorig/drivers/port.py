@@ -27,6 +27,9 @@ SCHEMES = ("socket", "rfc2217")
 class Port:
     """One end of a serial line.
 
+    Its methods raise ConnectionLostError if the instrument is gone or late, or accepts no bytes; ProtocolError if it sends what
+    was not requested.
+
     Parameters
     ----------
     name
@@ -54,25 +57,13 @@ class Port:
         self._port = self._opened()
 
     def reopen(self) -> None:
-        """Reopen the port after it was lost; waiting input is discarded.
-
-        Raises
-        ------
-        ConnectionLostError
-            The port cannot be opened.
-        """
+        """Reopen the port after it was lost; waiting input is discarded."""
         self.close()
         self._buffer.clear()
         self._port = self._opened()
 
     def write(self, data: bytes) -> None:
-        """Send bytes, a piece at a time.
-
-        Raises
-        ------
-        ConnectionLostError
-            The instrument is gone, or does not accept the bytes.
-        """
+        """Send bytes, a piece at a time."""
         try:
             for at in range(0, len(data), PIECE):
                 self._port.write(data[at : at + PIECE])
@@ -96,15 +87,7 @@ class Port:
         return data
 
     def line(self, end: bytes = b"\n") -> bytes:
-        """The next line without its end.
-
-        Raises
-        ------
-        ConnectionLostError
-            No line arrives in time.
-        ProtocolError
-            More than `LONGEST` bytes arrive without an end of line.
-        """
+        """The next line without its end, of at most `LONGEST` bytes."""
         self._wait(lambda: end in self._buffer or len(self._buffer) > LONGEST, self.waits.answer, "a line")
         at = self._buffer.find(end)
         if not 0 <= at <= LONGEST:
@@ -116,13 +99,7 @@ class Port:
         return line
 
     def exactly(self, count: int) -> bytes:
-        """The next `count` bytes.
-
-        Raises
-        ------
-        ConnectionLostError
-            Nothing arrives in time, or the transmission takes far too long.
-        """
+        """The next `count` bytes."""
         whole = self.waits.answer + SLOWER * BITS * count / self._baud_rate
         self._wait(lambda: len(self._buffer) >= count, whole, f"{count} bytes")
         data = bytes(self._buffer[:count])
@@ -130,13 +107,7 @@ class Port:
         return data
 
     def expect_nothing(self) -> None:
-        """Check that no unexpected input is waiting, so that no answer is assigned to the wrong command.
-
-        Raises
-        ------
-        ProtocolError
-            Bytes are waiting.
-        """
+        """Check that no unexpected input is waiting, so that no answer is assigned to the wrong command."""
         try:
             waiting = bool(self._buffer) or bool(self._port.in_waiting)
         except (serial.SerialException, OSError, TypeError) as error:
@@ -145,13 +116,7 @@ class Port:
             raise ProtocolError(f"{self.name} sent more than was requested; check the cable, then measure again")
 
     def drop_input(self) -> None:
-        """Discard input until nothing more arrives.
-
-        Raises
-        ------
-        ProtocolError
-            The instrument does not become silent.
-        """
+        """Discard input until nothing more arrives, which is refused after a while."""
         end = time.monotonic() + self.waits.silence
         while self.read():
             if time.monotonic() > end:

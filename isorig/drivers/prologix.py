@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
-from isorig.drivers.answers import parse, text, whole
+from isorig.drivers.answers import WordKind, parse, text, whole
 from isorig.drivers.errors import ProtocolError, SettingError
 from isorig.drivers.port import Port
 from isorig.drivers.waits import WAITS, Waits
@@ -57,8 +58,7 @@ class PrologixLink:
         self._reading = False
         try:
             self._port.drop_input()
-            version = self._ask("++ver")
-            if not version:
+            if not self._ask("++ver", text(100)):
                 raise ProtocolError(f"{name} does not report a version; check that {port} is a Prologix adapter")
             for command in (*SET_UP, f"++addr {address}"):
                 self._port.write(command.encode() + b"\n")
@@ -96,15 +96,13 @@ class PrologixLink:
 
     def status_byte(self) -> int:
         """The status byte by serial poll."""
-        (value,) = parse((self._ask("++spoll"),), (whole(0, 255),), who=self.name, command="++spoll")
-        return int(value)
+        return int(self._ask("++spoll", whole(0, 255)))
 
     def wait(self, seconds: float) -> None:
         """Wait until the service request line is set."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
-            (asked,) = parse((self._ask("++srq"),), (whole(0, 1),), who=self.name, command="++srq")
-            if asked:
+            if self._ask("++srq", whole(0, 1)):
                 return
             time.sleep(min(POLL, seconds))
 
@@ -118,9 +116,8 @@ class PrologixLink:
             self._port.write(b"++read eoi\n")
             self._reading = True
 
-    def _ask(self, command: str) -> str:
+    def _ask(self, command: str, kind: WordKind) -> Any:
         self._port.expect_nothing()
         self._port.write(command.encode() + b"\n")
         answer = self._port.line(b"\n").strip().decode("ascii", "replace")
-        (word,) = parse((answer,), (text(100),), who=self.name, command=command)
-        return str(word)
+        return parse((answer,), (kind,), who=self.name, command=command)[0]

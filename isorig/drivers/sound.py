@@ -61,11 +61,6 @@ class SoundSettings(OutputSettings, frozen=True, kw_only=True):
     output: int | None = None
     output_full_scale: float = 1.0
 
-    @property
-    def used(self) -> bool:
-        """Whether there is an output."""
-        return self.output is not None
-
     def __post_init__(self) -> None:
         self.check_output()
         if not 1 <= self.channels <= MOST:
@@ -99,10 +94,8 @@ class SoundInstrument(AnalogOutput):
     ----------
     port
         Its name in the list of `rig instruments`, or a part of it that no other has.
-    settings
-        The settings of the plan.
-    waits
-        Its timeouts.
+    settings, waits
+        The settings of the plan, and the timeouts.
 
     Raises
     ------
@@ -124,8 +117,6 @@ class SoundInstrument(AnalogOutput):
             ) from None
         self.identity = str(self._device["name"])
         self._stream: Any = None
-        self._made = 0
-        self._lock = threading.Lock()
         self._clear()
 
     @property
@@ -151,18 +142,16 @@ class SoundInstrument(AnalogOutput):
                 f"{self._name} is used with {self._settings.channels} inputs; there is no input {max(channels)}, set channels"
             )
         self._close_stream()
-        own, index = self._settings, int(self._device["index"])
+        own = self._settings
+        way: tuple[Any, Any, Any] = self._sound.InputStream, own.channels, self._heard
+        if own.output is not None:
+            way = self._sound.Stream, (own.channels, own.output + 1), self._duplex
+        stream, channels, callback = way
         try:
-            if own.output is None:
-                made = self._sound.InputStream(
-                    device=index, channels=own.channels, samplerate=sample_rate, dtype="int32", latency=LATENCY,
-                    callback=self._heard, finished_callback=self._finished.set,
-                )  # fmt: skip
-            else:
-                made = self._sound.Stream(
-                    device=index, channels=(own.channels, own.output + 1), samplerate=sample_rate, dtype="int32",
-                    latency=LATENCY, callback=self._duplex, finished_callback=self._finished.set,
-                )  # fmt: skip
+            made = stream(
+                device=int(self._device["index"]), channels=channels, samplerate=sample_rate, dtype="int32", latency=LATENCY,
+                callback=callback, finished_callback=self._finished.set,
+            )  # fmt: skip
         except (ValueError, self._sound.PortAudioError) as error:
             raise SettingError(
                 f"{self._name} refuses {sample_rate:g} Hz with {own.channels} inputs ({_brief(error)}); correct the plan"
@@ -244,7 +233,6 @@ class SoundInstrument(AnalogOutput):
         self._running = self._stopping = self._begun = False
         self._frames = 0
         self._tick = self._made = self._played = self._faded = 0
-        self._level = 0.0
         self._latest = time.monotonic()
 
     def _prepare_drive(self) -> None:
@@ -260,13 +248,9 @@ class SoundInstrument(AnalogOutput):
         self._frames += frames
         if not self._begun:
             return
-        flags = Status.GOOD
-        if status.input_overflow:
-            flags = Status.LOST
-            self._flags["input_overflow"] += 1
-        if status.output_underflow:
-            self._flags["output_underflow"] += 1
-        self._heard_blocks.append((samples.copy(), now, flags))
+        for flag in self._flags:
+            self._flags[flag] += bool(getattr(status, flag))
+        self._heard_blocks.append((samples.copy(), now, Status.LOST if status.input_overflow else Status.GOOD))
         self._latest = now
 
     def _duplex(self, samples: Raw, out: Raw, frames: int, times: object, status: Any) -> None:

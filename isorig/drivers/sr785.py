@@ -8,7 +8,7 @@ service at the end of an average, so the driver polls.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -16,10 +16,10 @@ from isorig.drivers.analyzer import Analyzer, displayed, example
 from isorig.drivers.answers import number, parse, text, whole
 from isorig.drivers.block import FloatArray, InstrumentRecord, Shows, Status
 from isorig.drivers.errors import InstrumentError, ProtocolError, SettingError
-from isorig.drivers.kinds import DrivenRig, RecordsKind, Simulation
-
-if TYPE_CHECKING:
-    from isorig.drivers.simulated.served import Peer
+from isorig.drivers.kinds import DrivenRig, RecordsKind
+from isorig.drivers.simulated.analyzers import SimulatedSr785
+from isorig.drivers.simulated.commanded import Simulation
+from isorig.drivers.simulated.served import Peer
 
 #: Bits of the standard event register: syntax error, execution error, output overflow.
 EVENTS = {5: "a command is unknown", 4: "a command could not be executed", 2: "its output overflowed"}
@@ -111,8 +111,6 @@ class Sr785Instrument(Analyzer):
 
 
 def _far_end(rig: DrivenRig, asked: Simulation) -> Peer:
-    from isorig.drivers.simulated.analyzers import SimulatedSr785
-
     faults = asked.faults.only(("overload",), "an sr785")
     coherence, time_record = displayed(rig)
     return SimulatedSr785({0: coherence, 1: time_record}, overload=faults.overload > 0.0)

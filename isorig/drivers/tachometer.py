@@ -28,7 +28,7 @@ class Tachometer:
     """
 
     def __init__(self, package: Any, counter: str, terminal: str, *, rate: float, clock: str, buffer: int) -> None:
-        self._task: Any = package.Task()
+        self._package, self._task = package, package.Task()
         self._total = self._last = 0
         try:
             channel = self._task.ci_channels.add_ci_count_edges_chan(counter)
@@ -53,13 +53,12 @@ class Tachometer:
 
     def edges(self, first: int, count: int) -> FloatArray:
         """Edges since the start at the samples from `first` on, shape (count,)."""
-        from nidaqmx.stream_readers import CounterReader
-
         stream = self._task.in_stream
         # Not zero after samples that the host did not fetch.
         stream.offset = first - int(stream.curr_read_pos)
         counts = np.zeros(count, np.uint32)
-        CounterReader(stream).read_many_sample_uint32(counts, number_of_samples_per_channel=count, timeout=1.0)
+        reader = self._package.stream_readers.CounterReader(stream)
+        reader.read_many_sample_uint32(counts, number_of_samples_per_channel=count, timeout=1.0)
         # The counter has 32 bits: differences remain right when it returns to zero.
         steps = np.diff(counts, prepend=np.uint32(self._last))
         edges = self._total + np.cumsum(steps, dtype=np.int64)

@@ -95,15 +95,12 @@ def decode(data: bytes) -> Teds:
         return basic
     sensitivity = bits.relative(16, 5e-7, 0.00015)
     # Lower corner frequency, direction, weight, polarity.
-    for count in (8, 2, 6, 1):
-        bits.read(count)
+    bits.read(8 + 2 + 6 + 1)
     if bits.read(1):
         # Transfer function: upper corner, resonance, its quality, slope, temperature coefficient.
-        for count in (7, 9, 9, 7, 6):
-            bits.read(count)
+        bits.read(7 + 9 + 9 + 7 + 6)
     # Reference frequency and temperature.
-    for count in (8, 5):
-        bits.read(count)
+    bits.read(8 + 5)
     day = bits.read(16)
     bits.read(15)
     period = bits.read(12)

@@ -125,7 +125,7 @@ class VisaLink:
             byte = self.status_byte()
             waiting = byte is not None and bool(byte & WAITING)
         else:
-            waiting = bool(self._glance())
+            waiting = bool(self._received(1, GLANCE, lines=False))
         if waiting:
             raise ProtocolError(f"{self.name} sent more than was requested; check the cable, then measure again")
 
@@ -137,7 +137,7 @@ class VisaLink:
                 self._call(self._resource.clear)
             return
         end = time.monotonic() + self._waits.silence
-        while self._glance():
+        while self._received(1, GLANCE, lines=False):
             if time.monotonic() > end:
                 raise ProtocolError(f"{self.name} keeps sending; check that the plan names its kind")
 
@@ -147,15 +147,13 @@ class VisaLink:
             return None
         try:
             byte = str(int(self._resource.read_stb()))
-            # IEEE 488.1: a status byte is a number from 0 to 255.
-            return int(parse((byte,), (whole(0, 255),), who=self.name, command="a serial poll")[0])
-        except (NotImplementedError, AttributeError):
-            self._polls = False
         except Exception as error:
-            if not _is(error, "error_nonsupported_operation"):
+            if not (isinstance(error, (NotImplementedError, AttributeError)) or _is(error, "error_nonsupported_operation")):
                 raise self._failure(error) from None
             self._polls = False
-        return None
+            return None
+        # IEEE 488.1: a status byte is a number from 0 to 255.
+        return int(parse((byte,), (whole(0, 255),), who=self.name, command="a serial poll")[0])
 
     def wait(self, seconds: float) -> None:
         """Wait for a service request, where the backend reports them."""
@@ -181,33 +179,29 @@ class VisaLink:
         if self.name.upper().startswith("ASRL"):
             self._resource.baud_rate = self._baud_rate
 
-    def _glance(self) -> bytes:
-        try:
-            return self._received(1, GLANCE, lines=False)
-        except Exception as error:
-            if _is(error, "error_timeout"):
-                return b""
-            raise self._failure(error) from None
-
     def _read(self, count: int, seconds: float, *, lines: bool) -> bytes:
-        try:
-            return self._received(count, _milliseconds(seconds), lines=lines)
-        except Exception as error:
-            if _is(error, "error_timeout"):
-                what = "a line" if lines else f"{count} bytes"
-                raise ConnectionLostError(
-                    f"{self.name} did not send {what} within {seconds:.3g} s; check that it is on and what the plan says"
-                ) from None
-            raise self._failure(error) from None
+        data = self._received(count, _milliseconds(seconds), lines=lines)
+        if data is None:
+            what = "a line" if lines else f"{count} bytes"
+            raise ConnectionLostError(
+                f"{self.name} did not send {what} within {seconds:.3g} s; check that it is on and what the plan says"
+            )
+        return data
 
-    def _received(self, count: int, timeout: int, *, lines: bool) -> bytes:
+    def _received(self, count: int, timeout: int, *, lines: bool) -> bytes | None:
+        # None if it takes longer than the timeout, in ms.
         from pyvisa.constants import SerialTermination
 
-        self._resource.timeout = timeout
-        self._resource.read_termination = "\n" if lines else None
-        if self.name.upper().startswith("ASRL"):
-            self._resource.end_input = SerialTermination.termination_char if lines else SerialTermination.none
-        return bytes(self._resource.read_bytes(count, chunk_size=count, break_on_termchar=True))
+        try:
+            self._resource.timeout = timeout
+            self._resource.read_termination = "\n" if lines else None
+            if self.name.upper().startswith("ASRL"):
+                self._resource.end_input = SerialTermination.termination_char if lines else SerialTermination.none
+            return bytes(self._resource.read_bytes(count, chunk_size=count, break_on_termchar=True))
+        except Exception as error:
+            if _is(error, "error_timeout"):
+                return None
+            raise self._failure(error) from None
 
     def _call(self, action: Callable[[], T]) -> T:
         try:
@@ -216,8 +210,6 @@ class VisaLink:
             raise self._failure(error) from None
 
     def _failure(self, error: Exception) -> Exception:
-        if isinstance(error, (ConnectionLostError, ProtocolError)):
-            return error
         return ConnectionLostError(f"{self.name} is gone ({_brief(error)}); reconnect it and resume")
 
 

@@ -22,6 +22,8 @@ class OutputSettings(Settings, frozen=True):
 
     Parameters
     ----------
+    output
+        Its channel or number; none without it.
     drive_volts
         Volts at the output per m/s^2 of the drive at gain 1, in a run of gain 1.
     limit
@@ -30,6 +32,7 @@ class OutputSettings(Settings, frozen=True):
         Seconds of the soft start and of the soft stop.
     """
 
+    output: str | int | None = None
     drive_volts: float = 0.0
     limit: float = 1.0
     ramp: float = 0.1
@@ -37,16 +40,10 @@ class OutputSettings(Settings, frozen=True):
     @property
     def used(self) -> bool:
         """Whether there is an output."""
-        raise NotImplementedError
+        return self.output not in (None, "")
 
     def check_output(self) -> None:
-        """Validate the settings of the output.
-
-        Raises
-        ------
-        ValueError
-            In one sentence.
-        """
+        """Validate the settings of the output; raises a ValueError in one sentence."""
         if not math.isfinite(self.drive_volts) or (self.used and self.drive_volts == 0.0):
             raise ValueError(
                 f"drive_volts is {self.drive_volts:g}; give the output's volts per m/s^2 of the drive in a run of gain 1"
@@ -62,10 +59,8 @@ class AnalogOutput:
 
     Parameters
     ----------
-    name
-        The instrument, for messages.
-    settings
-        The settings of the output.
+    name, settings
+        The instrument, for messages, and the settings of the output.
     """
 
     def __init__(self, name: str, settings: OutputSettings) -> None:
@@ -82,13 +77,7 @@ class AnalogOutput:
         return False
 
     def load_drive(self, drive: Values) -> bool:
-        """Load the drive; False without an output.
-
-        Raises
-        ------
-        SettingError
-            The drive exceeds the limit.
-        """
+        """Load the drive; False without an output."""
         own = self._output_settings
         if not own.used:
             return False
@@ -102,14 +91,10 @@ class Voltage:
 
     Parameters
     ----------
-    drive
-        The drive at gain 1.
-    factor
-        Volts per unit of the drive, with the gain of the run.
-    limit
-        Largest voltage, V.
-    ramp
-        Samples of the fade.
+    drive, factor
+        The drive at gain 1, and volts per unit of it, with the gain of the run.
+    limit, ramp
+        Largest voltage, V, and samples of the fade.
     who
         The instrument, for the message.
 

@@ -21,10 +21,10 @@ from nidaqmx.errors import DaqError
 from isorig.drivers.block import Block, Shows, Status
 from isorig.drivers.dataq import DataqInstrument, DataqSettings
 from isorig.drivers.errors import DriverError
-from isorig.drivers.framed import FramedInstrument
+from isorig.drivers.framed import FramedInstrument, FramedSettings
 from isorig.drivers.hp35670a import Hp35670aInstrument
 from isorig.drivers.lines import Field, LinesInstrument, LinesSettings
-from isorig.drivers.mti600 import MtiInstrument
+from isorig.drivers.mti600 import MtiInstrument, MtiSettings
 from isorig.drivers.ni import NiInstrument, NiSettings
 from isorig.drivers.sound import SoundInstrument, SoundSettings
 from isorig.drivers.sr785 import Sr785Instrument
@@ -170,7 +170,7 @@ def framed_stream(draw: random.Random) -> tuple[str, Callable[[], str]]:
 def framed(far: FramedFar, inside: tuple[int, int] = (0, 0)) -> str:
     """A run of a framed instrument; `inside` is where it lost samples itself, and how many."""
     with far:
-        instrument = FramedInstrument(far.port, waits=SHORT)
+        instrument = FramedInstrument(far.port, FramedSettings(), SHORT)
         try:
             instrument.prepare(sample_rate=1000.0, channels=[0, 1])
             instrument.set_gain(1.0)
@@ -340,7 +340,7 @@ def mti_stream(draw: random.Random) -> tuple[str, Callable[[], str]]:
 def mti(far: SlcanFar) -> str:
     """A run of an MTi-600."""
     with far:
-        instrument = MtiInstrument(far.port, waits=SHORT)
+        instrument = MtiInstrument(far.port, MtiSettings(), SHORT)
         try:
             instrument.prepare(sample_rate=400.0, channels=[0])
             instrument.start()

@@ -19,9 +19,9 @@ from isorig.drivers.alignment import Alignment
 from isorig.drivers.block import Block, Shows, Status
 from isorig.drivers.dataq import DataqInstrument, DataqSettings
 from isorig.drivers.errors import ConnectionLostError, DriverError, InstrumentError, ProtocolError, SettingError
-from isorig.drivers.framed import FramedInstrument
+from isorig.drivers.framed import FramedInstrument, FramedSettings
 from isorig.drivers.hp35670a import Hp35670aInstrument
-from isorig.drivers.mti600 import MtiInstrument
+from isorig.drivers.mti600 import MtiInstrument, MtiSettings
 from isorig.drivers.port import Port
 from isorig.drivers.sr785 import Sr785Instrument
 from isorig.drivers.waits import Waits
@@ -33,9 +33,9 @@ from isorig.drivers.waits import Waits
     "name", ["socket://", "socket://:4000", "socket://here", "socket://h:x", "spy:///dev/ttyS0?file=x", "", "a\nb"]
 )
 def test_a_port_that_is_none_is_refused(name: str) -> None:
-    for kind in (FramedInstrument, MtiInstrument):
+    for kind, own in ((FramedInstrument, FramedSettings()), (MtiInstrument, MtiSettings())):
         with pytest.raises(SettingError, match=r"is not a port; .*socket://127\.0\.0\.1:4000"):
-            kind(name)
+            kind(name, own)
 
 
 def test_a_far_end_that_takes_nothing_ends_a_write() -> None:
@@ -58,7 +58,7 @@ def test_a_far_end_that_takes_nothing_ends_a_write() -> None:
 
 def streamed(far: FramedFar, ticks: int = 1500) -> tuple[list[Block], int | None, list[str]]:
     """All that a run of an instrument gives."""
-    with far, closing(FramedInstrument(far.port, waits=SHORT)) as instrument:
+    with far, closing(FramedInstrument(far.port, FramedSettings(), SHORT)) as instrument:
         instrument.prepare(sample_rate=1000.0, channels=[0, 1])
         instrument.start()
         blocks = read(instrument, ticks)
@@ -120,7 +120,7 @@ def test_frames_of_an_earlier_run_are_not_part_of_the_next(lost: tuple[int, ...]
     def spoil(fields: dict) -> bytes:
         return b"" if fields["sequence"] in lost else frame(**fields)
 
-    with Turning(spoil=spoil) as far, closing(FramedInstrument(far.port, waits=SHORT)) as instrument:
+    with Turning(spoil=spoil) as far, closing(FramedInstrument(far.port, FramedSettings(), SHORT)) as instrument:
         instrument.prepare(sample_rate=1000.0, channels=[0, 1])
         instrument.start()
         read(instrument, 200)
@@ -207,7 +207,7 @@ def test_empty_frames_are_stepped_over_and_status_words_are_handed_on() -> None:
 
 def begin(far: FramedFar) -> None:
     """All commands up to the start of a run."""
-    with closing(FramedInstrument(far.port, waits=SHORT)) as instrument:
+    with closing(FramedInstrument(far.port, FramedSettings(), SHORT)) as instrument:
         instrument.prepare(sample_rate=1000.0, channels=[0, 1])
         instrument.set_gain(-7.5)
         instrument.set_configuration("locked")
@@ -252,7 +252,7 @@ def test_a_count_that_cannot_be_is_not_believed() -> None:
 
 def test_a_count_below_the_received_samples_is_reported() -> None:
     far = FramedFar(frames=3, answer=lambda word: text_frame(b"COUNT 100") if word == "STOP" and far.sent else None)
-    with far, closing(FramedInstrument(far.port, waits=SHORT)) as instrument:
+    with far, closing(FramedInstrument(far.port, FramedSettings(), SHORT)) as instrument:
         instrument.prepare(sample_rate=far.rate, channels=[0, 1])
         instrument.start()
         end = time.monotonic() + 5.0
@@ -438,7 +438,7 @@ def test_di1100_that_does_not_stop_is_refused() -> None:
 @pytest.mark.parametrize("back", [50, 100, 300])
 def test_mti_counter_that_is_reset_is_outvoted_by_its_clock(back: int) -> None:
     far = SlcanFar(group=lambda tick: (tick - back * (tick >= 300), round(1e6 * tick / 400.0)), groups=900)
-    with far, closing(MtiInstrument(far.port, waits=SHORT)) as instrument:
+    with far, closing(MtiInstrument(far.port, MtiSettings(), SHORT)) as instrument:
         instrument.prepare(sample_rate=400.0, channels=[0])
         instrument.start()
         blocks = read(instrument, 880)
@@ -453,7 +453,7 @@ def test_mti_counter_that_is_reset_is_outvoted_by_its_clock(back: int) -> None:
 
 def test_mti_garbage_without_an_end_is_thrown_away() -> None:
     far = SlcanFar(spoil=lambda tick, frames: b"t0340" * 20_000 if tick == 100 else b"".join(frames), groups=400)
-    with far, closing(MtiInstrument(far.port, waits=SHORT)) as instrument:
+    with far, closing(MtiInstrument(far.port, MtiSettings(), SHORT)) as instrument:
         instrument.prepare(sample_rate=400.0, channels=[0])
         instrument.start()
         blocks = read(instrument, 380)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import threading
-from contextlib import AbstractContextManager
+import math
+from contextlib import AbstractContextManager, closing
 from zlib import crc32
 
 import numpy as np
@@ -15,9 +15,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isorig.drivers.errors import ProtocolError
-from isorig.drivers.framed import FramedInstrument
+from isorig.drivers.framed import FramedInstrument, FramedSettings
 from isorig.drivers.frames import MAGIC, Decoder, encode_samples, encode_text
 from isorig.drivers.order import wrapped
+from isorig.drivers.simulated.commanded import Simulation
 from isorig.drivers.simulated.framed import SimulatedFramed
 from isorig.drivers.simulated.served import served
 from isorig.drivers.simulated.wire import PtyWire
@@ -106,11 +107,9 @@ class Three:
 
 
 def test_the_dialogue_byte_by_byte() -> None:
-    wire, over = Tapped(), threading.Event()
-    far = SimulatedFramed(wire, Three(), rows=2)
-    thread = threading.Thread(target=lambda: [far.step() for _ in iter(over.is_set, True)], daemon=True)
-    thread.start()
-    with FramedInstrument(wire.port) as instrument:
+    wire = Tapped()
+    far = SimulatedFramed(Three(), Simulation(speed=math.inf), rows=2)
+    with served(far, wire) as port, closing(FramedInstrument(port, FramedSettings())) as instrument:
         assert instrument.identity == "three samples"
         assert instrument.prepare(sample_rate=1000.0, channels=[0]) == 1000.0
         assert instrument.set_configuration("locked")
@@ -119,9 +118,6 @@ def test_the_dialogue_byte_by_byte() -> None:
         instrument.start()
         blocks = [instrument.read(5.0), instrument.read(5.0)]
         assert instrument.stop() == 3
-    over.set()
-    thread.join()
-    wire.close()
     drive = bytes.fromhex("0000003f 000080bf 00000000")
     loaded = b"DRIVE 3\n" + drive + crc32(drive).to_bytes(4, "little")
     assert wire.heard == b"STOP\nID?\nINPUTS?\nRATE 1000\nCONF locked\nGAIN 2.5\n" + loaded + b"START\nSTOP\n"
@@ -143,7 +139,7 @@ def test_another_version_of_the_protocol_is_refused(monkeypatch: pytest.MonkeyPa
             return encode_text("COUNT 0") + encode_text("ID isorig-framed/2 x") if data else b""
 
     with served(Newer()) as port, pytest.raises(ProtocolError, match="isorig-framed/2"):
-        FramedInstrument(port)
+        FramedInstrument(port, FramedSettings())
 
 
 def serve_framed(situation: Situation) -> AbstractContextManager[Served]:

@@ -7,12 +7,13 @@ import re
 import shutil
 import subprocess
 import tty
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from isorig.drivers.framed import FramedInstrument
+from isorig.drivers.framed import FramedInstrument, FramedSettings
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -31,7 +32,7 @@ def test_the_instrument_in_c_speaks_the_protocol(tmp_path: Path) -> None:
     tty.setraw(other)
     with subprocess.Popen([binary], stdin=own, stdout=own) as process:
         try:
-            with FramedInstrument(os.ttyname(other)) as instrument:
+            with closing(FramedInstrument(os.ttyname(other), FramedSettings())) as instrument:
                 assert instrument.identity == "counter"
                 assert [(i.unit, i.per_count, i.full_scale, i.dtype) for i in instrument.inputs] == [
                     ("V", 1e-3, 10.0, "int16")

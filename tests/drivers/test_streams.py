@@ -21,8 +21,9 @@ from isorig.drivers.arrivals import Arrivals
 from isorig.drivers.block import Block, Status
 from isorig.drivers.dataq import DataqInstrument, DataqSettings
 from isorig.drivers.errors import ProtocolError, SettingError
-from isorig.drivers.mti600 import MtiInstrument, decode
+from isorig.drivers.mti600 import MtiInstrument, MtiSettings, decode
 from isorig.drivers.mti600_messages import PER_COUNT
+from isorig.drivers.simulated.commanded import Simulation
 from isorig.drivers.simulated.faults import Faults
 from isorig.drivers.simulated.served import served
 from isorig.drivers.simulated.streams import SimulatedDataq, SimulatedSlcan, groups, slcan
@@ -46,7 +47,7 @@ def collect(instrument: object, ticks: int) -> list[Block]:
 
 
 def test_di1100_dialogue_and_samples() -> None:
-    peer = SimulatedDataq(counts, seconds=3.0, speed=4.0)
+    peer = SimulatedDataq(counts, Simulation(seconds=3.0, speed=4.0))
     with served(peer) as port:
         instrument = DataqInstrument(port, TEN)
         assert instrument.prepare(sample_rate=2000.0, channels=[0, 3]) == 2000.0
@@ -94,7 +95,7 @@ def test_di1100_masks_its_digital_inputs_and_refuses_a_rate_it_has_not() -> None
     def ones(samples: int, rate: float) -> np.ndarray:
         return np.full((samples, 2), 48, np.int16)
 
-    with served(SimulatedDataq(ones, seconds=1.0)) as port:
+    with served(SimulatedDataq(ones, Simulation(seconds=1.0))) as port:
         instrument = DataqInstrument(port, TEN)
         with pytest.raises(SettingError, match="916 Hz or more"):
             instrument.prepare(sample_rate=100.0, channels=[0])
@@ -210,7 +211,7 @@ def test_whatever_frames_are_lost_on_a_bus_no_sample_is_out_of_place(
     random = np.random.default_rng(seed)
     frames = [frame for group in groups(ramp(300, 100.0), rate=100.0, counter=counter) for frame in group]
     with can.Bus(interface="virtual", channel="lossy") as sender:
-        instrument = MtiInstrument("lossy", bus="virtual", waits=SHORT)
+        instrument = MtiInstrument("lossy", MtiSettings(bus="virtual"), SHORT)
         instrument.start()
         left = 0
         for identifier, data in frames:
@@ -232,11 +233,10 @@ def test_a_group_on_the_wire_of_an_adapter() -> None:
 
 
 def test_mti_over_slcan_places_every_sample_by_its_counter() -> None:
-    peer = SimulatedSlcan(
-        ramp, rate=400.0, seconds=8.0, speed=3.0, faults=Faults(first_tick=65500, drop=0.05, duplicate=0.05, seed=3)
-    )
+    faults = Faults(first_tick=65500, drop=0.05, duplicate=0.05, seed=3)
+    peer = SimulatedSlcan(ramp, Simulation(seconds=8.0, speed=3.0, faults=faults))
     with served(peer) as port:
-        instrument = MtiInstrument(port, waits=SHORT)
+        instrument = MtiInstrument(port, MtiSettings(), SHORT)
         instrument.start()
         blocks = collect(instrument, 2000)
         instrument.stop()
@@ -248,9 +248,9 @@ def test_mti_over_slcan_places_every_sample_by_its_counter() -> None:
 
 
 def test_mti_over_slcan_survives_hurt_bytes() -> None:
-    peer = SimulatedSlcan(ramp, rate=400.0, seconds=8.0, speed=3.0, faults=Faults(corrupt=0.05, seed=1))
+    peer = SimulatedSlcan(ramp, Simulation(seconds=8.0, speed=3.0, faults=Faults(corrupt=0.05, seed=1)))
     with served(peer) as port:
-        instrument = MtiInstrument(port, waits=SHORT)
+        instrument = MtiInstrument(port, MtiSettings(), SHORT)
         instrument.start()
         blocks = collect(instrument, 2000)
         instrument.stop()
@@ -264,11 +264,11 @@ def test_mti_over_slcan_survives_hurt_bytes() -> None:
 @pytest.mark.parametrize("make", [SimulatedDataq, SimulatedSlcan])
 def test_a_fault_that_an_instrument_cannot_have_is_refused(make: type) -> None:
     with pytest.raises(SettingError, match=r"has no fault 'turn_after'; it has .*drop"):
-        make(counts, faults=Faults(turn_after=1.0))
+        make(counts, Simulation(faults=Faults(turn_after=1.0)))
 
 
 def test_di1100_loss_is_counted_over_a_wire() -> None:
-    peer = SimulatedDataq(counts, seconds=3.0, speed=1.0, faults=Faults(drop=0.3, seed=1))
+    peer = SimulatedDataq(counts, Simulation(seconds=3.0, faults=Faults(drop=0.3, seed=1)))
     with served(peer) as port:
         instrument = DataqInstrument(port, TEN)
         instrument.prepare(sample_rate=2000.0, channels=[0])
@@ -286,7 +286,7 @@ def test_mti_on_the_virtual_bus_reports_clipping_and_internal_loss() -> None:
     samples = np.zeros((20, 3), np.int16)
     samples[3, 1] = 32767
     with can.Bus(interface="virtual", channel="rig-test") as sender:
-        instrument = MtiInstrument("rig-test", bus="virtual", waits=SHORT)
+        instrument = MtiInstrument("rig-test", MtiSettings(bus="virtual"), SHORT)
         instrument.start()
         sender.send(can.Message(arbitration_id=1, data=b"\x01", is_extended_id=False))
         for group in groups(samples, rate=100.0):

@@ -164,7 +164,7 @@ def working(folder: Path) -> tuple[Path, list[Words]]:
     path = folder / "a.h5.partial"
     with recording_into(path, plan, inputs) as file:
         for name in "uv":
-            writer = RunWriter(file, name, {n: k for k, n in enumerate("abcd")}, sample_rate=RATE, period=None)
+            writer = RunWriter(file, name, period=None)
             for tick in range(0, 1024, 32):
                 values = np.arange(tick, tick + 32, dtype=np.int32)[:, None] * 4 + np.arange(4, dtype=np.int32)
                 writer._store([Block(first_tick=tick, samples=values, host_time=tick / RATE, gain=1.0)])

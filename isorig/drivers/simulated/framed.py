@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import struct
+import math
 import time
-from collections import deque
-from dataclasses import dataclass
 from typing import Protocol
 from zlib import crc32
 
@@ -13,11 +11,13 @@ import numpy as np
 
 from isorig.drivers.block import FloatArray, Raw
 from isorig.drivers.frames import encode_samples, encode_text
-from isorig.drivers.simulated.faults import TURN, Faults, Mishaps
-from isorig.drivers.simulated.wire import Wire
+from isorig.drivers.simulated.commanded import Simulation, Streaming
+from isorig.drivers.simulated.faults import TURN
 
 #: Speed relative to real time without a drive and without a given speed.
 ENDLESS = 10.0
+#: Largest drive in samples.
+LONGEST = 1 << 26
 
 
 class Plant(Protocol):
@@ -26,147 +26,89 @@ class Plant(Protocol):
     @property
     def identity(self) -> str:
         """Name of the plant."""
-        ...
 
     @property
     def inputs(self) -> tuple[int, str, float, float]:
         """Number of inputs, their unit, unit per count, full scale in that unit."""
-        ...
 
     def play(self, drive: FloatArray, *, sample_rate: float, gain: float, configuration: str) -> Raw:
         """Counts of all inputs for a drive given at gain 1, int32, shape (n, inputs)."""
-        ...
 
 
-@dataclass
-class Count:
-    """State of a run: its number since switch-on, ticks counted."""
+class SimulatedFramed(Streaming):
+    """Answers commands and streams frames; `runs` were started so far.
 
-    run: int = 0
-    ticks: int = 0
-
-
-class SimulatedFramed:
-    """Answers commands and streams frames until its connection is closed.
+    The signal is as long as the drive; with a drive of a single sample, it continues until it is stopped.
 
     Parameters
     ----------
-    wire
-        The instrument's end of the connection.
     plant
         The simulated system.
-    faults
-        Injected faults.
-    speed
-        Speed relative to real time; as fast as the connection allows if None. The signal is as long as the drive; with a drive of
-        a single sample, it continues until it is stopped.
+    asked
+        Its speed and its faults.
     rows
         Samples per frame.
     """
 
-    def __init__(
-        self, wire: Wire, plant: Plant, *, faults: Faults | None = None, speed: float | None = None, rows: int = 256
-    ) -> None:
-        self._wire, self._plant, self._faults = wire, plant, faults or Faults()
-        self._speed, self._rows = speed, rows
-        self.mishaps = Mishaps(self._faults)
-        self._commands = bytearray()
-        self._needed = 0
-        self._out: deque[bytes] = deque()
-        self._rate, self._gain, self._configuration = 1024.0, 1.0, "unlocked"
+    FAULTS, NAME = Streaming.FAULTS | {"turn_after"}, "a framed instrument"
+
+    def __init__(self, plant: Plant, asked: Simulation, *, rows: int = 256) -> None:
+        super().__init__(1024.0, asked)
+        self._plant, self._rows = plant, rows
+        self._commands, self._needed = bytearray(), 0
+        self._gain, self._configuration = 1.0, "unlocked"
         self._drive: FloatArray = np.zeros(0)
-        self._signal: Raw = np.zeros((0, self._plant.inputs[0]), np.int32)
-        self._sent = self._sequence = 0
-        self._began = 0.0
-        self.running = False
-        self.count = Count()
-        self.unplugged = False
+        self._signal: Raw = np.zeros((0, plant.inputs[0]), np.int32)
+        self._sequence = self.runs = 0
 
-    def serve(self, seconds: float = np.inf) -> None:
-        """Serve until the connection is cut or the time has elapsed."""
-        end = time.monotonic() + seconds
-        while not self.unplugged and time.monotonic() < end:
-            self.step()
+    def answers(self, data: bytes) -> bytes:
+        """The answers to the commands that these bytes complete; a drive follows its command."""
+        self._commands += data
+        answers = b""
+        while len(self._commands) >= self._needed and b"\n" in self._commands:
+            line, _, rest = bytes(self._commands).partition(b"\n")
+            words = line.decode("ascii", "replace").split()
+            size = _drive_size(words)
+            self._needed = len(line) + 1 + size if len(rest) < size else 0
+            if self._needed:
+                # The rest of the drive is in transit.
+                break
+            self._commands = bytearray(rest[size:])
+            if words:
+                answers += encode_text(self._answered(words, rest[:size]))
+        return answers
 
-    def step(self) -> None:
-        """One iteration: read commands, create the next frame, send what the connection accepts."""
-        busy = bool(self._out) or self._frame_due()
-        self._commands += self._wire.read(0.0 if busy else 0.02)
-        self._obey()
-        if len(self._out) < 4 and self._frame_due():
-            self._next_frame()
-        if self._out:
-            taken = self._wire.write(self._out[0], 0.02)
-            rest = self._out.popleft()[taken:]
-            if rest:
-                self._out.appendleft(rest)
+    def samples(self) -> bytes:
+        """The next frame if it is due, as it is sent."""
+        frame = self._next_frame() if self._frame_due() else b""
+        # The frame in which the connection is cut does not arrive.
+        return b"".join(self.mishaps.sent(frame)) if frame and not self.unplugged else b""
 
     def _frame_due(self) -> bool:
-        if not self.running or self.mishaps.late:
-            return False
         endless = len(self._drive) == 1
-        if self._sent >= len(self._signal) and endless:
+        if self.sent >= len(self._signal) and endless:
             self._play(np.zeros(2 * len(self._signal)))
-        if self._sent >= len(self._signal):
+        if self.sent >= len(self._signal):
             return False
-        speed = ENDLESS if self._speed is None and endless else self._speed
-        if speed is None:
-            return True
-        passed = (time.monotonic() - self._began) * speed * (1.0 + 1e-6 * self._faults.ppm)
-        return self._sent + self._rows <= passed * self._rate
+        speed = ENDLESS if endless and math.isinf(self._speed) else self._speed
+        return self.sent + self._rows <= (time.monotonic() - self._began) * speed * self._rate
 
-    def _next_frame(self) -> None:
+    def _next_frame(self) -> bytes:
         faults = self._faults
-        part = self._signal[self._sent : self._sent + self._rows]
-        seconds = self._sent / self._rate
+        part = self._signal[self.sent : self.sent + self._rows]
+        seconds = self.sent / self._rate
         turned = faults.turn_after is not None and seconds >= faults.turn_after
         frame = encode_samples(
-            part, sequence=self._sequence, tick=faults.first_tick + self._sent,
+            part, sequence=self._sequence, tick=faults.first_tick + self.sent,
             time_us=round(1e6 * seconds / (1.0 + 1e-6 * faults.ppm)), gain=self._gain * (1.0 + TURN * turned),
             status=int(self.mishaps.occurs("overload")),
         )  # fmt: skip
-        self._sent += len(part)
+        self.sent += len(part)
         self._sequence += 1
-        self.count.ticks = self._sent
-        if faults.unplug_after is not None and self._sent > faults.unplug_after * self._rate:
-            self.unplugged = True
-            self._wire.close()
-            return
-        self._out.extend(self.mishaps.sent(frame))
+        return frame
 
-    def _obey(self) -> None:
-        while len(self._commands) >= self._needed and b"\n" in self._commands:
-            self._needed = 0
-            line, _, rest = bytes(self._commands).partition(b"\n")
-            words = line.decode("ascii", "replace").split()
-            if words and words[0] == "DRIVE":
-                size = self._drive_size(words)
-                if size is not None and len(rest) < size:
-                    # The rest of the drive is in transit.
-                    self._needed = len(line) + 1 + size
-                    return
-                self._commands = bytearray(rest[size or 0 :])
-                self._say(self._take_drive(rest[:size]) if size else f"ERR DRIVE {' '.join(words[1:])} is not a length")
-                continue
-            self._commands = bytearray(rest)
-            if words:
-                self._say(self._answer(words))
-
-    @staticmethod
-    def _drive_size(words: list[str]) -> int | None:
-        if len(words) != 2 or not words[1].isdigit() or not 0 < int(words[1]) <= 1 << 26:
-            return None
-        return 4 * int(words[1]) + 4
-
-    def _take_drive(self, data: bytes) -> str:
-        (check,) = struct.unpack("<I", data[-4:])
-        if check != crc32(data[:-4]):
-            return "ERR DRIVE the drive arrived damaged"
-        self._drive = np.frombuffer(data[:-4], "<f4").astype(np.float64)
-        return f"DRIVE {len(self._drive)}"
-
-    def _answer(self, words: list[str]) -> str:
-        word = words[0].rstrip("?")
+    def _answered(self, words: list[str], drive: bytes) -> str:
+        word, given = words[0].rstrip("?"), " ".join(words[1:])
         try:
             match word:
                 case "ID":
@@ -182,29 +124,36 @@ class SimulatedFramed:
                     answer = f"{self._gain:.9g}"
                 case "CONF":
                     answer = self._configuration = words[1]
+                case "DRIVE" if not drive:
+                    word, answer = "ERR", f"DRIVE {given} is not a length"
+                case "DRIVE" if crc32(drive[:-4]) != int.from_bytes(drive[-4:], "little"):
+                    word, answer = "ERR", "DRIVE the drive arrived damaged"
+                case "DRIVE":
+                    self._drive = np.frombuffer(drive[:-4], "<f4").astype(np.float64)
+                    answer = f"{len(self._drive)}"
                 case "START":
                     self._start()
                     answer = f"{self._faults.first_tick % 2**32}"
                 case "STOP" | "COUNT":
                     self.running = self.running and word != "STOP"
-                    word, answer = "COUNT", f"{self._sent}"
+                    word, answer = "COUNT", f"{self.sent}"
                 case _:
                     word, answer = "ERR", f"{word} is not a command"
         except (IndexError, ValueError):
-            word, answer = "ERR", f"{word} {' '.join(words[1:])} is not a value for it"
+            word, answer = "ERR", f"{word} {given} is not a value for it"
         return f"{word} {answer}"
 
     def _start(self) -> None:
-        if self.running:
-            return
-        self._play(self._drive if len(self._drive) != 1 else np.zeros(round(self._rate)))
-        self._sent = 0
-        self.count = Count(run=self.count.run + 1)
-        self.running, self._began = True, time.monotonic()
+        if not self.running:
+            self._play(self._drive if len(self._drive) != 1 else np.zeros(round(self._rate)))
+            self.runs += 1
+            self.begin()
 
     def _play(self, drive: FloatArray) -> None:
         self._signal = self._plant.play(drive, sample_rate=self._rate, gain=self._gain, configuration=self._configuration)
 
-    def _say(self, text: str) -> None:
-        # An answer is a frame: it waits for a frame that is partly sent, and precedes frames that are not started.
-        self._out.insert(1 if self._out else 0, encode_text(text))
+
+def _drive_size(words: list[str]) -> int:
+    # Bytes of the drive and its checksum, which follow a valid command.
+    valid = len(words) == 2 and words[0] == "DRIVE" and words[1].isdigit() and 0 < int(words[1]) <= LONGEST
+    return 4 * int(words[1]) + 4 if valid else 0

@@ -11,6 +11,9 @@ from typing import Protocol
 
 from isorig.drivers.simulated.wire import PtyWire, Wire
 
+#: Bytes that may wait for the connection before a peer is asked for more.
+BACKLOG = 1 << 12
+
 
 class Peer(Protocol):
     """A simulated instrument: receives bytes, returns bytes."""
@@ -18,11 +21,9 @@ class Peer(Protocol):
     @property
     def unplugged(self) -> bool:
         """Whether the connection is to be cut."""
-        ...
 
     def step(self, data: bytes) -> bytes:
         """Bytes received, bytes to send; called frequently, also without input."""
-        ...
 
 
 class TcpWire:
@@ -68,13 +69,16 @@ class TcpWire:
 
 def exchange(wire: Wire, peer: Peer, over: Callable[[], bool]) -> None:
     """Transfer bytes between a connection and a peer until `over`, or until the peer is unplugged."""
-    waiting = b""
+    waiting, busy = b"", False
     while not over():
         if peer.unplugged:
             wire.close()
             return
-        waiting += peer.step(wire.read(0.0 if waiting else 0.005))
-        if waiting:
+        data = wire.read(0.0 if busy else 0.005)
+        if data or len(waiting) < BACKLOG:
+            waiting += peer.step(data)
+        busy = bool(waiting)
+        if busy:
             waiting = waiting[wire.write(waiting, 0.02) :]
 
 

@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
 from isorig.drivers.block import FloatArray, Raw
 from isorig.drivers.mti600_messages import ACCELERATION, CLIPPED, GROUP_COUNTER, PER_COUNT, SAMPLE_TIME, STATUS_WORD, WRAP
-from isorig.drivers.simulated.commanded import Streaming
-from isorig.drivers.simulated.faults import Faults
-
-#: Given a number of samples and a rate in Hz: int16 counts, shape (n, inputs).
-Source = Callable[[int, float], Raw]
-
+from isorig.drivers.simulated.commanded import Simulation, Source, Streaming
 
 #: The bits of a word used by a 12-bit converter, and the digital inputs.
 LEFT, DIGITAL = ~15, 3
-#: Maximum number of samples in a signal that is repeated.
-MOST = 100_000
-
-
-#: Full scale of a DI-1100's inputs, V; rate of a simulated MTi-600, Hz.
-RANGE, MTI_RATE = 10.0, 400.0
+#: Full scale of a DI-1100's inputs, V; rates of a simulated MTi-600 and of simulated lines, Hz.
+RANGE, MTI_RATE, LINES_RATE = 10.0, 400.0, 100.0
 
 
 def words(volts: FloatArray) -> Raw:
@@ -37,26 +28,22 @@ def axes(acceleration: FloatArray) -> Raw:
 
 
 class SimulatedDataq(Streaming):
-    """Echoes commands and streams the signal of a source.
+    """A DI-1100: echoes commands and streams the signal of a source.
 
     Parameters
     ----------
     source
-        Returns the counts of all inputs.
-    seconds
-        Length of the repeated signal, seconds of signal.
-    speed
-        Speed relative to real time.
-    faults
-        Injected faults; `drop` is the probability per second of signal that half of its scans are acquired and not sent.
+        Returns the counts of all inputs, int16.
+    asked
+        Its options; `drop` is the probability per second of signal that half of its scans are acquired and not sent.
     """
 
     END, NAME = b"\r", "a DI-1100"
     FAULTS = frozenset({"drop", "stall", "unplug_after", "ppm"})
 
-    def __init__(self, source: Source, *, seconds: float = 60.0, speed: float = 1.0, faults: Faults | None = None) -> None:
-        super().__init__(1000.0, speed, faults)
-        self._source, self._seconds = source, seconds
+    def __init__(self, source: Source, asked: Simulation) -> None:
+        super().__init__(1000.0, asked)
+        self._source = source
         self.dropped, self._losing = 0, False
         self._inputs = 1
         self._signal: Raw = np.zeros((0, 1), np.int16)
@@ -64,7 +51,7 @@ class SimulatedDataq(Streaming):
     def samples(self) -> bytes:
         """The scans that are due, up to the end of a half second of signal, which is sent or dropped as a whole."""
         half = int(self._rate / 2.0)
-        ticks = self.due(min(4096, half - self._sent % half))
+        ticks = self.due(min(4096, half - self.sent % half))
         if len(ticks) and ticks.start % half == 0:
             self._losing = ticks.start % (2 * half) != 0 and self.mishaps.occurs("drop")
         if self._losing:
@@ -84,7 +71,7 @@ class SimulatedDataq(Streaming):
             case ["stop"]:
                 self.running = False
             case ["start"]:
-                self._signal = self._source(min(round(self._seconds * self._rate), MOST), self._rate)
+                self._signal = self.repeated(self._source)
                 self.dropped, self._losing = 0, False
                 self.begin()
                 return b""
@@ -120,24 +107,16 @@ class SimulatedSlcan(Streaming):
     Parameters
     ----------
     source
-        Returns the counts of three axes.
-    rate
-        Hz.
-    seconds
-        Length of the repeated signal, seconds of signal.
-    speed
-        Speed relative to real time.
-    faults
-        Injected faults of the adapter's frames.
+        Returns the counts of three axes, int16.
+    asked
+        Its options; the faults are those of the adapter's frames.
     """
 
     END, NAME = b"\r", "an MTi-600"
 
-    def __init__(
-        self, source: Source, *, rate: float = 100.0, seconds: float = 60.0, speed: float = 1.0, faults: Faults | None = None
-    ) -> None:
-        super().__init__(rate, speed, faults)
-        self._signal = source(round(seconds * rate), rate)
+    def __init__(self, source: Source, asked: Simulation) -> None:
+        super().__init__(MTI_RATE, asked)
+        self._signal = self.repeated(source)
 
     def answer(self, command: str) -> bytes:
         """An adapter with an open bus refuses to open it again."""
@@ -166,24 +145,17 @@ class SimulatedLines(Streaming):
 
     Parameters
     ----------
-    volts
+    source
         Returns the voltages of all inputs.
-    seconds
-        Length of the repeated signal, seconds of signal.
-    speed
-        Speed relative to real time.
-    faults
-        Injected faults of its lines.
+    asked
+        Its options; the faults are those of its lines.
     """
 
     NAME = "an instrument of lines"
 
-    def __init__(
-        self, volts: Callable[[int, float], FloatArray], *, rate: float = 100.0, seconds: float = 60.0, speed: float = 1.0,
-        faults: Faults | None = None,
-    ) -> None:  # fmt: skip
-        super().__init__(rate, speed, faults)
-        self._signal = volts(min(round(seconds * rate), MOST), rate)
+    def __init__(self, source: Source, asked: Simulation) -> None:
+        super().__init__(LINES_RATE, asked)
+        self._signal = self.repeated(source)
 
     def answer(self, command: str) -> bytes:
         """It answers no command."""

@@ -17,15 +17,12 @@ class Wire(Protocol):
 
     def read(self, timeout: float) -> bytes:
         """Bytes that arrived within `timeout` seconds."""
-        ...
 
     def write(self, data: bytes, timeout: float) -> int:
         """Send what fits within `timeout` seconds; returns the number of bytes sent."""
-        ...
 
     def close(self) -> None:
         """Disconnect."""
-        ...
 
 
 class PtyWire:
@@ -52,20 +49,14 @@ class PtyWire:
     def read(self, timeout: float) -> bytes:
         """Bytes that arrived within `timeout` seconds, or empty."""
         try:
-            ready, _, _ = select.select([self._own], [], [], timeout)
-            if not ready:
-                return b""
-            return os.read(self._own, 65536)
+            return os.read(self._own, 65536) if select.select([self._own], [], [], timeout)[0] else b""
         except (OSError, ValueError):
             return b""
 
     def write(self, data: bytes, timeout: float) -> int:
         """Send what fits within `timeout` seconds; returns the number of bytes sent."""
         try:
-            _, ready, _ = select.select([], [self._own], [], timeout)
-            if not ready:
-                return 0
-            return os.write(self._own, data)
+            return os.write(self._own, data) if select.select([], [self._own], [], timeout)[1] else 0
         except (OSError, ValueError):
             return 0
 

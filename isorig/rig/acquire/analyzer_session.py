@@ -29,15 +29,15 @@ def measure_with_analyzer(instrument: Records, plan: Plan, run: RunPlan, name: s
     started = datetime.now(UTC)
     instrument.measure(run.seconds + PATIENCE)
     records = instrument.records()
-    shows = plan.instrument.shows
-    time_records = {s.channel: r for s, r in zip(shows, records, strict=True) if s.kind == "time"}
+    shown = list(zip(plan.instrument.shows, records, strict=True))
+    time_records = {s.channel: r for s, r in shown if s.kind == "time"}
     channels = {channel: _channel(plan, channel, record) for channel, record in time_records.items()}
     spectra = tuple(
         Spectrum(
             name=f"{s.channel}-{s.kind}", kind=s.kind, response=s.channel, reference=s.reference, frequency=r.x, values=r.values,
             unit=s.unit, averages=r.averages or 1, window=r.window or "",
         )
-        for s, r in zip(shows, records, strict=True)
+        for s, r in shown
         if s.kind != "time"
     )  # fmt: skip
     rate = _rate(name, list(time_records.values()))

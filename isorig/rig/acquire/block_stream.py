@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from isorig.drivers.block import Block
 from isorig.drivers.errors import ConnectionLostError, InstrumentError
 from isorig.drivers.instrument import Counting, Holding, Rejoining, Stream
-from isorig.rig.acquire.waits import SESSION_WAITS, SessionWaits
+from isorig.rig.acquire.waits import SessionWaits
 
 
 class BlockStream:
@@ -16,27 +16,17 @@ class BlockStream:
 
     Parameters
     ----------
-    instrument
-        The instrument, which is streaming.
-    ticks
-        Number of ticks to read.
-    rate
-        Sample rate, Hz.
-    waits
-        Timeouts.
+    instrument, waits
+        The instrument, which is streaming, and timeouts.
+    ticks, rate
+        Number of ticks to read, and sample rate, Hz.
     stopped
         Called continuously, also without blocks; True ends the run.
     """
 
     def __init__(
-        self,
-        instrument: Stream,
-        ticks: int,
-        rate: float,
-        *,
-        waits: SessionWaits = SESSION_WAITS,
-        stopped: Callable[[], bool] = lambda: False,
-    ) -> None:
+        self, instrument: Stream, ticks: int, rate: float, *, waits: SessionWaits, stopped: Callable[[], bool]
+    ) -> None:  # fmt: skip
         self._instrument, self._ticks, self._rate, self._stopped = instrument, ticks, rate, stopped
         self._waits = waits
         self._end = 0

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
+from typing import Any
 
 import numpy as np
 
@@ -57,32 +58,22 @@ def drive_of(run: RunPlan, repeat: int, sample_rate: float) -> RunDrive:
     n = run.ticks(sample_rate)
     if not run.played:
         return RunDrive(1, lambda start, stop: np.zeros(stop - start))
+
+    def shaped(shape: Callable[..., FloatArray], begin: float = 0.0, **values: Any) -> RunDrive:
+        # A shape in time that starts at `begin`, s.
+        def make(start: int, stop: int) -> FloatArray:
+            return shape(samples=stop - start, sample_rate=sample_rate, start=begin - start / sample_rate, **values)
+
+        return RunDrive(n, make)
+
     if run.excitation in ("moves", "steps"):
-        make = moves if run.excitation == "moves" else steps
-        return RunDrive(
-            n,
-            lambda start, stop: make(
-                samples=stop - start, sample_rate=sample_rate, peak=MOVE_PER_GAIN, start=0.25 - start / sample_rate
-            ),
-        )
+        return shaped(moves if run.excitation == "moves" else steps, 0.25, peak=MOVE_PER_GAIN)
     if run.frequency is not None:
-        frequency = run.frequency
-        return RunDrive(
-            n,
-            lambda start, stop: sine(
-                samples=stop - start, sample_rate=sample_rate, peak=SINE_PER_GAIN, frequency=frequency,
-                start=-start / sample_rate,
-            ),
-        )  # fmt: skip
+        return shaped(sine, peak=SINE_PER_GAIN, frequency=run.frequency)
     assert run.band is not None  # the plan was checked
     if run.excitation == "sweep":
-        band = run.band
-        return RunDrive(
-            n,
-            lambda start, stop: sweep(
-                samples=stop - start, sample_rate=sample_rate, peak=SINE_PER_GAIN, band=band, of=n, first=start
-            ),
-        )
+        whole = partial(sweep, sample_rate=sample_rate, peak=SINE_PER_GAIN, band=run.band, of=n)
+        return RunDrive(n, lambda start, stop: whole(samples=stop - start, first=start))
     if run.excitation == "random":
         return RunDrive(n, _random(n, sample_rate, run.band, run.seed + repeat))
     period = round(run.period * sample_rate)

@@ -52,18 +52,19 @@ def incoherence(
     detections
         Noise and distortion of the responses, if the drive is periodic.
     """
-    run, others = _begun(run, name, drive), [_begun(other, name, drive) for other in others]
+    run, others = _begun(run, name, drive), [_begun(other, name, drive) for other in others if _alike(run, other, name, drive)]
     driven = driven_bins(run, spectra, drive)
     coherence = spectra.frf(name, drive).coherence[driven]
     begin = f"{name} has a coherence of {float(np.median(coherence)):.2f} with the drive"
     density = spectra.density(name)[driven]
     left = _incoherent_power(spectra, name, drive, driven) / max(float(np.sum(density)), 1e-300)
     level = noise_levels(Campaign(runs=(run,))).get(name, 0.0)
+
+    def because(kind: Kind, text: str) -> Incoherence:
+        return Incoherence(response=name, kind=kind, text=begin + text)
+
     if left * float(np.mean(density)) <= NOISE_RATIO * 2.0 * level**2 / run.sample_rate:
-        return Incoherence(
-            response=name, kind="noise",
-            text=f"{begin} because of noise; drive harder, or use a more sensitive range or sensor, and repeat the run.",
-        )  # fmt: skip
+        return because("noise", " because of noise; drive harder, or use a more sensitive range or sensor, and repeat the run.")
     share, what = _not_repeated(run, spectra, name, drive, others)
     found = next((item for item in detections if item.response == name), None)
     reason = f"{what} agree" if share <= REPEATABLE * left else ""
@@ -71,21 +72,20 @@ def incoherence(
         reason = reason or "its distortion exceeds its noise"
     if reason or _by_level(run, spectra, name, drive, others):
         reason = reason or "its transfer function changes with the drive's level"
-        return Incoherence(
-            response=name, kind="nonlinear",
-            text=f"{begin}, but {reason}: the rig is nonlinear there, and the record is good; rig diagnose finds the cause.",
-        )  # fmt: skip
+        return because(
+            "nonlinear", f", but {reason}: the rig is nonlinear there, and the record is good; rig diagnose finds the cause."
+        )
     if what and share >= NOT_REPEATABLE * left:
-        return Incoherence(
-            response=name, kind="noise",
-            text=f"{begin}, and {what} differ; look for another source of vibration, drive harder, and repeat the run. Impacts "
-            "differ, too: they change the transfer function with the drive's level.",
-        )  # fmt: skip
-    return Incoherence(
-        response=name, kind="undecided",
-        text=f"{begin}, which is more than the sensor's noise: the rig is nonlinear, or something else moves it; a run with the "
-        "same drive (repeat_of) decides it.",
-    )  # fmt: skip
+        return because(
+            "noise",
+            f", and {what} differ; look for another source of vibration, drive harder, and repeat the run. Impacts differ, too: "
+            "they change the transfer function with the drive's level.",
+        )
+    return because(
+        "undecided",
+        ", which is more than the sensor's noise: the rig is nonlinear, or something else moves it; a run with the same drive "
+        "(repeat_of) decides it.",
+    )
 
 
 def driven_bins(run: Run, spectra: Spectra, drive: str) -> BoolArray:
@@ -99,6 +99,12 @@ def _begun(run: Run, name: str, drive: str) -> Run:
     # The two channels, not longer than memory allows.
     kept = {key: channel for key, channel in run.channels.items() if key in (name, drive)}
     return replace(run, channels={key: replace(channel, samples=channel.samples[:LONGEST]) for key, channel in kept.items()})
+
+
+def _alike(run: Run, other: Run, name: str, drive: str) -> bool:
+    # Whether another run can be compared with this one.
+    same = other.configuration == run.configuration and other.sample_rate == run.sample_rate
+    return same and other.id != run.id and {name, drive} <= set(other.channels)
 
 
 def _incoherent_power(spectra: Spectra, name: str, drive: str, driven: BoolArray) -> float:
@@ -133,8 +139,7 @@ def _repeats(
         settled, later = slice(SETTLING * run.period, -run.period), slice((SETTLING + 1) * run.period, None)
         yield (x[settled], y[settled]), (x[later], y[later]), "its periods"
     for other in others:
-        known = {name, drive} <= set(other.channels) and other.id != run.id and other.configuration == run.configuration
-        if not known or other.sample_rate != run.sample_rate or run.gaps or other.gaps:
+        if run.gaps or other.gaps:
             continue
         again = other.read(drive)
         if other.repeat_of == run.id or run.repeat_of == other.id or same_drive(x, again):
@@ -155,10 +160,8 @@ def _by_level(run: Run, spectra: Spectra, name: str, drive: str, others: Sequenc
     # Whether a run with another level has another transfer function.
     size = float(np.std(run.read(drive)))
     for other in others:
-        if not {name, drive} <= set(other.channels) or other.configuration != run.configuration or other.id == run.id:
-            continue
         ratio = float(np.std(other.read(drive))) / max(size, 1e-300)
-        if other.sample_rate != run.sample_rate or max(ratio, 1.0 / max(ratio, 1e-300)) < LEVEL_RATIO:
+        if max(ratio, 1.0 / max(ratio, 1e-300)) < LEVEL_RATIO:
             continue
         try:
             compared = estimate([other], references=[drive], resolution=spectra.resolution)

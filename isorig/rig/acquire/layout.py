@@ -156,13 +156,10 @@ class BlockShape:
         return SAMPLES.size + self.blocks * TIMING.itemsize
 
 
-def pack(layout: Layout, first_tick: int, timing: NDArray[Any], columns: Sequence[NDArray[Any]]) -> bytes:
-    """The content of a block of samples; `timing` as `TIMING`, `columns` in the order of the layout's channels."""
-    parts = [SAMPLES.pack(first_tick, len(columns[0]), len(timing)), timing.astype(TIMING).tobytes()]
-    parts += [
-        np.ascontiguousarray(values, channel.stored).tobytes()
-        for values, channel in zip(columns, layout.channels.values(), strict=True)
-    ]
+def pack(layout: Layout, first_tick: int, timing: Sequence[tuple[float, ...]], samples: NDArray[Any]) -> bytes:
+    """The content of a block of samples; `timing` as rows of `TIMING`, `samples` of all inputs, shape (n, inputs)."""
+    parts = [SAMPLES.pack(first_tick, len(samples), len(timing)), np.array(timing, TIMING).tobytes()]
+    parts += [samples[:, channel.input].astype(channel.stored).tobytes() for channel in layout.channels.values()]
     return b"".join(parts)
 
 
@@ -189,10 +186,9 @@ def log_of(layout: Layout, content: bytes) -> tuple[str, NDArray[np.float64]] | 
     """The logger and its rows; None if the content contradicts the layout."""
     if len(content) < LOG.size:
         return None
-    (number,), names = LOG.unpack_from(content), list(layout.logs)
-    if number >= len(names):
+    (number,), names, stored = LOG.unpack_from(content), list(layout.logs), content[LOG.size :]
+    width = 1 + len(layout.logs[names[number]].units) if number < len(names) else 0
+    if not width or len(stored) % (8 * width):
         return None
-    values = np.frombuffer(content[LOG.size : len(content) - (len(content) - LOG.size) % 8], "<f8")
-    width = 1 + len(layout.logs[names[number]].units)
-    whole = (len(content) - LOG.size) == 8 * len(values) and len(values) % width == 0
-    return (names[number], values.reshape(-1, width)) if whole and np.isfinite(values).all() else None
+    rows = np.frombuffer(stored, "<f8").reshape(-1, width)
+    return (names[number], rows) if np.isfinite(rows).all() else None

@@ -18,55 +18,42 @@ class RunningCoherence:
 
     Parameters
     ----------
-    channels
-        All channels.
-    drive
-        The drive channel.
-    band
-        Hz.
-    rate
-        Hz.
+    channels, drive
+        All channels, and that of the drive.
+    band, rate
+        The driven band and the sample rate, Hz.
     """
 
     def __init__(self, channels: tuple[str, ...], *, drive: str, band: tuple[float, float], rate: float) -> None:
-        self._drive = drive if drive in channels else None
+        self._channels = channels
         self._length = max(round(SEGMENT * rate), 16)
         frequency = np.fft.rfftfreq(self._length, 1.0 / rate)
         self._inside = (frequency >= band[0]) & (frequency <= band[1])
-        self._window = HANN.samples(self._length)
-        self._waiting: dict[str, FloatArray] = {name: np.zeros(0) for name in channels}
-        self._auto = {name: np.zeros(int(self._inside.sum())) for name in channels}
-        self._cross = {name: np.zeros(int(self._inside.sum()), complex) for name in channels}
+        self._drive = channels.index(drive) if drive in channels and self._inside.any() else None
+        self._waiting = np.zeros((len(channels), 0))
+        self._auto = np.zeros((len(channels), int(self._inside.sum())))
+        self._cross = self._auto.astype(complex)
         self._segments = 0
 
     def add(self, values: Mapping[str, FloatArray]) -> None:
         """Add samples of all channels, with equal lengths."""
-        if self._drive is None or not self._inside.any():
+        if self._drive is None:
             return
-        for name, new in values.items():
-            self._waiting[name] = np.concatenate([self._waiting[name], new])
-        while len(self._waiting[self._drive]) >= self._length:
-            self._segment({name: waiting[: self._length] for name, waiting in self._waiting.items()})
-            self._waiting = {name: waiting[self._length :] for name, waiting in self._waiting.items()}
+        new = np.stack([values[name] for name in self._channels])
+        waiting = np.concatenate([self._waiting, new], axis=1)
+        while waiting.shape[1] >= self._length:
+            part, waiting = waiting[:, : self._length], waiting[:, self._length :]
+            windowed = HANN.samples(self._length) * (part - part.mean(axis=1, keepdims=True))
+            lines = np.fft.rfft(windowed)[:, self._inside]
+            self._auto += np.abs(lines) ** 2
+            self._cross += np.conj(lines[self._drive]) * lines
+            self._segments += 1
+        self._waiting = waiting
 
     def medians(self) -> dict[str, float]:
         """Median coherence of each response with the drive within the band; empty before the third segment."""
         if self._drive is None or self._segments < 3:
             return {}
-        power = self._auto[self._drive]
-        tiny = np.finfo(float).tiny
-        return {
-            name: float(np.median(np.abs(cross) ** 2 / np.maximum(power * self._auto[name], tiny)))
-            for name, cross in self._cross.items()
-            if name != self._drive
-        }
-
-    def _segment(self, values: Mapping[str, FloatArray]) -> None:
-        assert self._drive is not None
-        lines = {
-            name: np.fft.rfft(self._window * (part - part.mean()))[self._inside] for name, part in values.items()
-        }  # fmt: skip
-        for name, line in lines.items():
-            self._auto[name] += np.abs(line) ** 2
-            self._cross[name] += np.conj(lines[self._drive]) * line
-        self._segments += 1
+        power = np.maximum(self._auto * self._auto[self._drive], np.finfo(float).tiny)
+        medians = np.median(np.abs(self._cross) ** 2 / power, axis=1)
+        return {name: float(medians[k]) for k, name in enumerate(self._channels) if k != self._drive}

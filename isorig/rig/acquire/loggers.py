@@ -56,10 +56,8 @@ class RunLoggers:
 
     Parameters
     ----------
-    plan
-        The plan.
-    loggers
-        Its loggers by name, prepared.
+    plan, loggers
+        The plan, and its loggers by name, prepared.
     put
         Receives the number of the logger and rows, shape (n, 1 + channels): arrival by the host's clock in s, and values. Called
         from several threads.

@@ -14,6 +14,7 @@ from isorig.drivers.errors import DriverError, InstrumentError
 from isorig.drivers.instrument import Stream, in_real_time
 from isorig.rig.acquire.block_stream import BlockStream
 from isorig.rig.acquire.drive import drive_of, load
+from isorig.rig.acquire.layout import Layout
 from isorig.rig.acquire.live_coherence import RunningCoherence
 from isorig.rig.acquire.loggers import RunLoggers
 from isorig.rig.acquire.pace import Pace
@@ -55,23 +56,14 @@ class LiveState(msgspec.Struct, frozen=True, kw_only=True):
 class BlockSummary:
     """Summarizes the blocks between two updates."""
 
-    def __init__(self, plan: Plan, run: RunPlan, instrument: Stream) -> None:
-        self._instrument, self._run = instrument, run
-        self._columns = {name: about.input for name, about in plan.channels.items()}
-        inputs = instrument.inputs
-        self._scale = {name: inputs[about.input].per_count / about.sensitivity for name, about in plan.channels.items()}
-        self._full = {
-            name: abs(full / about.sensitivity)
-            for name, about in plan.channels.items()
-            if (full := inputs[about.input].full_scale) is not None
-        }
-        self._rate = plan.instrument.sample_rate
-        self._coherence = (
-            None if run.band is None else RunningCoherence(tuple(self._columns), drive=plan.drive, band=run.band, rate=self._rate)
-        )
+    def __init__(self, layout: Layout, run: RunPlan, instrument: Stream, drive: str) -> None:
+        self._instrument, self._run, self._layout = instrument, run, layout
+        channels, rate = layout.channels, layout.sample_rate
+        self._full = {name: about.full_scale for name, about in channels.items() if about.full_scale is not None}
+        self._coherence = None if run.band is None else RunningCoherence(tuple(channels), drive=drive, band=run.band, rate=rate)
         self._blocks: list[Block] = []
         self._seconds = 0.0
-        self._highest = dict.fromkeys(self._columns, 0.0)
+        self._highest = dict.fromkeys(channels, 0.0)
         self._at = time.monotonic()
 
     def add(self, block: Block) -> None:
@@ -87,10 +79,10 @@ class BlockSummary:
         values = {}
         if any(len(block.samples) for block in self._blocks):
             raw = np.concatenate([block.samples for block in self._blocks])
-            values = {key: raw[:, column] * self._scale[key] for key, column in self._columns.items()}
+            values = {key: raw[:, about.input] * about.scale + about.offset for key, about in self._layout.channels.items()}
             if self._coherence is not None:
                 self._coherence.add(values)
-            self._seconds = self._blocks[-1].end_tick / self._rate
+            self._seconds = self._blocks[-1].end_tick / self._layout.sample_rate
             for key, v in values.items():
                 self._highest[key] = max(self._highest[key], float(np.abs(v).max()))
         self._blocks, self._at = [], time.monotonic()
@@ -109,10 +101,8 @@ class PaceCheck:
 
     Parameters
     ----------
-    who
-        The instrument, for the message.
-    rate
-        Stated sample rate, Hz.
+    who, rate
+        The instrument, for the message, and its stated sample rate, Hz.
     """
 
     def __init__(self, who: str, rate: float) -> None:
@@ -148,7 +138,6 @@ def measure_run(
     plan: Plan,
     run: RunPlan,
     repeat: int,
-    name: str,
     watch: Callable[[LiveState], None],
     remarks: Remarks,
     stopped: Callable[[], bool] = lambda: False,
@@ -168,12 +157,11 @@ def measure_run(
     DriverError, OutputError
         The instrument or the disk fails; the data measured until then are in the file.
     """
-    rate = plan.instrument.sample_rate
+    rate, name = plan.instrument.sample_rate, run.ids()[repeat]
     drive = drive_of(*plan.original(run, repeat), rate)
     load(instrument, run, drive, plan.limits)
-    columns = {channel: about.input for channel, about in plan.channels.items()}
-    writer = RunWriter(file, name, columns, sample_rate=rate, period=drive.period, waits=waits)
-    summary = BlockSummary(plan, run, instrument)
+    writer = RunWriter(file, name, period=drive.period, waits=waits)
+    summary = BlockSummary(file.layout, run, instrument, plan.drive)
     incoming = BlockStream(instrument, run.ticks(rate), rate, waits=waits, stopped=lambda: stopped() or answered())
     guard = Guard(plan, instrument)
     pace = None if force or not in_real_time(instrument) else PaceCheck(instrument.identity, rate)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from datetime import date
 from pathlib import Path
 
@@ -14,7 +14,6 @@ from isorig.analysis.errors import ModelError
 from isorig.drivers.kinds import RecordsKind, kinds
 from isorig.rig.acquire.plan import ChannelPlan, LoggerPlan, Plan, RunPlan, load_plan
 from isorig.rig.errors import PlanError
-from isorig.rig.wire_bonder.description import wire_bonder
 
 #: Largest sensitivity, and reciprocal of the smallest: values in SI remain within a recording's limits.
 SENSITIVITY_MOST = 1e30
@@ -49,187 +48,185 @@ def check_plan(plan: Plan, where: str, *, runs: bool = True) -> None:
     PlanError
         In one sentence.
     """
+    fault = next(_faults(plan, where, runs=runs), None)
+    if fault is not None:
+        raise PlanError(fault)
+
+
+def _faults(plan: Plan, where: str, *, runs: bool) -> Iterator[str]:
+    # Only the first counts: each check may assume that those before it passed.
     rate = plan.instrument.sample_rate
     if not 0.0 < rate < math.inf:
-        raise PlanError(f"{where}: sample_rate is {rate:g} Hz; it must be positive and finite, so correct it")
+        yield f"{where}: sample_rate is {rate:g} Hz; it must be positive and finite, so correct it"
     usable = plan.instrument.usable_to
     if usable is not None and not 0.0 < usable <= rate / 2.0:
-        raise PlanError(f"{where}: usable_to is {usable:g} Hz; it is above zero and at most half the sample rate, so correct it")
-    configurations = _configurations(plan, where)
-    _check_instrument(plan, where)
-    _check_limits(plan, where)
+        yield f"{where}: usable_to is {usable:g} Hz; it is above zero and at most half the sample rate, so correct it"
+    yield from _of_rig(plan, where)
+    yield from _of_instrument(plan, where)
+    yield from _of_limits(plan, where)
     for name, logger in plan.loggers.items():
-        _check_logger(name, logger, plan, f"{where}: loggers.{name}")
+        yield from _of_logger(name, logger, plan, f"{where}: loggers.{name}")
     if not plan.channels:
-        raise PlanError(f"{where}: there are no channels; name at least one as [channels.<name>]")
+        yield f"{where}: there are no channels; name at least one as [channels.<name>]"
     if runs and not plan.runs:
-        raise PlanError(f"{where}: there are no runs; add at least one as [[runs]]")
+        yield f"{where}: there are no runs; add at least one as [[runs]]"
     for name, channel in plan.channels.items():
-        _check_channel(name, channel, where)
+        yield from _of_channel(name, channel, where)
     inputs = [channel.input for channel in plan.channels.values()]
     if len(set(inputs)) < len(inputs):
-        raise PlanError(f"{where}: two channels share an input ({inputs}); give each channel its own input")
+        yield f"{where}: two channels share an input ({inputs}); give each channel its own input"
+    configurations = plan.described().configurations
     ids = [name for run in plan.runs for name in run.ids()]
     twice = next((name for name in ids if ids.count(name) > 1), None)
     if twice is not None:
-        raise PlanError(f"{where}: two runs have the id {twice!r}; give each run its own id")
+        yield f"{where}: two runs have the id {twice!r}; give each run its own id"
     for place, run in enumerate(plan.runs):
         here = f"{where}: run {run.id!r}"
         if run.configuration not in configurations:
-            raise PlanError(f"{here} has configuration {run.configuration!r}; the rig has {', '.join(configurations)}")
-        _check_run(run, rate, here)
+            yield f"{here} has configuration {run.configuration!r}; the rig has {', '.join(configurations)}"
+        yield from _of_run(run, rate, here)
         if run.source is not None and not (plan.instrument.analyzer and 0.0 < run.source < math.inf):
-            raise PlanError(f"{here} has source {run.source:g}; only an analyzer has one, and its level in V is above zero")
-        _check_repeat(run, plan.runs[:place], here)
+            yield f"{here} has source {run.source:g}; only an analyzer has one, and its level in V is above zero"
+        yield from _of_repeat(run, plan.runs[:place], here)
 
 
-def _check_logger(name: str, logger: LoggerPlan, plan: Plan, here: str) -> None:
+def _of_logger(name: str, logger: LoggerPlan, plan: Plan, here: str) -> Iterator[str]:
     for each in (name, *logger.channels):
         if not each.isidentifier() or each in (*TAKEN, "time"):
-            raise PlanError(f"{here}: {each!r} cannot be a name here; use letters and digits, and no name of the format")
+            yield f"{here}: {each!r} cannot be a name here; use letters and digits, and no name of the format"
     if not logger.channels:
-        raise PlanError(f"{here} has no channels; name at least one as [loggers.{name}.channels.<name>]")
+        yield f"{here} has no channels; name at least one as [loggers.{name}.channels.<name>]"
     if isinstance(kinds()[logger.kind], RecordsKind) or plan.instrument.analyzer:
-        raise PlanError(f"{here}: an analyzer neither runs along nor has loggers; use instruments that stream")
+        yield f"{here}: an analyzer neither runs along nor has loggers; use instruments that stream"
     if not 0.0 < logger.sample_rate <= LOGGER_MOST:
-        raise PlanError(
+        yield (
             f"{here}.sample_rate is {logger.sample_rate:g} Hz; a logger has up to {LOGGER_MOST:g} Hz, so connect a faster sensor "
             "to the instrument"
         )
     ports = [plan.instrument.port, *(other.port for key, other in plan.loggers.items() if key != name)]
     if logger.port != "virtual" and logger.port in ports:
-        raise PlanError(f"{here}.port is {logger.port!r}, which is another instrument's; give its own")
+        yield f"{here}.port is {logger.port!r}, which is another instrument's; give its own"
     for each, channel in logger.channels.items():
         if channel.input < 0:
-            raise PlanError(f"{here}.channels.{each}.input is {channel.input}; inputs start at 0")
+            yield f"{here}.channels.{each}.input is {channel.input}; inputs start at 0"
         if not channel.unit.isprintable() or not 1.0 / SENSITIVITY_MOST <= abs(channel.sensitivity) <= SENSITIVITY_MOST:
-            raise PlanError(
+            yield (
                 f"{here}.channels.{each} has the unit {channel.unit!r} and the sensitivity {channel.sensitivity:g}; give the "
                 "unit as text, and a finite sensitivity other than 0"
             )
 
 
-def _check_limits(plan: Plan, where: str) -> None:
+def _of_limits(plan: Plan, where: str) -> Iterator[str]:
     links = tuple(link.name for link in plan.described().links)
     for name in plan.limits.stroke:
         if name not in links:
-            raise PlanError(f"{where}: limits.stroke names {name!r}; the rig has the links {', '.join(links)}")
+            yield f"{where}: limits.stroke names {name!r}; the rig has the links {', '.join(links)}"
     for name in plan.limits.channels:
         if name not in plan.channels:
-            raise PlanError(f"{where}: limits.channels names {name!r}; the plan has {', '.join(plan.channels)}")
+            yield f"{where}: limits.channels names {name!r}; the plan has {', '.join(plan.channels)}"
 
 
-def _check_repeat(run: RunPlan, before: Sequence[RunPlan], here: str) -> None:
+def _of_repeat(run: RunPlan, before: Sequence[RunPlan], here: str) -> Iterator[str]:
     if run.repeat_of is None:
         return
     earlier = {name: one for one in before for name in one.ids()}
     first = earlier.get(run.repeat_of)
     if first is None:
         known = ", ".join(earlier) or "none"
-        raise PlanError(f"{here} has repeat_of {run.repeat_of!r}; give the id of a run before it ({known})")
+        yield f"{here} has repeat_of {run.repeat_of!r}; give the id of a run before it ({known})"
+        return
     if not run.played:
-        raise PlanError(f"{here} has repeat_of but no drive that is played; remove repeat_of, or choose another excitation")
+        yield f"{here} has repeat_of but no drive that is played; remove repeat_of, or choose another excitation"
     for key in REPEATED:
         was, now = getattr(first, key), getattr(run, key)
         if was != now:
-            raise PlanError(f"{here} repeats {run.repeat_of!r} with {key} {now}, not {was}; a repeat has the same {key}")
+            yield f"{here} repeats {run.repeat_of!r} with {key} {now}, not {was}; a repeat has the same {key}"
     if run.seed not in (0, first.seed):
-        raise PlanError(f"{here} repeats {run.repeat_of!r} with seed {run.seed}, not {first.seed}; remove seed")
+        yield f"{here} repeats {run.repeat_of!r} with seed {run.seed}, not {first.seed}; remove seed"
 
 
-def _configurations(plan: Plan, where: str) -> tuple[str, ...]:
+def _of_rig(plan: Plan, where: str) -> Iterator[str]:
     for key, value in plan.rig.items():
         if isinstance(value, str):
             if key != "description":
-                raise PlanError(f"{where}: rig.{key} is the text {value!r}; known values of the rig are numbers in SI")
+                yield f"{where}: rig.{key} is the text {value!r}; known values of the rig are numbers in SI"
         elif not math.isfinite(value) or (key.endswith("_mass") and value <= 0.0):
-            raise PlanError(f"{where}: rig.{key} is {value:g}; give a finite value, a mass above zero")
+            yield f"{where}: rig.{key} is {value:g}; give a finite value, a mass above zero"
     try:
-        model = plan.model()
+        plan.model()
     except tomllib.TOMLDecodeError as error:
-        raise PlanError(f"{where}: rig.description is not TOML ({error}); give the text of the rig's description") from None
+        yield f"{where}: rig.description is not TOML ({error}); give the text of the rig's description"
     except ModelError as error:
-        raise PlanError(f"{where}: rig.description: {error}") from None
-    return tuple((model or wire_bonder()).configurations)
+        yield f"{where}: rig.description: {error}"
 
 
-def _check_channel(name: str, channel: ChannelPlan, where: str) -> None:
+def _of_channel(name: str, channel: ChannelPlan, where: str) -> Iterator[str]:
     if not name.isidentifier() or name in TAKEN:
-        raise PlanError(f"{where}: a channel cannot be named {name!r}; use letters and digits, and no name of the format")
+        yield f"{where}: a channel cannot be named {name!r}; use letters and digits, and no name of the format"
     if not 1.0 / SENSITIVITY_MOST <= abs(channel.sensitivity) <= SENSITIVITY_MOST:
-        raise PlanError(
-            f"{where}: channels.{name}.sensitivity is {channel.sensitivity:g}; take it from the sensor's calibration sheet"
-        )
+        yield f"{where}: channels.{name}.sensitivity is {channel.sensitivity:g}; take it from the sensor's calibration sheet"
     if channel.unit != SI_UNIT[channel.quantity]:
         asked = f"for {channel.quantity} give {SI_UNIT[channel.quantity]!r}, or correct quantity"
-        raise PlanError(f"{where}: channels.{name}.unit is {channel.unit!r}; {asked}")
+        yield f"{where}: channels.{name}.unit is {channel.unit!r}; {asked}"
     if channel.calibrated:
         try:
             date.fromisoformat(channel.calibrated)
         except ValueError:
-            raise PlanError(
-                f"{where}: channels.{name}.calibrated is {channel.calibrated!r}; write the date as 2026-01-31"
-            ) from None
+            yield f"{where}: channels.{name}.calibrated is {channel.calibrated!r}; write the date as 2026-01-31"
     if channel.input < 0:
-        raise PlanError(f"{where}: channels.{name}.input is {channel.input}; inputs start at 0")
+        yield f"{where}: channels.{name}.input is {channel.input}; inputs start at 0"
 
 
-def _check_instrument(plan: Plan, where: str) -> None:
+def _of_instrument(plan: Plan, where: str) -> Iterator[str]:
     instrument, kind = plan.instrument, plan.instrument.about
     if instrument.analyzer != bool(instrument.shows):
         text = "lacks instrument.shows" if instrument.analyzer else "has instrument.shows"
-        raise PlanError(f"{where} {text}; an analyzer needs one [[instrument.shows]] for each display, other kinds have none")
+        yield f"{where} {text}; an analyzer needs one [[instrument.shows]] for each display, other kinds have none"
     if not isinstance(kind, RecordsKind):
         return
     if not any(shown.kind == "time" for shown in instrument.shows):
-        raise PlanError(f"{where}: no display shows a time record; a recording needs one, so show a channel as time on one")
+        yield f"{where}: no display shows a time record; a recording needs one, so show a channel as time on one"
     pattern, example = kind.trace
     for shown in instrument.shows:
         unknown = next((name for name in (shown.channel, shown.reference) if name and name not in plan.channels), None)
         if unknown is not None:
-            raise PlanError(f"{where}: instrument.shows names {unknown!r}; the plan has {', '.join(plan.channels)}")
+            yield f"{where}: instrument.shows names {unknown!r}; the plan has {', '.join(plan.channels)}"
         if not re.fullmatch(pattern, shown.trace):
-            raise PlanError(f"{where}: instrument.shows has trace {shown.trace!r}; give {example}")
+            yield f"{where}: instrument.shows has trace {shown.trace!r}; give {example}"
 
 
-def _check_run(run: RunPlan, rate: float, here: str) -> None:
+def _of_run(run: RunPlan, rate: float, here: str) -> Iterator[str]:
     if not run.id.isprintable() or not run.id or "/" in run.id or run.id.startswith("."):
-        raise PlanError(f"{here} needs an id of printable characters, without a slash or a leading dot")
+        yield f"{here} needs an id of printable characters, without a slash or a leading dot"
     if not (math.isfinite(run.gain) and run.gain > 0.0):
-        raise PlanError(f"{here} has gain {run.gain:g}; it must be positive, so correct it")
+        yield f"{here} has gain {run.gain:g}; it must be positive, so correct it"
     if not 0.0 < run.seconds <= 86400.0 or run.seconds * rate < SAMPLES:
-        raise PlanError(f"{here} lasts {run.seconds:g} s; give at least {SAMPLES} samples and at most a day")
+        yield f"{here} lasts {run.seconds:g} s; give at least {SAMPLES} samples and at most a day"
     if not 1 <= run.repeats <= REPEATS_MOST:
-        raise PlanError(f"{here} has repeats {run.repeats}; give 1 to {REPEATS_MOST}")
+        yield f"{here} has repeats {run.repeats}; give 1 to {REPEATS_MOST}"
     if run.seed < 0:
-        raise PlanError(f"{here} has seed {run.seed}; give 0 or more")
+        yield f"{here} has seed {run.seed}; give 0 or more"
     if run.excitation == "multisine" and not SAMPLES / rate <= run.period <= run.seconds:
-        raise PlanError(
-            f"{here} has a period of {run.period:g} s; give at least {SAMPLES} samples and at most the length of the run"
-        )
+        yield f"{here} has a period of {run.period:g} s; give at least {SAMPLES} samples and at most the length of the run"
     if run.band is not None and not 0.0 <= run.band[0] < run.band[1] < rate / 2.0:
-        raise PlanError(f"{here} has band {list(run.band)} Hz; give low < high below half the sample rate ({rate / 2:g} Hz)")
-    _check_sine(run, rate, here)
+        yield f"{here} has band {list(run.band)} Hz; give low < high below half the sample rate ({rate / 2:g} Hz)"
+    yield from _of_frequency(run, rate, here)
     if run.excitation not in ("random", "multisine"):
         return
     if run.band is None:
-        raise PlanError(f"{here} has no band; give [low, high] in Hz for its {run.excitation} drive")
-    if not _lines(run, rate, run.band):
-        raise PlanError(
-            f"{here} has band {list(run.band)} Hz, which contains no frequency of its drive; widen it or extend the run"
-        )
+        yield f"{here} has no band; give [low, high] in Hz for its {run.excitation} drive"
+    elif not _lines(run, rate, run.band):
+        yield f"{here} has band {list(run.band)} Hz, which contains no frequency of its drive; widen it or extend the run"
 
 
-def _check_sine(run: RunPlan, rate: float, here: str) -> None:
+def _of_frequency(run: RunPlan, rate: float, here: str) -> Iterator[str]:
     if (run.frequency is None) == (run.excitation == "sine"):
         wanted = "lacks frequency; give that of its sine" if run.frequency is None else "has frequency; remove it, or use a sine"
-        raise PlanError(f"{here} {wanted}, in Hz below {rate / 2:g}")
+        yield f"{here} {wanted}, in Hz below {rate / 2:g}"
     if run.frequency is not None and not 0.0 < run.frequency < rate / 2.0:
-        raise PlanError(
-            f"{here} has frequency {run.frequency:g} Hz; give one above 0 and below {rate / 2:g}, half the sample rate"
-        )
+        yield f"{here} has frequency {run.frequency:g} Hz; give one above 0 and below {rate / 2:g}, half the sample rate"
     if run.excitation == "sweep" and (run.band is None or run.band[0] <= 0.0):
-        raise PlanError(f"{here} is a sweep without a band; give [low, high] in Hz, low above 0")
+        yield f"{here} is a sweep without a band; give [low, high] in Hz, low above 0"
 
 
 def _lines(run: RunPlan, rate: float, band: tuple[float, float]) -> bool:

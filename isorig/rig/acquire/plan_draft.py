@@ -13,7 +13,7 @@ from isorig.rig.errors import PlanError
 from isorig.rig.files.tomlfile import table_text
 
 #: Settings that only an instrument with an output has.
-OUTPUT = ("output", "output_full_scale", *OutputSettings.__struct_fields__)
+OUTPUT = ("output_full_scale", *OutputSettings.__struct_fields__)
 #: The run, and what drives it where the instrument plays no drive.
 RUN = {"id": "first", "configuration": "unlocked", "gain": 10.0, "seconds": 10.0}
 PLAYED = {"excitation": "random", "band": [0.5, 20.0]}

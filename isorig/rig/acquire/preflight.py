@@ -6,7 +6,7 @@ A sample rate that looks wrong by the host's clock is observed for up to ten sec
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,7 @@ from isorig.drivers.instrument import Records, Stream, in_real_time
 from isorig.rig.acquire import policy
 from isorig.rig.acquire.block_stream import BlockStream
 from isorig.rig.acquire.drive import drive_of, load
-from isorig.rig.acquire.pace import ClockDrift, Pace
+from isorig.rig.acquire.pace import Pace
 from isorig.rig.acquire.plan import Plan, RunPlan
 from isorig.rig.acquire.response_limits import Guard
 from isorig.rig.acquire.waits import SessionWaits
@@ -59,17 +59,12 @@ def preflight(instrument: Stream, plan: Plan, run: RunPlan) -> list[str]:
     rest, driven = round(policy.REST_SECONDS * rate), round(policy.DRIVEN_SECONDS * rate)
     drive = drive_of(*plan.original(run, 0), rate)[:driven] if run.played else np.zeros(driven)
     load(instrument, run, np.concatenate([np.zeros(rest), drive]), plan.limits)
-    guard = Guard(plan, instrument)
-    blocks = []
-    watched = _Watched(rate) if in_real_time(instrument) else None
-    for block in _blocks(instrument, rest + driven, rate, watched):
-        guard.check(block)
-        blocks.append(block)
+    blocks = _measured(instrument, rest + driven, rate, Guard(plan, instrument))
     if not blocks:
         return ["no sample arrives; check that the instrument is on and scans"]
     raw = np.concatenate([block.samples for block in blocks])
     ticks = np.concatenate([np.arange(block.first_tick, block.end_tick) for block in blocks])
-    found = _rate(blocks, rate, watched)
+    found = _rate(blocks, rate, real_time=in_real_time(instrument))
     for status, sentence in REPORTED.items():
         if any(block.status & status for block in blocks):
             found.append(sentence)
@@ -112,66 +107,48 @@ def refuse(run: str, reasons: list[str]) -> None:
         raise PlanError(f"run {run!r} was not started: {'; '.join(reasons)}; --force starts it anyway")
 
 
-class _Watched:
-    """The sample rate by the host's clock while blocks arrive."""
-
-    def __init__(self, rate: float) -> None:
-        self._rate, self._pace = rate, Pace(rate)
-        self._first: Block | None = None
-        self._last: Block | None = None
-
-    def add(self, block: Block) -> None:
-        """Add a block."""
-        self._first, self._last = self._first or block, block
-        self._pace.add(np.array([float(block.end_tick)]), np.array([block.host_time]))
-
-    def known(self, ticks: int) -> bool:
-        """Whether the rate is right as far as so many ticks show it, or was observed for long enough."""
-        if self._last is None or self._last.end_tick < ticks:
-            return False
-        return self._passed >= policy.RATE_SECONDS or not self._wrong(self._pace.drift(), certain=False)
-
-    @property
-    def wrong(self) -> float | None:
-        """The rate in Hz if it is certainly wrong."""
-        drift = self._pace.drift()
-        if not self._wrong(drift, certain=True):
-            return None
-        return self._few if drift is None else self._rate * (1.0 + 1e-6 * drift.ppm)
-
-    @property
-    def _passed(self) -> float:
-        return 0.0 if self._first is None or self._last is None else self._last.host_time - self._first.host_time
-
-    @property
-    def _few(self) -> float:
-        assert self._first is not None
-        assert self._last is not None
-        return (self._last.end_tick - self._first.end_tick) / self._passed
-
-    def _wrong(self, drift: ClockDrift | None, *, certain: bool) -> bool:
-        if drift is not None:
-            return drift.beyond(policy.RATE_REFUSED) if certain else abs(drift.ppm) > 1e6 * policy.RATE_REFUSED
-        return self._passed > 0.0 and abs(self._few / self._rate - 1.0) > policy.FEW_BLOCKS
-
-
-def _blocks(instrument: Stream, ticks: int, rate: float, watched: _Watched | None) -> Iterable[Block]:
+def _measured(instrument: Stream, ticks: int, rate: float, guard: Guard) -> list[Block]:
+    # In real time until the rate is known as well.
+    blocks: list[Block] = []
+    watched = in_real_time(instrument)
     incoming = BlockStream(
-        instrument, ticks if watched is None else ENDLESS, rate, waits=IMPATIENT,
-        stopped=lambda: watched is not None and watched.known(ticks),
+        instrument, ENDLESS if watched else ticks, rate, waits=IMPATIENT, stopped=lambda: watched and _known(blocks, ticks, rate)
     )  # fmt: skip
     instrument.start()
     for block in incoming.blocks():
-        if watched is not None:
-            watched.add(block)
-        yield block
+        guard.check(block)
+        blocks.append(block)
     instrument.stop()
-    yield from incoming.rest()
+    for block in incoming.rest():
+        guard.check(block)
+        blocks.append(block)
+    return blocks
 
 
-def _rate(blocks: list[Block], rate: float, watched: _Watched | None) -> list[str]:
+def _known(blocks: Sequence[Block], ticks: int, rate: float) -> bool:
+    # Whether the rate is right as far as so many ticks show it, or was observed for long enough.
+    if not blocks or blocks[-1].end_tick < ticks:
+        return False
+    observed = blocks[-1].host_time - blocks[0].host_time >= policy.RATE_SECONDS
+    return observed or _wrong_rate(blocks, rate, certain=False) is None
+
+
+def _wrong_rate(blocks: Sequence[Block], rate: float, *, certain: bool = True) -> float | None:
+    # The rate in Hz by the host's clock if it is wrong, certainly or as far as it can be known now.
+    pace = Pace(rate)
+    pace.add(np.array([block.end_tick for block in blocks], float), np.array([block.host_time for block in blocks]))
+    drift = pace.drift()
+    if drift is not None:
+        wrong = drift.beyond(policy.RATE_REFUSED) if certain else abs(drift.ppm) > 1e6 * policy.RATE_REFUSED
+        return rate * (1.0 + 1e-6 * drift.ppm) if wrong else None
+    passed = blocks[-1].host_time - blocks[0].host_time
+    few = (blocks[-1].end_tick - blocks[0].end_tick) / passed if passed > 0.0 else rate
+    return few if abs(few / rate - 1.0) > policy.FEW_BLOCKS else None
+
+
+def _rate(blocks: Sequence[Block], rate: float, *, real_time: bool) -> list[str]:
     # By the host's clock, which decides; and by the instrument's own, which is more accurate in so short a time.
-    measured = None if watched is None else watched.wrong
+    measured = _wrong_rate(blocks, rate) if real_time else None
     if measured is not None:
         return [f"the instrument's sample rate is {measured:.6g} Hz by the host's clock, not {rate:g} Hz; correct sample_rate"]
     first, last = blocks[0], blocks[-1]

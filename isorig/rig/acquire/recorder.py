@@ -10,7 +10,7 @@ import shutil
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import datetime
@@ -23,7 +23,7 @@ from isorig.analysis.campaign import FloatArray
 from isorig.drivers.block import Block, Input, Status
 from isorig.rig.acquire.block_queue import BlockQueue
 from isorig.rig.acquire.journal import LONGEST, SYNC, Journal
-from isorig.rig.acquire.layout import TIMING, BlockKind, Layout, RunBegin, RunEnd, layout_of, pack, pack_log
+from isorig.rig.acquire.layout import BlockKind, Layout, RunBegin, RunEnd, layout_of, pack, pack_log
 from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.waits import SESSION_WAITS, SessionWaits
 from isorig.rig.errors import OutputError
@@ -88,7 +88,7 @@ class WorkingFileWriter:
         self._opened_ns = max(time.time_ns(), 0 if after is None else round(after.timestamp() * 1e9))
         self._ticking_ns = time.monotonic_ns()
 
-    def begin(self, run_id: str, *, sample_rate: float, period: int | None) -> tuple[int, int]:
+    def begin(self, run_id: str, period: int | None) -> tuple[int, int]:
         """Start a run, or repeat it; returns its index in the plan, and the number of runs started before.
 
         Raises
@@ -99,7 +99,7 @@ class WorkingFileWriter:
         run = next(k for k, planned in enumerate(self.layout.runs) if planned.id == run_id)
         take, self._takes = self._takes, self._takes + 1
         started = self._opened_ns + time.monotonic_ns() - self._ticking_ns
-        begin = RunBegin(started_ns=started, period=period, sample_rate=sample_rate, layout=self.layout)
+        begin = RunBegin(started_ns=started, period=period, sample_rate=self.layout.sample_rate, layout=self.layout)
         self.journal.append(BlockKind.BEGIN, run, take, msgspec.json.encode(begin))
         self.journal.sync()
         return run, take
@@ -128,22 +128,14 @@ class Tally:
 
 
 class RunWriter:
-    """Writes one run to the working file from a separate thread.
+    """Writes one run to the working file from a separate thread; its methods raise OutputError if the disk refuses or is stuck.
 
     Parameters
     ----------
-    file
-        The working file.
-    run_id
-        The run's id.
-    columns
-        The input of each channel, by channel name.
-    sample_rate
-        Hz; sets the length of the queue.
-    period
-        Samples per period of a periodic drive.
-    waits
-        Timeouts.
+    file, run_id
+        The working file, and the run's id.
+    period, waits
+        Samples per period of a periodic drive, and timeouts.
 
     Raises
     ------
@@ -152,24 +144,16 @@ class RunWriter:
     """
 
     def __init__(
-        self,
-        file: WorkingFileWriter,
-        run_id: str,
-        columns: Mapping[str, int],
-        *,
-        sample_rate: float,
-        period: int | None,
-        waits: SessionWaits = SESSION_WAITS,
-    ) -> None:
+        self, file: WorkingFileWriter, run_id: str, *, period: int | None, waits: SessionWaits = SESSION_WAITS
+    ) -> None:  # fmt: skip
         self._file, self._patience = file, waits.disk
-        self._columns = [columns[name] for name in file.layout.channels]
-        self._waiting = BlockQueue(int(waits.queue * sample_rate) + 1)
+        self._waiting = BlockQueue(int(waits.queue * file.layout.sample_rate) + 1)
         self.tally = Tally()
         self.error: OSError | None = None
         self._next = 0
         self._logged: deque[tuple[int, FloatArray]] = deque()
         try:
-            self._run, self._take = file.begin(run_id, sample_rate=sample_rate, period=period)
+            self._run, self._take = file.begin(run_id, period)
         except OSError as error:
             self.error = error
             raise self._refused() from None
@@ -178,13 +162,7 @@ class RunWriter:
         self._thread.start()
 
     def put(self, block: Block) -> None:
-        """Add a block; waits if the disk is too far behind, so that the instrument's buffers fill before anything is lost.
-
-        Raises
-        ------
-        OutputError
-            The disk refused to write, or has been stuck too long.
-        """
+        """Add a block; waits if the disk is too far behind, so that the instrument's buffers fill before anything is lost."""
         if not self._waiting.put(block, self._patience):
             raise OutputError(f"the disk has not written for {self._patience:g} s; record to another disk")
         if self.error is not None:
@@ -198,11 +176,6 @@ class RunWriter:
         """Write the waiting blocks and close the run; ticks that the instrument counted but did not send are lost.
 
         The run is complete if nothing interrupted it and all planned ticks are stored or counted as lost, or `enough` of them.
-
-        Raises
-        ------
-        OutputError
-            The disk refuses.
         """
         self._waiting.end()
         self._thread.join()
@@ -286,12 +259,7 @@ class RunWriter:
         most = max(LONGEST // 2 // max(self._file.layout.row, 1), 1)
         for start in range(0, len(samples), most):
             part = samples[start : start + most]
-            content = pack(
-                self._file.layout,
-                first + start,
-                np.array(rows if start == 0 else [], TIMING),
-                [part[:, k] for k in self._columns],
-            )
+            content = pack(self._file.layout, first + start, rows if start == 0 else [], part)
             try:
                 self._file.journal.append(BlockKind.SAMPLES, self._run, self._take, content)
             except OSError:

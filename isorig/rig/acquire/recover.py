@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
+from numpy.lib.recfunctions import unstructured_to_structured
 from numpy.typing import NDArray
 
 from isorig.analysis.campaign import Campaign, Channel, Gap, Run, Samples
@@ -109,16 +110,16 @@ class Recovered:
     """
 
     id: str
-    finished: bool
-    begun: bool
-    run: Run | None
-    stored: int
-    lost: int
     planned: int
-    overloads: int
     planned_gain: float
-    drift: ClockDrift | None
+    finished: bool = False
+    begun: bool = False
+    run: Run | None = None
+    stored: int = 0
+    lost: int = 0
     damaged: int = 0
+    overloads: int = 0
+    drift: ClockDrift | None = None
     timing: Samples | None = None
     sensors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     logs: Mapping[str, NDArray[Any]] = field(default_factory=dict)
@@ -192,13 +193,14 @@ class WorkingFileReader:
     def __init__(self, path: Path) -> None:
         self._reader = Reader(path)
         self._takes: dict[int, _StartedRun] = {}
-        self._layout: Layout | None = None
         try:
             # The first block contains the layout; if it is damaged, the start of a run has a copy.
-            for block in self._reader.blocks():
-                if (layout := _layout(block)) is not None:
-                    self._layout = layout
-                    break
+            layout = next(filter(None, map(_layout, self._reader.blocks())), None)
+            if layout is None:
+                raise RecordingError(
+                    f"{path} is not a session's working file; give one that ends in .partial, or rig check a finished recording"
+                )
+            self._layout = layout
             self._reader.rewind()
             self.refresh()
         except BaseException:
@@ -208,31 +210,16 @@ class WorkingFileReader:
     @property
     def known(self) -> dict[str, float | str]:
         """The known values of the rig."""
-        return self._whole.known
+        return self._layout.known
 
     @property
     def replaced(self) -> bool:
         """Whether its path now belongs to another file, or to none."""
         return self._reader.replaced()
 
-    @property
-    def _whole(self) -> Layout:
-        if self._layout is None:
-            raise RecordingError(
-                f"{self._reader.path} is not a session's working file; give one that ends in .partial, or rig check a finished "
-                "recording"
-            )
-        return self._layout
-
     def refresh(self) -> None:
-        """Read what was written since the last time.
-
-        Raises
-        ------
-        RecordingError
-            The file is not a working file.
-        """
-        layout = self._whole
+        """Read what was written since the last time."""
+        layout = self._layout
         for block in self._reader.blocks():
             if block.kind == BlockKind.LAYOUT:
                 continue
@@ -255,64 +242,56 @@ class WorkingFileReader:
 
     def runs(self) -> list[Recovered]:
         """Every planned run as far as it was measured, in the plan's order."""
-        return [self._recovered(k) for k in range(len(self._whole.runs))]
+        return [self._recovered(k) for k in range(len(self._layout.runs))]
 
     def run(self, name: str) -> Recovered:
         """The run with that id, after a `refresh`."""
         self.refresh()
-        return self._recovered(next(k for k, run in enumerate(self._whole.runs) if run.id == name))
+        return self._recovered(next(k for k, run in enumerate(self._layout.runs) if run.id == name))
 
     def close(self) -> None:
         """Close the file."""
         self._reader.close()
 
-    def _rate(self, take: _StartedRun) -> float:
-        return self._whole.sample_rate if take.begin is None else take.begin[1].sample_rate
-
     def _recovered(self, k: int) -> Recovered:
-        planned = self._whole.runs[k]
+        planned = self._layout.runs[k]
         takes = [take for take in self._takes.values() if take.run == k]
         if not takes:
-            return Recovered(
-                id=planned.id, finished=False, begun=False, run=None, stored=0, lost=0, planned=planned.planned, overloads=0,
-                planned_gain=planned.gain, drift=None,
-            )  # fmt: skip
+            return Recovered(id=planned.id, planned=planned.planned, planned_gain=planned.gain)
         # Of a repeated run, the last complete take; if there is none, the longest.
         best = next((take for take in reversed(takes) if _finished(take)), max(takes, key=lambda take: take.stored))
         gaps, damaged = _gaps(best)
-        rate = self._rate(best)
         timing = self._timing(best)
         return Recovered(
             id=planned.id, finished=_finished(best), begun=True,
-            run=self._measured(planned, best, gaps, timing, rate) if best.stored else None,
+            run=self._measured(planned, best, gaps, timing) if best.stored else None,
             stored=best.stored, lost=sum(gap.count for gap in gaps), damaged=damaged, planned=planned.planned,
             overloads=best.overloads, planned_gain=planned.gain, timing=timing,
-            drift=best.pace.drift() if self._whole.real_time else None,
-            sensors={name: channel.description for name, channel in self._whole.channels.items()},
-            logs=self._logs(best), log_layouts=self._whole.logs,
+            drift=best.pace.drift() if self._layout.real_time else None,
+            sensors={name: channel.description for name, channel in self._layout.channels.items()},
+            logs=self._logs(best), log_layouts=self._layout.logs,
         )  # fmt: skip
 
     def _logs(self, take: _StartedRun) -> dict[str, NDArray[Any]]:
         if not take.stored:
             return {}
         # A simulated instrument that is faster than real time has sent its first samples at its beginning.
-        began = take.pace.began if self._whole.real_time else None
+        began = take.pace.began if self._layout.real_time else None
         began = float(self._timing(take)[:1]["host_time"][0]) if began is None else began
         tables = {}
         for name, parts in take.logs.items():
             rows = np.concatenate(parts)
             rows = rows[np.argsort(rows[:, 0], kind="stable")]
-            fields = [("time", "<f8"), *((channel, "<f8") for channel in self._whole.logs[name].units)]
-            tables[name] = np.zeros(len(rows), np.dtype(fields))
-            for k, (field_name, _) in enumerate(fields):
-                tables[name][field_name] = rows[:, k] - (began if k == 0 else 0.0)
+            fields = [("time", "<f8"), *((channel, "<f8") for channel in self._layout.logs[name].units)]
+            rows[:, 0] -= began
+            tables[name] = unstructured_to_structured(rows, np.dtype(fields))
         return tables
 
-    def _measured(self, planned: RunLayout, take: _StartedRun, gaps: tuple[Gap, ...], timing: Saved, rate: float) -> Run:
+    def _measured(self, planned: RunLayout, take: _StartedRun, gaps: tuple[Gap, ...], timing: Saved) -> Run:
         channels = {}
         entries = take.entries.copy()
         offset = SAMPLES.size + TIMING.itemsize * entries["blocks"]
-        for name, about in self._whole.channels.items():
+        for name, about in self._layout.channels.items():
             channels[name] = Channel(
                 name=name, samples=self._saved(entries["rows"], entries["place"] + offset, about.stored),
                 quantity=about.quantity, unit=about.unit, scale=about.scale, offset=about.offset,  # type: ignore[arg-type]
@@ -328,13 +307,14 @@ class WorkingFileReader:
                 name="gain", samples=Saved(entries["rows"], streamed.part, np.dtype(np.float64)), quantity="gain", unit="1"
             )
         begin = None if take.begin is None else take.begin[1]
+        rate = self._layout.sample_rate if begin is None else begin.sample_rate
         return Run(
             id=planned.id, configuration=planned.configuration, sample_rate=rate, gain=gain, channels=channels,
             excitation=planned.excitation, use=planned.use, band=planned.band, repeat_of=planned.repeat_of, gaps=gaps,
             started=None if begin is None else datetime.fromtimestamp(begin.started_ns / 1e9, UTC),
             period=None if begin is None else begin.period,
             # An instrument's own rate may be slightly below the planned one.
-            usable_to=None if self._whole.usable_to is None else min(self._whole.usable_to, rate / 2.0),
+            usable_to=None if self._layout.usable_to is None else min(self._layout.usable_to, rate / 2.0),
         )  # fmt: skip
 
     def _timing(self, take: _StartedRun) -> Saved:
@@ -437,11 +417,8 @@ def working(path: Path) -> Iterator[tuple[dict[str, float | str], list[Recovered
     RecordingError
         The file is not a working file.
     """
-    file = WorkingFileReader(path)
-    try:
+    with closing(WorkingFileReader(path)) as file:
         yield file.known, file.runs()
-    finally:
-        file.close()
 
 
 def campaign_of(known: Mapping[str, float | str], runs: Sequence[Run], source: str) -> Campaign:

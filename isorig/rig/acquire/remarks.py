@@ -27,9 +27,7 @@ AGAINST = {
     ),
 }
 #: Information that is not a fault of the run.
-INFORMATION = {
-    Status.UNSURE: f"A byte or word lost from {{s}} s on would not be detected; {WIRE}.",
-}
+INFORMATION = {Status.UNSURE: f"A byte or word lost from {{s}} s on would not be detected; {WIRE}."}
 #: Maximum number of a driver's clauses that are printed.
 CLAUSES = 3
 

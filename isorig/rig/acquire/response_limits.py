@@ -63,10 +63,8 @@ class Guard:
 
     Parameters
     ----------
-    plan
-        The plan.
-    instrument
-        The instrument, prepared.
+    plan, instrument
+        The plan, and the instrument, prepared.
     """
 
     def __init__(self, plan: Plan, instrument: Stream) -> None:

@@ -14,17 +14,8 @@ from isorig.analysis.spectra.detection import Detection, detect
 from isorig.analysis.spectra.hits import looks_hit
 from isorig.analysis.spectra.overload import LONGEST
 from isorig.analysis.spectra.welch import Spectra, estimate
+from isorig.rig.acquire import policy
 from isorig.rig.acquire.incoherence import KINDS, Incoherence, driven_bins, incoherence
-from isorig.rig.acquire.policy import (
-    COHERENT,
-    DEAD,
-    DISTORTED,
-    FULL_SCALE_SHARE,
-    GAIN_DIFFERENCE,
-    RATE_REPORTED,
-    RESOLVED,
-    STICKING,
-)
 
 if TYPE_CHECKING:
     from isorig.analysis.model.rig_model import RigModel
@@ -87,11 +78,11 @@ def check_run(
     against = [*_losses(recovered), *against, *_channels(run), *_gain(run, recovered.planned_gain)]
     remarks = [*remarks]
     for name, value in coherence.items():
-        if value < COHERENT and spectra is not None:
+        if value < policy.COHERENT and spectra is not None:
             reason = incoherence(run, spectra, name, drive, others=others, detections=detections)
             (against if reason.kind == "noise" else remarks).append(reason.text)
     remarks += [sentence for item in detections if (sentence := _distortion(item)) is not None]
-    if sliding is not None and sliding.share < STICKING:
+    if sliding is not None and sliding.share < policy.STICKING:
         remarks.append(f"{sliding.text}: friction was not overcome. Measure a run at a higher gain as well.")
     return Verdict(
         good=not against, coherence=coherence, detections=detections,
@@ -124,7 +115,7 @@ def incoherences(
         spectra = _spectra(run, drive, LONGEST, responses)
         coherence = {} if spectra is None else _coherence(run, spectra, drive)
         for name, value in coherence.items():
-            if value < COHERENT and spectra is not None and (name not in found or found[name].kind != "nonlinear"):
+            if value < policy.COHERENT and spectra is not None and (name not in found or found[name].kind != "nonlinear"):
                 others = [other for other in runs if other.id != run.id]
                 reason = incoherence(run, spectra, name, drive, others=others, detections=_detections(run, drive))
                 earlier = found.get(name)
@@ -140,7 +131,7 @@ def _losses(run: Recovered) -> Iterator[str]:
         yield f"It ended at {run.stored + run.lost} of {run.planned} samples; check the instrument and repeat the run."
     if run.overloads:
         yield f"The instrument reported {run.overloads} overloads; choose a larger range or a lower gain and repeat the run."
-    if run.drift is not None and run.drift.beyond(RATE_REPORTED):
+    if run.drift is not None and run.drift.beyond(policy.RATE_REPORTED):
         yield (
             f"Its clock deviates from the host's by {run.drift.percent}, more than crystals do; check sample_rate in the plan "
             "and the instrument's clock, because the time axis is wrong by that factor."
@@ -148,30 +139,31 @@ def _losses(run: Recovered) -> Iterator[str]:
 
 
 def _channels(run: Run) -> Iterator[str]:
-    sizes = {name: _spread(values for (values,) in _parts(run, name)).std for name in run.sensors}
+    sizes = {name: _spread(run, name).std for name in run.sensors}
     loudest: dict[str, float] = {}
     for name, channel in run.sensors.items():
         loudest[channel.quantity] = max(loudest.get(channel.quantity, 0.0), sizes[name])
     for name, channel in run.sensors.items():
         if channel.full_scale is not None:
-            clipped = sum(int((np.abs(values) >= FULL_SCALE_SHARE * channel.full_scale).sum()) for (values,) in _parts(run, name))
+            limit = policy.FULL_SCALE_SHARE * channel.full_scale
+            clipped = sum(int((np.abs(values) >= limit).sum()) for (values,) in _parts(run, name))
             if clipped:
                 yield f"{name} clipped {clipped} times; choose a larger range or a lower gain and repeat the run."
-        if sizes[name] <= DEAD * loudest[channel.quantity]:
+        if sizes[name] <= policy.DEAD * loudest[channel.quantity]:
             yield f"{name} hardly moves ({sizes[name]:.2g} {channel.unit} rms); check its cable and its supply."
 
 
 def _gain(run: Run, planned: float) -> Iterator[str]:
-    gains = _spread(values for (values,) in _parts(run, "gain")) if "gain" in run.channels else None
-    if gains is not None and gains.highest - gains.lowest > GAIN_DIFFERENCE * abs(run.gain):
+    gains = _spread(run, "gain") if "gain" in run.channels else None
+    if gains is not None and gains.highest - gains.lowest > policy.GAIN_DIFFERENCE * abs(run.gain):
         yield f"The gain changed from {gains.lowest:.4g} to {gains.highest:.4g} during the run; repeat it with a constant gain."
-    elif abs(run.gain - planned) > GAIN_DIFFERENCE * planned:
+    elif abs(run.gain - planned) > policy.GAIN_DIFFERENCE * planned:
         yield f"The gain was {run.gain:.4g} but the plan has {planned:.4g}; set it and repeat the run."
 
 
 def _distortion(item: Detection) -> str | None:
     size = max(item.odd, item.even)
-    if size <= max(DISTORTED, item.noise):
+    if size <= max(policy.DISTORTED, item.noise):
         return None
     return (
         f"{item.response} responds at frequencies that are not driven, with {100 * size:.0f} % of the driven ones (noise "
@@ -220,38 +212,32 @@ def _sliding(run: Run, rig: RigModel) -> ContactSliding | None:
 
 def _relative_motion(parts: Iterable[Sequence[FloatArray]]) -> float:
     # rms of the first body's motion relative to the other divided by that of its own motion.
-    own, relative = _Spread(), _Spread()
-    for one, other in parts:
-        own.add(one)
-        relative.add(one - other)
-    return relative.std / max(own.std, 1e-30)
+    own, relative = zip(*((_moments(one), _moments(one - other)) for one, other in parts), strict=True)
+    return _Spread.of(relative).std / max(_Spread.of(own).std, 1e-30)
 
 
+@dataclass(frozen=True, kw_only=True)
 class _Spread:
-    """Standard deviation and extremes of values given in parts; sums are about means (Chan, Golub and LeVeque 1983)."""
+    """Standard deviation and extremes of values that were given in parts."""
 
-    def __init__(self) -> None:
-        self._count, self._mean, self._squares = 0, 0.0, 0.0
-        self.lowest, self.highest = np.inf, -np.inf
+    std: float
+    lowest: float
+    highest: float
 
-    def add(self, values: FloatArray) -> None:
-        n, mean = len(values), float(values.mean())
-        both = self._count + n
-        self._squares += float(np.square(values - mean).sum()) + (mean - self._mean) ** 2 * self._count * n / both
-        self._mean += (mean - self._mean) * n / both
-        self._count = both
-        self.lowest, self.highest = min(self.lowest, float(values.min())), max(self.highest, float(values.max()))
-
-    @property
-    def std(self) -> float:
-        return float(np.sqrt(self._squares / self._count))
+    @classmethod
+    def of(cls, moments: Iterable[tuple[float, ...]]) -> _Spread:
+        count, mean, variance, lowest, highest = np.array(list(moments)).T
+        # Squares are about the mean of each part, which loses no digits (Chan, Golub and LeVeque 1983).
+        square = np.average(variance + (mean - np.average(mean, weights=count)) ** 2, weights=count)
+        return cls(std=float(np.sqrt(square)), lowest=float(lowest.min()), highest=float(highest.max()))
 
 
-def _spread(parts: Iterable[FloatArray]) -> _Spread:
-    spread = _Spread()
-    for values in parts:
-        spread.add(values)
-    return spread
+def _moments(values: FloatArray) -> tuple[float, ...]:
+    return len(values), float(values.mean()), float(values.var()), float(values.min()), float(values.max())
+
+
+def _spread(run: Run, name: str) -> _Spread:
+    return _Spread.of(_moments(values) for (values,) in _parts(run, name))
 
 
 def _parts(run: Run, *names: str) -> Iterator[Sequence[FloatArray]]:
@@ -287,5 +273,5 @@ def _coherence(run: Run, spectra: Spectra, drive: str) -> dict[str, float]:
     return {
         name: float(np.median(spectra.frf(name, drive).coherence[driven]))
         for name in spectra.channels
-        if name != drive and np.count_nonzero(driven) >= RESOLVED
+        if name != drive and np.count_nonzero(driven) >= policy.RESOLVED
     }

@@ -11,7 +11,7 @@ from typing import Literal
 
 import msgspec
 
-from isorig.drivers.instrument import Exciter, Noticing, Records, Sourcing, Stream, in_real_time
+from isorig.drivers.instrument import Exciter, Noticing, Sourcing, Stream, in_real_time
 from isorig.rig.acquire.analyzer_session import measure_with_analyzer
 from isorig.rig.acquire.display_thread import DisplayThread
 from isorig.rig.acquire.instruments import opened, opened_analyzer
@@ -78,17 +78,9 @@ class Operator:
 
 
 def acquire(
-    plan: Plan,
-    port: str,
-    output: Path,
-    operator: Operator,
-    *,
-    resume: bool = False,
-    again: Set[str] = frozenset(),
-    force: bool = False,
-    sync: float = SYNC,
-    waits: SessionWaits = SESSION_WAITS,
-) -> tuple[Path, list[MeasuredRun]]:
+    plan: Plan, port: str, output: Path, operator: Operator, *, resume: bool = False, again: Set[str] = frozenset(),
+    force: bool = False, sync: float = SYNC, waits: SessionWaits = SESSION_WAITS,
+) -> list[MeasuredRun]:  # fmt: skip
     """Measure the runs of a plan and write them as a recording.
 
     If the session ends early for any reason (the operator, the instrument, a full disk), the measured data are in the recording
@@ -96,14 +88,8 @@ def acquire(
 
     Parameters
     ----------
-    plan
-        The plan.
-    port
-        The instrument's port.
-    output
-        The recording.
-    operator
-        The operator's interface.
+    plan, port, output, operator
+        The plan, the instrument's port, the recording, and the operator's interface.
     again
         Runs to repeat although they are complete, in a resumed session.
     resume
@@ -131,9 +117,9 @@ def acquire(
             else:
                 taken = _with_stream(plan, port, output, decoupled, done, resume=resume, force=force, sync=sync, waits=waits)
             display.settle()
+            return taken
     finally:
         display.end()
-    return output, taken
 
 
 def _make_room(plan: Plan, output: Path, *, force: bool) -> None:
@@ -163,21 +149,13 @@ def decoupled_operator(operator: Operator, display: DisplayThread) -> Operator:
 
 
 def _with_stream(
-    plan: Plan,
-    port: str,
-    output: Path,
-    operator: Operator,
-    done: Set[str],
-    *,
-    resume: bool,
-    force: bool,
-    sync: float,
+    plan: Plan, port: str, output: Path, operator: Operator, done: Set[str], *, resume: bool, force: bool, sync: float,
     waits: SessionWaits,
-) -> list[MeasuredRun]:
-    partial = working_file(output)
+) -> list[MeasuredRun]:  # fmt: skip
+    partial, wanted = working_file(output), list(_wanted(plan, done))
     taken: list[MeasuredRun] = []
     if not force:
-        check_responses(plan, ((run, repeat) for run, repeat, _ in _wanted(plan, done)))
+        check_responses(plan, ((run, repeat) for run, repeat, _ in wanted))
     with opened_loggers(plan, waits.drivers) as loggers, opened(plan, port, waits.drivers) as instrument:
         _check_against(instrument, plan)
         if not force:
@@ -190,7 +168,6 @@ def _with_stream(
         try:
             with recording, closing(WorkingFileReader(partial)) as saved:
                 configuration = ""
-                wanted = list(_wanted(plan, done))
                 for number, run, repeat, name in _decided(wanted, operator):
                     if run.configuration != configuration:
                         _set_up(instrument, run.configuration, operator)
@@ -200,20 +177,9 @@ def _with_stream(
                     remarks = Remarks(plan.instrument.sample_rate)
                     watch = partial_of(_with_progress, operator.watch, number, [item.seconds for item, _, _ in wanted])
                     tally = measure_run(
-                        instrument,
-                        file,
-                        plan,
-                        run,
-                        repeat,
-                        name,
-                        watch,
-                        remarks,
-                        operator.stopped,
-                        operator.answered,
-                        loggers=loggers,
-                        waits=waits,
-                        force=force,
-                    )
+                        instrument, file, plan, run, repeat, watch, remarks, operator.stopped, operator.answered,
+                        loggers=loggers, waits=waits, force=force,
+                    )  # fmt: skip
                     found = saved.run(name)
                     earlier = [each for item in taken if (each := saved.run(item.id).run) is not None]
                     verdict = check_run(
@@ -256,18 +222,15 @@ def _with_analyzer(
                 refuse(name, check_record(measured, plan))
             keep_measured(output, plan, measured, add=resume or bool(taken))
             found = Recovered(
-                id=name, finished=True, begun=True, run=measured, stored=len(measured), lost=0, planned=len(measured),
-                overloads=overloads, planned_gain=run.gain, drift=None,
+                id=name, finished=True, begun=True, run=measured, stored=len(measured), planned=len(measured),
+                overloads=overloads, planned_gain=run.gain,
             )  # fmt: skip
-            against = [f"The driver reports: {clause}." for clause in _noticed(instrument)]
+            noticed = instrument.noticed if isinstance(instrument, Noticing) else ()
+            against = [f"The driver reports: {clause}." for clause in noticed]
             verdict = check_run(found, rig=plan.described(), against=against)
             taken.append(MeasuredRun(id=name, tally=Tally(stored=found.stored, overloads=overloads), verdict=verdict))
             operator.taken(taken[-1])
     return taken
-
-
-def _noticed(instrument: Records) -> Sequence[str]:
-    return instrument.noticed if isinstance(instrument, Noticing) else ()
 
 
 def _wanted(plan: Plan, done: Set[str]) -> Iterator[tuple[RunPlan, int, str]]:

@@ -61,13 +61,7 @@ class Terminal:
         """Ask the operator to bring the rig into a configuration, and wait for Enter."""
         if self._json:
             self._line("ask", {"configuration": configuration})
-        self._quietly(self._display.stop)
-        question = f"Bring the rig into the configuration {configuration!r}, then press Enter."
-        self._quietly(lambda: print(question, file=sys.stderr, flush=True))
-        if not answer_line():
-            raise PlanError(NO_ANSWER)
-        if not self._json:
-            self._quietly(self._display.start)
+        self._answer(f"Bring the rig into the configuration {configuration!r}, then press Enter.")
 
     def shown(self, address: str) -> None:
         """Print the address of the session's page."""
@@ -79,16 +73,9 @@ class Terminal:
 
     def consent(self, run: str) -> Decision:
         """Ask the operator whether to measure a run, and wait for the answer."""
-        self._quietly(self._display.stop)
-        question = f"Measure {run}? Enter starts it, n skips it, q stops here."
-        self._quietly(lambda: print(question, file=sys.stderr, flush=True))
-        answer = answer_line()
-        if not answer:
-            raise PlanError(NO_ANSWER)
-        if not self._json:
-            self._quietly(self._display.start)
+        answer = self._answer(f"Measure {run}? Enter starts it, n skips it, q stops here.")
         decisions: dict[str, Decision] = {"n": "skip", "q": "end"}
-        return decisions.get(answer.strip().lower(), "take")
+        return decisions.get(answer, "take")
 
     def asked(self, run: str, question: str) -> None:
         """Print the page's question; Enter answers it here, too."""
@@ -96,30 +83,35 @@ class Terminal:
 
     def watch(self, live: LiveState) -> None:
         """Show the levels."""
-        if self._json:
-            self._line("live", live)
-        else:
-            self._quietly(lambda: self._display.update(levels(live)))
+        self._tell("live", live, lambda: self._display.update(levels(live)))
 
     def taken(self, item: MeasuredRun) -> None:
         """Print a measured run."""
-        if self._json:
-            self._line("taken", item)
-        else:
-            self._quietly(lambda: _print(self._console, item))
+        self._tell("taken", item, lambda: _print(self._console, item))
 
     def equations(self, report: EquationsReport) -> None:
         """Print what the equations of motion tell of a run once that is certain; as JSON all of it."""
-        if self._json:
-            self._line("equations", report)
-        elif report.known:
-            self.say(f"equations of motion of {report.sentence}")
+        if self._json or report.known:
+            self._say("equations", report, f"equations of motion of {report.sentence}")
+
+    def _answer(self, question: str) -> str:
+        self._quietly(self._display.stop)
+        self._quietly(lambda: print(question, file=sys.stderr, flush=True))
+        answer = answer_line()
+        if not answer:
+            raise PlanError(NO_ANSWER)
+        if not self._json:
+            self._quietly(self._display.start)
+        return answer.strip().lower()
 
     def _say(self, kind: str, content: object, words: str) -> None:
+        self._tell(kind, content, lambda: self._console.print(words, markup=False, highlight=False, soft_wrap=True))
+
+    def _tell(self, kind: str, content: object, show: Callable[[], object]) -> None:
         if self._json:
             self._line(kind, content)
         else:
-            self._quietly(lambda: self._console.print(words, markup=False, highlight=False, soft_wrap=True))
+            self._quietly(show)
 
     def _line(self, kind: str, content: object) -> None:
         data = msgspec.json.encode({"event": kind, **msgspec.to_builtins(content)}) + b"\n"

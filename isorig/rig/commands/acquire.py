@@ -106,11 +106,9 @@ def acquire(
                 if not equations
                 else equations_watched(output, by_page, partial(_show, terminal, desk), until_known=until_known) as operator,
             ):
-                path, taken = run_session(
-                    planned, wire, output, operator, resume=resume, again=set(again), force=force, sync=sync
-                )
+                taken = run_session(planned, wire, output, operator, resume=resume, again=set(again), force=force, sync=sync)
                 while desk is not None and (name := desk.again()):
-                    _, more = run_session(planned, wire, output, operator, resume=True, again={name}, force=force, sync=sync)
+                    more = run_session(planned, wire, output, operator, resume=True, again={name}, force=force, sync=sync)
                     taken = [item for item in taken if item.id != name] + more
         except (KeyboardInterrupt, SystemExit, DriverError):
             settle_notes(output)
@@ -127,7 +125,7 @@ def acquire(
     if bad:
         words.append(f"repeat while the rig is set up: --resume {' '.join(f'--again {name}' for name in bad)}")
     try:
-        print(*words, path, sep="\n", flush=True)
+        print(*words, output, sep="\n", flush=True)
     except BrokenPipeError:
         # The reader of the output has ended, and the session is complete all the same.
         discard_output()

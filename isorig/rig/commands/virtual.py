@@ -142,11 +142,9 @@ def instrument(
         Its size.
     """
     from isorig.drivers.simulated.faults import Faults
-    from isorig.drivers.simulated.framed import SimulatedFramed
     from isorig.drivers.simulated.served import TcpWire, exchange
     from isorig.drivers.simulated.wire import PtyWire
-    from isorig.rig.acquire.plant import VirtualPlant
-    from isorig.rig.acquire.simulated_instruments import PLAYS, far_end
+    from isorig.rig.acquire.simulated_instruments import far_end
     from isorig.rig.errors import RigError
     from isorig.rig.files.models import read_model
     from isorig.rig.wire_bonder.description import wire_bonder
@@ -157,15 +155,12 @@ def instrument(
         drop=drop, duplicate=duplicate, corrupt=corrupt, stall=stall, overload=overload, unplug_after=unplug_after,
         turn_after=turn_after, first_tick=first_tick, ppm=ppm, seed=seed,
     )  # fmt: skip
-    if kind == PLAYS:
-        wire = TcpWire() if tcp else PtyWire()
-        print(wire.port, flush=True)
-        plant = VirtualPlant(rig, noise=noise, seed=seed, hidden=hidden_in(rig, hide, size, seed))
-        SimulatedFramed(wire, plant, faults=faults, speed=speed).serve(seconds)
-        return
-    if hide is not None:
+    if hide is not None and kind != "framed":
         raise RigError(f"--hide needs an instrument that plays a drive; {kind} does not, so use --kind framed")
-    peer = far_end(kind, rig, noise=noise, seed=seed, speed=speed or 1.0, seconds=min(seconds, 600.0), faults=faults)
+    peer = far_end(
+        kind, rig, noise=noise, seed=seed, speed=speed, seconds=min(seconds, 600.0), faults=faults,
+        hidden=hidden_in(rig, hide, size, seed),
+    )  # fmt: skip
     wire = TcpWire() if tcp else PtyWire()
     print(wire.port, flush=True)
     end = time.monotonic() + seconds

@@ -48,7 +48,7 @@ def write_session(path: Path, seed: int, *, first: int = 0) -> Written:
         told = Written(ends=[path.stat().st_size], synced=[path.stat().st_size])
         _watch(file.journal, told)
         for name in "abc":
-            writer = RunWriter(file, name, {n: k for k, n in enumerate(plan.channels)}, sample_rate=1024.0, period=None)
+            writer = RunWriter(file, name, period=None)
             tick = 0
             while tick < 2048 and not (name == "c" and tick > 1200):
                 blocks = []

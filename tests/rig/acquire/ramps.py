@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from isorig.drivers.simulated.commanded import Simulation
 from isorig.drivers.simulated.faults import Faults
 from isorig.drivers.simulated.framed import SimulatedFramed
-from isorig.drivers.simulated.wire import PtyWire
+from isorig.drivers.simulated.served import served
 from isorig.drivers.waits import Waits
 from isorig.rig.acquire import session
 from isorig.rig.acquire.measure_run import LiveState
@@ -74,26 +75,14 @@ class RampPlant:
 def ramp_instrument(
     faults: Faults | None = None, *, speed: float | None = None, rows: int = 64, inputs: int = 4
 ) -> Iterator[tuple[str, SimulatedFramed]]:
-    wire = PtyWire()
     plant = RampPlant(inputs)
     if speed != 1.0:
         # Its time is not the host's, and it says so.
         plant.identity = "virtual ramp"
-    instrument = SimulatedFramed(wire, plant, faults=faults, speed=speed, rows=rows)
-    over = threading.Event()
-
-    def serve() -> None:
-        while not over.is_set() and not instrument.unplugged:
-            instrument.step()
-
-    thread = threading.Thread(target=serve, daemon=True)
-    thread.start()
-    try:
-        yield wire.port, instrument
-    finally:
-        over.set()
-        thread.join()
-        wire.close()
+    asked = Simulation(speed=math.inf if speed is None else speed, faults=faults or Faults())
+    instrument = SimulatedFramed(plant, asked, rows=rows)
+    with served(instrument) as port:
+        yield port, instrument
 
 
 def plan_of(

@@ -9,7 +9,6 @@ import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -53,12 +52,12 @@ def lost_by_a_kill(output: Path, after: float) -> float:
         process = START.Process(target=measure, args=(port, output))
         process.start()
         assert process.pid is not None
-        wait_for(lambda: instrument.count.ticks > 0)
+        wait_for(lambda: instrument.sent > 0)
         time.sleep(max(after - 0.5, 0.0))
         before = waited(process.pid)
         time.sleep(min(after, 0.5))
         starved = max(waited(process.pid) - before, 0.0)
-        at_kill = replace(instrument.count)
+        run, ticks = instrument.runs, instrument.sent
         os.kill(process.pid, signal.SIGKILL)
         process.join()
     with working(working_file(output)) as (_, found):
@@ -67,9 +66,9 @@ def lost_by_a_kill(output: Path, after: float) -> float:
             for k, name in enumerate(CHANNELS if item.run is not None else ()):
                 np.testing.assert_array_equal(item.run.channels[name].samples[:], ticks_of(item.run) * 4 + k)
         # What the instrument had taken of the run that it was in, against what is saved of that run.
-        current = by_id["a" if at_kill.run == 1 else "b"]
-        assert at_kill.run == 1 or by_id["a"].finished
-        return (at_kill.ticks - current.stored - current.lost) / 1024.0 - starved
+        current = by_id["a" if run == 1 else "b"]
+        assert run == 1 or by_id["a"].finished
+        return (ticks - current.stored - current.lost) / 1024.0 - starved
 
 
 @pytest.mark.parametrize("kills", [KILLS, pytest.param(100, marks=pytest.mark.study)])
@@ -88,7 +87,7 @@ def test_recover_says_what_was_saved_and_resume_goes_on(tmp_path: Path, capsys: 
     with ramp_instrument(speed=20.0) as (port, instrument):
         process = START.Process(target=measure, args=(port, output))
         process.start()
-        wait_for(lambda: instrument.count.ticks > 20_000)
+        wait_for(lambda: instrument.sent > 20_000)
         assert process.pid is not None
         os.kill(process.pid, signal.SIGKILL)
         process.join()

@@ -73,7 +73,7 @@ def test_a_recording_onto_a_full_disk_is_refused_in_a_sentence(tmp_path: Path) -
 def measured(path: Path, ticks: int, *, rows: int = 1000) -> None:
     plan, inputs = plan_of({"id": "a"}), [Input(unit="V", per_count=1.0, full_scale=None, dtype="int32")] * 4
     with recording_into(path, plan, inputs) as file:
-        writer = RunWriter(file, "a", {n: k for k, n in enumerate(plan.channels)}, sample_rate=1024.0, period=None)
+        writer = RunWriter(file, "a", period=None)
         for first in range(0, ticks, rows):
             values = np.arange(first, first + rows, dtype=np.int32)[:, None] * 4 + np.arange(4, dtype=np.int32)
             writer.put(Block(first_tick=first, samples=values, host_time=first / 1024.0))

@@ -46,7 +46,7 @@ def test_nothing_is_lost_without_being_counted(
         acquire(plan_of({"id": "a", "seconds": 5.0}), port, output, watcher.operator, force=True)
         injected.update(instrument.mishaps.happened)
         injected.update({"wrap": int(first_tick + 5120 >= 2**32), "slow clock": int(ppm != 0.0)})
-        counted = instrument.count.ticks
+        counted = instrument.sent
     run = read(output).runs[0]
     tally = watcher.runs[0].tally
     assert tally.stored + tally.lost == counted
@@ -82,7 +82,7 @@ def test_what_was_measured_before_a_wire_was_cut_is_all_there(
     with ramp_instrument(faults, rows=16, speed=8.0) as (port, instrument):
         with pytest.raises(ConnectionLostError):
             acquire(plan_of({"id": "a", "seconds": 5.0}), port, output, Watcher().operator, force=True)
-        counted = instrument.count.ticks
+        counted = instrument.sent
     run = read(output).runs[0]
     stored = ticks_of(run)
     np.testing.assert_array_equal(run.channels["table"].samples, stored * 4 + 2)
@@ -109,7 +109,7 @@ def test_a_gain_that_somebody_turned_is_seen_and_said(tmp_path: Path) -> None:
 
 def test_an_instrument_that_falls_silent_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     frame_due = SimulatedFramed._frame_due
-    monkeypatch.setattr(SimulatedFramed, "_frame_due", lambda self: self.count.ticks < 1024 and frame_due(self))
+    monkeypatch.setattr(SimulatedFramed, "_frame_due", lambda self: self.sent < 1024 and frame_due(self))
     watcher, plan = Watcher(), plan_of({"id": "a"})
     with ramp_instrument() as (port, _):
         acquire(plan, port, tmp_path / "c.h5", watcher.operator, force=True)

@@ -116,7 +116,10 @@ def test_nothing_is_played_in_a_run_that_is_driven_by_other_means(tmp_path: Path
 
 
 def test_an_instrument_without_an_output_is_refused_for_a_drive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(SimulatedFramed, "_take_drive", lambda self, data: "DRIVE none")
+    answered = SimulatedFramed._answered
+    monkeypatch.setattr(
+        SimulatedFramed, "_answered", lambda self, words, drive: "DRIVE none" if drive else answered(self, words, drive)
+    )
     with ramp_instrument() as (port, _), pytest.raises(SettingError, match=r"needs a drive and .* plays none"):
         acquire(plan_of({"id": "a", **RANDOM}), port, tmp_path / "c.h5", Watcher().operator)
     assert list(tmp_path.iterdir()) == []

@@ -72,7 +72,7 @@ def test_a_long_run_needs_a_fraction_of_its_samples_in_memory(tmp_path: Path) ->
         tracemalloc.start()
         try:
             (run,) = planned.runs
-            measure_run(stream, file, planned, run, 0, "a", Watcher().operator.watch, Remarks(RATE))
+            measure_run(stream, file, planned, run, 0, Watcher().operator.watch, Remarks(RATE))
         finally:
             tracemalloc.stop()
     # The samples are 197 MB. The queue, what the writer took from it, a copy of that, and what the display sums up in a quarter
@@ -108,11 +108,10 @@ def highest() -> Iterator[list[float]]:
 def test_a_session_is_made_a_recording_without_all_of_it_in_memory(tmp_path: Path) -> None:
     def keep(name: str, repeats: int) -> float:
         planned, stream = plan(4.0, repeats), Ramps(round(4.0 * RATE))
-        columns = {name: channel.input for name, channel in planned.channels.items()}
         path = working_file(tmp_path / name)
         with recording_into(path, planned, stream.inputs, real_time=False) as file:
             for run in planned.runs[0].ids():
-                writer = RunWriter(file, run, columns, sample_rate=RATE, period=None)
+                writer = RunWriter(file, run, period=None)
                 stream.start()
                 while (block := stream.read(0.1)) is not None:
                     writer.put(block)

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from isorig.drivers.simulated.commanded import Simulation
 from isorig.drivers.simulated.served import served
 from isorig.drivers.simulated.streams import SimulatedDataq
 from isorig.rig.cli import main
@@ -121,7 +122,7 @@ def test_without_an_answer_no_run_is_started(
 ) -> None:
     (tmp_path / "plan.toml").write_text(ON_CAN.replace('"mti600"', '"di1100"\nfull_scale = 10.0').replace("400.0", "2000.0"))
     monkeypatch.setattr(sys, "stdin", io.StringIO(""))
-    with served(SimulatedDataq(lambda n, rate: np.zeros((n, 2), np.int16))) as port:
+    with served(SimulatedDataq(lambda n, rate: np.zeros((n, 2), np.int16), Simulation())) as port:
         assert main(["acquire", str(tmp_path / "plan.toml"), "--port", port, "-o", str(tmp_path / "c.h5")]) == 2
     assert "standard input is closed" in capsys.readouterr().err
     assert not list(tmp_path.glob("c.h5*"))

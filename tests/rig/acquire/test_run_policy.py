@@ -16,7 +16,7 @@ from isorig.rig.acquire.incoherence import driven_bins, incoherence
 from isorig.rig.acquire.levels import advice
 from isorig.rig.acquire.pace import ClockDrift
 from isorig.rig.acquire.plan import plan_of
-from isorig.rig.acquire.preflight import _channel, _response, _Watched, check_record
+from isorig.rig.acquire.preflight import _channel, _response, _wrong_rate, check_record
 from isorig.rig.acquire.recover import Recovered
 from isorig.rig.acquire.run_check import _coherence, check_run
 from isorig.rig.wire_bonder.description import wire_bonder
@@ -69,10 +69,8 @@ def test_a_rate_is_reported_from_two_thousandths_on(ppm: float, reported: bool) 
 
 @pytest.mark.parametrize(("rate", "wrong"), [(760.0, False), (740.0, True), (1240.0, False), (1260.0, True)])
 def test_few_blocks_show_a_rate_that_is_a_quarter_off(rate: float, wrong: bool) -> None:
-    watched = _Watched(1000.0)
-    for k in range(3):
-        watched.add(Block(first_tick=200 * k, samples=np.zeros((200, 1)), host_time=200 * (k + 1) / rate))
-    assert (watched.wrong is not None) is wrong
+    blocks = [Block(first_tick=200 * k, samples=np.zeros((200, 1)), host_time=200 * (k + 1) / rate) for k in range(3)]
+    assert (_wrong_rate(blocks, 1000.0) is not None) is wrong
 
 
 def in_band(seed: int) -> np.ndarray:

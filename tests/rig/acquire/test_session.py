@@ -268,7 +268,7 @@ def written(tmp_path: Path, blocks: list[Block]) -> Iterator[object]:
     plan, path = plan_of({"id": "a"}), tmp_path / "w.partial"
     inputs = [Input(unit="V", per_count=1.0, full_scale=None, dtype="int32")] * 4
     with recording_into(path, plan, inputs) as file, closing(WorkingFileReader(path)) as saved:
-        writer = RunWriter(file, "a", {n: k for k, n in enumerate(plan.channels)}, sample_rate=1024.0, period=None)
+        writer = RunWriter(file, "a", period=None)
         for block in blocks:
             writer.put(block)
         writer.finish(None)
@@ -292,7 +292,7 @@ def test_of_a_repeated_run_the_last_complete_one_counts(tmp_path: Path) -> None:
     kept = []
     with recording_into(path, plan, inputs) as file, closing(WorkingFileReader(path)) as saved:
         for value, blocks in ((1, 8), (2, 16), (3, 4), (4, 16)):
-            writer = RunWriter(file, "a", {n: k for k, n in enumerate(plan.channels)}, sample_rate=1024.0, period=None)
+            writer = RunWriter(file, "a", period=None)
             for k in range(blocks):
                 writer.put(Block(first_tick=64 * k, samples=np.full((64, 4), value, np.int32), host_time=k / 16.0))
             writer.finish(None)
