@@ -4,21 +4,29 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.deadline import ask_time
-from isorig.analysis.errors import OutOfTimeError
 from isorig.analysis.fitting.screen import Progress
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel
-from isorig.analysis.proposals.limits import LargestMotions, simulated_peaks
+from isorig.analysis.proposals.limits import LargestMotions
 from isorig.analysis.proposals.menu import CandidateRun, cost
 from isorig.analysis.proposals.policy import POLICY
-from isorig.analysis.proposals.prediction import Moments, Predicted, Prospect, Variant, distance, drawn_models, left, refit
+from isorig.analysis.proposals.prediction import (
+    Key,
+    Moments,
+    Predicted,
+    Prospect,
+    Variant,
+    distance,
+    drawn_models,
+    evaluated,
+    left,
+    refit,
+)
 
 
 def distinguishing_probability(distances: float | FloatArray) -> FloatArray:
@@ -124,8 +132,6 @@ class Chosen:
     ----------
     choices
         The runs, best first; empty if no allowed run is informative.
-    before
-        Probability before any of them.
     best
         For every true cause and rival, the largest distance with a single allowed run.
     compared, refused
@@ -133,7 +139,6 @@ class Chosen:
     """
 
     choices: tuple[Choice, ...]
-    before: float
     best: tuple[PairDistance, ...]
     compared: int
     refused: Mapping[CandidateRun, str] = field(default_factory=dict)
@@ -227,20 +232,12 @@ class Comparison:
 
         `progress` is called before each; when the deadline in force is over, the candidates compared so far are the answer.
         """
-        found: list[tuple[Prospect, Pairs]] = []
-        refused: dict[CandidateRun, str] = {}
-        with suppress(OutOfTimeError):
-            for k, prospect in enumerate(prospects):
-                ask_time()
-                progress(f"comparing candidate {k + 1} of {len(prospects)}")
-                run = prospect.run
-                models = [rival.model for rival in self._question.rivals]
-                why = simulated_peaks(models, prospect.excitation(), run.configuration, prospect.start_time).beyond(limits)
-                if why:
-                    refused[run] = why
-                else:
-                    found.append((prospect, self._moments(prospect)))
-        return ComparedRuns(pairs=found, refused=refused)
+        models = [rival.model for rival in self._question.rivals]
+        found = evaluated(prospects, lambda one: one.peaks(models).beyond(limits) or self._moments(one), progress)
+        return ComparedRuns(
+            pairs=[(prospect, pairs) for prospect, pairs in found if not isinstance(pairs, str)],
+            refused={prospect.run: why for prospect, why in found if isinstance(why, str)},
+        )
 
     def predicted_pairs(self, prospect: Prospect, pairs: Pairs, most: int = POLICY.shown_pairs) -> tuple[PredictedPair, ...]:
         """Predictions of causes that a run distinguishes, the closest pairs first."""
@@ -267,9 +264,11 @@ class Comparison:
         return tuple(sorted(found, key=lambda pair: pair.distance)[:most])
 
     def with_sensors(
-        self, prospect: Prospect, added: Callable[[RigModel], RigModel], noise: float
-    ) -> dict[str, list[PairDistance]]:  # fmt: skip
-        """Distances of causes in a run with each of several additional sensors alone, by channel.
+        self, prospect: Prospect, added: Callable[[RigModel], RigModel], pair: tuple[Key, Key]
+    ) -> dict[str, float]:  # fmt: skip
+        """Distance of a pair of causes in a run with each of several additional sensors alone, by channel.
+
+        Their noise is that of the drive channel, except for displacement sensors.
 
         Parameters
         ----------
@@ -277,25 +276,21 @@ class Comparison:
             The run.
         added
             Adds the additional sensors to a model.
-        noise
-            Standard deviation of a displacement sensor's noise, m; other sensors have that of the drive channel.
+        pair
+            The two causes.
         """
         flat, fitted = ([replace(v, model=added(v.model)) for v in variants] for variants in (self._flat, self._question.rivals))
         reference = added(self._reference)
         quiet = self._noise.get(reference.drive.channel, 0.0)
         further = [s for s in reference.sensors if all(s.channel != own.channel for own in self._reference.sensors)]
-        levels = {s.channel: noise if s.quantity == "displacement" else quiet for s in further}
+        levels = {s.channel: POLICY.sensor_resolution if s.quantity == "displacement" else quiet for s in further}
         pairs = self._pairs(Predicted(prospect, {**self._noise, **levels}, reference), flat, fitted)
-        found: dict[str, list[PairDistance]] = {sensor.channel: [] for sensor in further}
+        apart = np.zeros(len(reference.sensors))
         for (i, k), moments in pairs.items():
-            step = refit(fitted[k].free, [*(run[i, k] for run in self._hand), moments])
-            apart = left(moments, step)
-            for row, sensor in enumerate(reference.sensors):
-                if sensor.channel in found:
-                    size = float(apart[row])
-                    chance = float(distinguishing_probability(size))
-                    found[sensor.channel].append(PairDistance(truth=flat[i], rival=fitted[k], distance=size, probability=chance))
-        return found
+            if {flat[i].key, fitted[k].key} == set(pair):
+                apart = np.maximum(apart, left(moments, refit(fitted[k].free, [*(run[i, k] for run in self._hand), moments])))
+        sizes = dict(zip((sensor.channel for sensor in reference.sensors), apart.tolist(), strict=True))
+        return {sensor.channel: sizes[sensor.channel] for sensor in further}
 
     def _first_of_each(self) -> list[tuple[int, list[Variant]]]:
         # The models drawn for every true cause, the fitted one first, with their index among all.
@@ -359,15 +354,12 @@ def choose(
     refused = dict(seen.refused)
     taken: list[Pairs] = []
     choices: list[Choice] = []
-    before = now = comparison.probability([])
-    while left and len(choices) < most:
-        affordable = [(p, pairs) for p, pairs in left if p.run.seconds <= budget]
-        gains = [(comparison.probability([*taken, pairs]) - now) / cost(p.run, configuration, limits) for p, pairs in affordable]
-        if not gains:
-            break
-        best = int(np.argmax(gains))
-        prospect, pairs = affordable[best]
-        then = comparison.probability([*taken, pairs])
+    now = comparison.probability([])
+    while len(choices) < most and (affordable := [item for item in left if item[0].run.seconds <= budget]):
+        after = [comparison.probability([*taken, pairs]) for _, pairs in affordable]
+        costs = [cost(prospect.run, configuration, limits) for prospect, _ in affordable]
+        best = int(np.argmax((np.array(after) - now) / costs))
+        (prospect, pairs), then = affordable[best], after[best]
         if then - now < POLICY.worthwhile_gain:
             break
         left = [item for item in left if item[0] is not prospect]
@@ -384,7 +376,7 @@ def choose(
         )  # fmt: skip
         taken.append(pairs)
         now, budget, configuration = then, budget - prospect.run.seconds, prospect.run.configuration
-    return Chosen(choices=tuple(choices), before=before, best=_best(comparison, seen), compared=len(seen.pairs), refused=refused)
+    return Chosen(choices=tuple(choices), best=_best(comparison, seen), compared=len(seen.pairs), refused=refused)
 
 
 def _best(comparison: Comparison, seen: ComparedRuns) -> tuple[PairDistance, ...]:

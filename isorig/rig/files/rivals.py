@@ -54,6 +54,11 @@ class FittedModel(msgspec.Struct, frozen=True, kw_only=True):
     free: list[dict[str, Any]]
     covariance: list[list[float]]
 
+    @property
+    def key(self) -> tuple[str, str]:
+        """Cause and location."""
+        return self.cause, self.location
+
     def variant(self) -> Variant:
         """The same as an object in memory."""
         return Variant(
@@ -156,7 +161,7 @@ def _open(diagnosis: Diagnosis) -> list[OpenSet]:
         entries = diagnosis.searched[last][1]
         keys = {own, *step.indistinguishable}
         models = [_model(*entry.candidate.key, entry.fit) for entry in _best_of_each(entries) if entry.candidate.key in keys]
-        fitted = {(model.cause, model.location) for model in models}
+        fitted = {model.key for model in models}
         equal = {entry.candidate.twin for entry in entries if entry.candidate.key in fitted}
         twins, unfitted = sorted((keys - fitted) & equal), sorted(keys - fitted - equal)
         if len(keys) > 1 and models:
