@@ -206,7 +206,7 @@ def design(
     known
         Information of the existing runs.
     candidates
-        Each with its longest drive, and its information on the fitted values.
+        Each with its longest drive, and its information on the k fitted values, shape (k, k).
     limits, kept
         Limits for a run, and peaks of the remaining models in a candidate.
     wish
