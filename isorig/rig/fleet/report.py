@@ -152,21 +152,19 @@ def _glance(fleet: Fleet, rigs: Sequence[TrackedRig], anchors: Mapping[str, str]
 
 
 def _spark(track: Track) -> Cell:
-    values = np.exp(track.series.value) if track.log else track.series.value
-    text = f"{parameter_words(track.name)}: now {with_unit(track.plain(track.followed.level), track.unit)}"
-    return sparkline(values, text, [change.first for change in track.followed.changes])
+    text = f"{parameter_words(track.name)}: now {with_unit(track.level, track.unit)}"
+    return sparkline(track.values, text, [change.first for change in track.followed.changes])
 
 
 def _odd(fleet: Fleet, anchors: Mapping[str, str]) -> Section:
     rows: list[tuple[Cell, ...]] = []
-    for name, (rigs, found) in fleet.siblings.items():
-        for k in found.odd:
-            track = fleet.rigs[rigs[k]].tracks[name]
+    for name, found in fleet.siblings.items():
+        for rig in found.odd:
+            track = fleet.rigs[rig].tracks[name]
             rows.append(
                 (
-                    PageLink(text=rigs[k], page=anchors[rigs[k]]), parameter_words(name),
-                    with_unit(track.plain(track.followed.level), track.unit), with_unit(track.plain(found.middle), track.unit),
-                    difference_words(found.away[k]),
+                    PageLink(text=rig, page=anchors[rig]), parameter_words(name), with_unit(track.level, track.unit),
+                    with_unit(track.plain(found.middle), track.unit), difference_words(found.away[rig]),
                 )
             )  # fmt: skip
     if not rows:
@@ -263,12 +261,10 @@ def _parameters(fleet: Fleet, rig: TrackedRig) -> Section:
     odd = odd_parameters(fleet, rig.name)
     rows = []
     for name, track in rig.tracks.items():
-        rigs, found = fleet.siblings[name]
-        level = track.plain(track.followed.level)
-        std = level * track.followed.std if track.log else track.followed.std
-        away = difference_words(found.away[rigs.index(rig.name)])
+        std = track.level * track.followed.std if track.log else track.followed.std
+        away = difference_words(fleet.siblings[name].away[rig.name])
         rows.append(
-            (parameter_words(name), number(level, 5), number(std, 2), track.unit, away, "odd" if name in odd else "")
+            (parameter_words(name), number(track.level, 5), number(std, 2), track.unit, away, "odd" if name in odd else "")
         )  # fmt: skip
     return Section(
         title="Parameters compared with the other rigs",
@@ -280,10 +276,10 @@ def _chart(rig: TrackedRig) -> Chart:
     tracks = list(rig.tracks.values())
     traces, marks = [], []
     for panel, track in enumerate(tracks):
-        value = np.exp(track.series.value) if track.log else track.series.value
-        spread = value * track.series.std if track.log else track.series.std
-        traces.append(ChartTrace(name="campaign", x=track.series.time, y=value, spread=spread, panel=panel, style="points"))
         x, y = _levels(track)
+        traces.append(
+            ChartTrace(name="campaign", x=track.series.time, y=track.values, spread=track.stds, panel=panel, style="points")
+        )
         traces.append(ChartTrace(name="level", x=x, y=y, role="extended", panel=panel))
         marks += [
             Mark(begin=float(track.series.time[max(c.earliest - 1, 0)]), end=float(track.series.time[c.latest]), panel=panel)

@@ -13,25 +13,22 @@ from isorig.analysis.wording import sized
 from isorig.rig.fleet.catalogue import StoredAnswer
 from isorig.rig.fleet.history import DiagnosedCampaign, Fleet, Incident, Track, TrackedRig
 from isorig.rig.fleet.policy import POLICY
+from isorig.rig.report.sections import words
 
 
 def parameter_words(name: str) -> str:
     """A parameter in words: "links.isolation.stiffness" is the stiffness of isolation."""
     parts = name.split(".")
     if parts[0] in ("links", "contacts", "bodies", "sensors"):
-        return f"{_plain(parts[-1])} of {_plain(parts[1])}"
+        return f"{words(parts[-1])} of {words(parts[1])}"
     if len(parts) == 3:
-        return f"{_plain(parts[0])} at {_plain(parts[1])}, {_plain(parts[2])}"
-    return _plain(" ".join(parts))
-
-
-def _plain(name: str) -> str:
-    return name.replace("_", " ")
+        return f"{words(parts[0])} at {words(parts[1])}, {words(parts[2])}"
+    return words(" ".join(parts))
 
 
 def answer_words(answer: StoredAnswer) -> str:
     """An answer in a line."""
-    parts = (answer.verdict, _plain(answer.cause), answer.reason)
+    parts = (answer.verdict, words(answer.cause), answer.reason)
     return f"{answer.rig} {answer.campaign}: {'; '.join(part for part in parts if part)}"
 
 
@@ -77,10 +74,10 @@ def cause_words(row: Mapping[str, object]) -> str:
     """An explanation in a clause."""
     old, unit = float(str(row["old"])), str(row["unit"])
     after = with_unit(float(str(row["new"])), unit)
-    cause, place = _plain(str(row["cause"])), _plain(str(row["location"]))
+    cause, place = words(str(row["cause"])), words(str(row["location"]))
     if math.isfinite(old):
         return f"{cause} of {place} from {with_unit(old, unit)} to {after}"
-    return f"{cause} at {place}, {_plain(str(row['parameter']))} {after}"
+    return f"{cause} at {place}, {words(str(row['parameter']))} {after}"
 
 
 def incident_words(fleet: Fleet, incident: Incident, rows: Sequence[Mapping[str, object]] | None) -> str:
@@ -90,7 +87,7 @@ def incident_words(fleet: Fleet, incident: Incident, rows: Sequence[Mapping[str,
         parts.append(f"{len(incident.changes) - 3} more parameters")
     if incident.named:
         causes = " and ".join(
-            f"{_plain(named.cause)} (named from {_first_day(fleet, incident, named.first)} on)" for named in incident.named
+            f"{words(named.cause)} (named from {_first_day(fleet, incident, named.first)} on)" for named in incident.named
         )
         then = f"; {'; '.join(parts)}" if parts else ""
         return f"{incident.rig} changed, {period(fleet, incident)}: the diagnosis names the cause, {causes}{then}"
@@ -119,9 +116,9 @@ def coinciding_events(fleet: Fleet, incident: Incident) -> list[str]:
         sentences.append(f"The verdict changed from {before.verdict} ({before.name}) to {after.verdict} ({after.name}).")
     gone, new = sorted(before.causes - after.causes), sorted(after.causes - before.causes)
     if gone:
-        sentences.append(f"No longer named: {_plain(', '.join(gone))}.")
+        sentences.append(f"No longer named: {words(', '.join(gone))}.")
     if new:
-        sentences.append(f"Named since: {_plain(', '.join(new))}.")
+        sentences.append(f"Named since: {words(', '.join(new))}.")
     return sentences or ["No coinciding event is known."]
 
 
@@ -177,7 +174,7 @@ def state_of(fleet: Fleet, rig: TrackedRig) -> str:
 
 def odd_parameters(fleet: Fleet, rig: str) -> list[str]:
     """Parameters in which a rig differs from the others by more than their spread."""
-    return [name for name, (rigs, found) in fleet.siblings.items() if any(rigs[k] == rig for k in found.odd)]
+    return [name for name, found in fleet.siblings.items() if rig in found.odd]
 
 
 def difference_words(away: float) -> str:
