@@ -46,39 +46,27 @@ class DiagnosisJob(msgspec.Struct, frozen=True, kw_only=True):
     again: bool = False
 
 
-class JobResult(msgspec.Struct, frozen=True, kw_only=True):
-    """The result of a job.
+def answer_job(job: DiagnosisJob) -> StoredAnswer | None:
+    """Diagnose a recording, store the answer, and return it; None if another process is working on it.
 
-    Parameters
-    ----------
-    answer
-        The stored answer; None if another process is working on it.
-    stop
-        Why the update cannot continue; empty if it can.
+    Raises
+    ------
+    RigError
+        The update cannot continue: answers cannot be stored, or this worker runs another version of the program.
     """
-
-    answer: StoredAnswer | None = None
-    stop: str = ""
-
-
-def answer_job(job: DiagnosisJob) -> JobResult:
-    """Diagnose a recording, store the answer, and return it."""
     if program_version() != job.answer.version:
-        return JobResult(
-            stop=f"a worker runs version {program_version()} of this program, not {job.answer.version}; "
+        raise RigError(
+            f"a worker runs version {program_version()} of this program, not {job.answer.version}; "
             "install the same on all workers"
         )
     catalogue = Catalogue(Path(job.catalogue))
     folder = catalogue.diagnosis(job.answer.key)
-    try:
-        with alone_in(folder) as free:
-            if not free:
-                return JobResult()
-            answer = _answered(job, folder)
-            catalogue.put(answer)
-            return JobResult(answer=answer)
-    except OutputError as error:
-        return JobResult(stop=str(error))
+    with alone_in(folder) as free:
+        if not free:
+            return None
+        answer = _answered(job, folder)
+        catalogue.put(answer)
+        return answer
 
 
 def _answered(job: DiagnosisJob, folder: Path) -> StoredAnswer:
