@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import math
 from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from datetime import datetime
 from pathlib import Path
 
 import msgspec
 
 from isorig.analysis.diagnose.kinds import FORMS
+from isorig.rig.acquire.locks import HeldError, locked
 from isorig.rig.diagnose.many import answered, diagnose_file, program_version
 from isorig.rig.errors import REFUSALS, OutputError, PlanError, RigError
 from isorig.rig.files.findings import NamedCause, Value, read_findings
@@ -150,44 +151,24 @@ def _parameter(name: str, row: Value) -> StoredParameter | None:
     return StoredParameter(name=name, value=row.value, std=math.nan if row.std is None else row.std, unit=row.unit)
 
 
-@contextlib.contextmanager
+@contextmanager
 def alone_in(folder: Path) -> Iterator[bool]:
     """Whether no other process works in a folder; none can during the block.
 
-    The lock belongs to the system and ends with its process. Without such locks, two processes may do the same work twice, which
-    costs time only. An empty folder is removed at the end.
+    The lock belongs to the system and ends with its process. On a file system without locks, two processes may do the same work
+    twice, which costs time only.
     """
-    try:
-        import fcntl
-    except ImportError:  # Windows
-        yield True
-        return
-    import os
-
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        handle = os.open(folder, os.O_RDONLY)
-    except FileNotFoundError:  # another process has just removed it
-        yield False
-        return
-    except OSError as error:
-        raise OutputError(
-            f"{folder} cannot be created ({error.strerror}); make room, or give another catalogue with -c"
-        ) from None
-    try:
+    with ExitStack() as stack:
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            yield False
-            return
-        except OSError:  # a file system without locks
-            yield True
-            return
-        try:
-            # Another process may have removed the folder between its opening and the lock.
-            yield folder.exists() and os.fstat(handle).st_ino == folder.stat().st_ino
-        finally:
-            with contextlib.suppress(OSError):
-                folder.rmdir()
-    finally:
-        os.close(handle)
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(locked(folder.with_name(f".{folder.name}.lock")))
+            free = True
+        except HeldError:
+            free = False
+        except NotImplementedError:  # a file system without locks
+            free = True
+        except OSError as error:
+            raise OutputError(
+                f"{folder} cannot be created ({error.strerror}); make room, or give another catalogue with -c"
+            ) from None
+        yield free

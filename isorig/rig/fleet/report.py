@@ -301,28 +301,19 @@ def _label(track: Track) -> str:
 
 def _levels(track: Track) -> tuple[FloatArray, FloatArray]:
     # A constant level between changes; a drift as a slope.
-    time, x, y = track.series.time, [], []
-    changes = track.followed.changes
-    begin = 0
-    for k, change in enumerate(changes):
-        x += [time[begin], time[max(change.first - 1, begin)], np.nan]
-        y += [_level_at(track, k - 1, begin), change.before if k == 0 else _level_at(track, k - 1, change.first - 1), np.nan]
-        begin = change.first
-    x += [time[begin], time[-1]]
-    y += [_level_at(track, len(changes) - 1, begin), _level_at(track, len(changes) - 1, len(time) - 1)]
-    level = np.array(y)
-    return np.array(x), np.exp(level) if track.log else level
-
-
-def _level_at(track: Track, last: int, at: int) -> float:
-    # The level at a campaign after the change with index `last`, -1 before the first.
-    changes = track.followed.changes
-    if last < 0:
-        return changes[0].before if changes else track.followed.level
-    change = changes[last]
-    if change.kind != "drift":
-        return change.after
-    return change.before + change.slope * float(track.series.time[at] - track.series.time[max(change.first - 1, 0)])
+    time, changes = track.series.time, track.followed.changes
+    firsts = [change.first for change in changes]
+    first_level = changes[0].before if changes else track.followed.level
+    x, y = [], []
+    for change, begin, end in zip([None, *changes], [0, *firsts], [*firsts, len(time)], strict=True):
+        ends = time[[begin, max(end - 1, begin)]]
+        level = np.full(2, first_level if change is None else change.after)
+        if change is not None and change.kind == "drift":
+            level = change.before + change.slope * (ends - time[max(change.first - 1, 0)])
+        x += [*ends, np.nan]
+        y += [*level, np.nan]
+    whole = np.array(y[:-1])
+    return np.array(x[:-1]), np.exp(whole) if track.log else whole
 
 
 def _campaigns(rig: TrackedRig) -> Section:

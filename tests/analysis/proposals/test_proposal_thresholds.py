@@ -110,7 +110,7 @@ def test_models_drawn_of_every_truth() -> None:
         comparison = Comparison(Question(truths=(truth,), rivals=(rival,), supposed=supposed), NOISE, [])
         said: list[str] = []
         ((_, pairs),) = comparison.seen(run, Limits(), said.append).pairs
-        assert len(pairs) == count
+        assert len(pairs[0, 0]) == count
         assert said == ["comparing candidate 1 of 1"]
 
 
