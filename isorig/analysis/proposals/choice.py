@@ -187,7 +187,7 @@ class Comparison:
             known = {i for i, group in self._distances_by_truth([]).items() if min(a.probability for a in group) >= 1.0}
             self._drawn = {i: models for i, models in self._drawn.items() if i not in known}
         if not question.supposed:
-            # Remaining causes were fitted to the existing runs, so they agree there. A model drawn for the true cause differs there,
+            # Remaining causes were fitted to the existing runs, so they agree there. A model drawn for the true cause differs,
             # and the rival would have been fitted to its data.
             self._hand = [
                 {key: [replace(one, slope=one.slope - drawn[0].slope) for one in drawn] for key, drawn in pairs.items()}
