@@ -34,7 +34,7 @@ def show_fleet(fleet: Fleet, show: Callable[[str], None]) -> None:
 
 def show_rig(fleet: Fleet, name: str) -> None:
     """One rig: its parameters compared with the other rigs."""
-    rig = rig_of(fleet, name)
+    rig = _rig_of(fleet, name)
     odd = odd_parameters(fleet, name)
     rows = []
     for parameter, track in rig.tracks.items():
@@ -52,9 +52,9 @@ def show_rig(fleet: Fleet, name: str) -> None:
 
 def show_parameter(fleet: Fleet, parameter: str, rig: str | None) -> None:
     """One parameter: campaign by campaign of one rig, or the levels of all rigs."""
-    name = parameter_of(fleet, parameter)
+    name = _parameter_of(fleet, parameter)
     if rig is not None:
-        _show_track(rig_of(fleet, rig), name)
+        _show_track(_rig_of(fleet, rig), name)
         return
     found = fleet.siblings[name]
     rows = []
@@ -96,27 +96,14 @@ def _events(track: Track) -> dict[int, list[str]]:
     return events
 
 
-def rig_of(fleet: Fleet, name: str) -> TrackedRig:
-    """The rig with that name.
-
-    Raises
-    ------
-    RigError
-        There is none.
-    """
+def _rig_of(fleet: Fleet, name: str) -> TrackedRig:
     if name not in fleet.rigs:
         raise RigError(f"there is no rig {name!r}; there are {first_of(list(fleet.rigs), SHOWN)}")
     return fleet.rigs[name]
 
 
-def parameter_of(fleet: Fleet, name: str) -> str:
-    """The full name of a parameter, given by it or by its displayed name.
-
-    Raises
-    ------
-    RigError
-        There is none.
-    """
+def _parameter_of(fleet: Fleet, name: str) -> str:
+    # The full name of a parameter, given by it or by its displayed name.
     for known in fleet.siblings:
         if name in (known, parameter_words(known)):
             return known
