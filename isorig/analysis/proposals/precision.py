@@ -15,7 +15,7 @@ from math import pi, sqrt
 
 import numpy as np
 
-from isorig.analysis.campaign import MOTION, Campaign, Channel, ComplexArray, FloatArray, Run
+from isorig.analysis.campaign import MOTION, ComplexArray, FloatArray
 from isorig.analysis.errors import DataError, ModelError
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.linear import linear_part
@@ -151,11 +151,7 @@ class KnownPrecision:
         generator = np.random.default_rng(9)
         records = {model.drive.channel: excitation.recorded, **seen}
         noisy = {name: v + generator.normal(0.0, self._noise.get(name, 0.0), len(v)) for name, v in records.items()}
-        run = Run(
-            id="prospect", configuration=configuration, sample_rate=rate, gain=prospect.run.gain,
-            channels={name: Channel(name=name, samples=values) for name, values in noisy.items()},
-        )  # fmt: skip
-        spectra = estimate(Campaign(runs=(run,)).runs, references=[model.drive.channel], resolution=POLICY.resolution)
+        spectra = estimate([prospect.measured(noisy)], references=[model.drive.channel], resolution=POLICY.resolution)
         theta = self._variant.coordinates
         here = transfer(self._variant.at(theta), configuration, spectra.frequency[1:])
         columns = []

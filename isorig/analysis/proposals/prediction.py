@@ -15,7 +15,7 @@ from typing import TypeVar
 import msgspec
 import numpy as np
 
-from isorig.analysis.campaign import FloatArray, Run
+from isorig.analysis.campaign import Channel, FloatArray, Run
 from isorig.analysis.deadline import ask_time
 from isorig.analysis.errors import ModelError, OutOfTimeError
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
@@ -114,6 +114,13 @@ class Prospect:
         """The prepared drive: the part needed for comparisons, or the whole."""
         n = len(self.drive) if whole or self.run.excitation == "sweep" else round(POLICY.simulated_seconds * self.sample_rate)
         return Excitation.prepare(self.drive[:n], self.sample_rate, oversample=POLICY.steps_per_sample)
+
+    def measured(self, channels: Mapping[str, FloatArray]) -> Run:
+        """The run with records, each of shape (n,), in the channels' units."""
+        return Run(
+            id="prospect", configuration=self.run.configuration, sample_rate=self.sample_rate, gain=self.run.gain,
+            channels={name: Channel(name=name, samples=values) for name, values in channels.items()},
+        )  # fmt: skip
 
     def peaks(self, models: Sequence[RigModel], *, whole: bool = False) -> LargestMotions:
         """The largest motions of any of the models, in the part needed for comparisons or in the whole run."""
@@ -223,12 +230,8 @@ class Predicted:
         return np.asarray(np.fft.irfft((real + 1j * imaginary) / np.sqrt(2.0 / self._n), self._n))
 
     def _problem(self, excitation: Excitation) -> Problem:
-        run = self.prospect.run
         silent = Trial(
-            run=Run(
-                id="prospect", configuration=run.configuration, sample_rate=self.prospect.sample_rate, gain=run.gain, channels={}
-            ),
-            start_time=self.prospect.start_time, excitation=excitation, channels=self.channels,
+            run=self.prospect.measured({}), start_time=self.prospect.start_time, excitation=excitation, channels=self.channels,
             measured=np.zeros((len(self.channels), self._n)), noise=np.ones(len(self.channels)), fitted=self._n,
             ceiling=self.prospect.sample_rate / 2.0,
         )  # fmt: skip

@@ -47,9 +47,9 @@ class DiagnosedCampaign:
     path: str
 
     @property
-    def date(self) -> datetime:
-        """Its start."""
-        return date_of(self.started)
+    def day(self) -> str:
+        """The date of its start."""
+        return (EPOCH + timedelta(days=self.started)).strftime("%Y-%m-%d")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -229,11 +229,6 @@ def with_std(value: float, std: float) -> str:
         return f"{value:+.3g} ± {std:.1g}"
     decimals = -math.floor(math.log10(float(f"{std:.1g}")))
     return f"{round(value, decimals):+.{max(decimals, 0)}f} ± {round(std, decimals):.{max(decimals, 0)}f}"
-
-
-def date_of(days: float) -> datetime:
-    """The date from a number of days since 1970."""
-    return EPOCH + timedelta(days=days)
 
 
 def followed(answers: pd.DataFrame, baseline: str, *, false_per_month: float | None = None) -> Fleet:

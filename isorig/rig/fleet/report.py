@@ -10,14 +10,13 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.wording import capitalized
 from isorig.rig.fleet.change_causes import name_of
-from isorig.rig.fleet.history import Fleet, Incident, Track, TrackedRig, date_of
+from isorig.rig.fleet.history import Fleet, Incident, Track, TrackedRig
 from isorig.rig.fleet.policy import POLICY
 from isorig.rig.fleet.sentences import (
     bad_campaigns,
     cause_words,
-    change_words,
+    changes_words,
     coinciding_events,
-    day,
     difference_words,
     explained,
     incident_words,
@@ -91,9 +90,9 @@ def _percent(share: float) -> str:
 
 def _summary(fleet: Fleet) -> list[str]:
     campaigns = [c for rig in fleet.rigs.values() for c in rig.campaigns]
-    first, last = min(c.started for c in campaigns), max(c.started for c in campaigns)
+    first, last = (end(campaigns, key=lambda c: c.started).day for end in (min, max))
     sentences = [
-        f"{len(campaigns)} campaigns from {day(date_of(first))} to {day(date_of(last))}, diagnosed with the {fleet.baseline} "
+        f"{len(campaigns)} campaigns from {first} to {last}, diagnosed with the {fleet.baseline} "
         f"baseline by version {', '.join(sorted({rig.version for rig in fleet.rigs.values()}))}.",
         f"False alarms expected in the whole fleet: at most {_rate(fleet.false_per_month)}.",
     ]
@@ -110,15 +109,13 @@ def _changes(fleet: Fleet, explanations: Explanations, anchors: Mapping[str, str
     rows: list[tuple[Cell, ...]] = []
     for incident in fleet.incidents[:LATEST]:
         found = explanations.get(name_of(fleet, incident))
-        what = "; ".join(change_words(track, change) for track, change in incident.changes[:3])
-        more = len(incident.changes) - 3
-        what += f"; {more} more parameters" if more > 0 else ""
         named = "; ".join(words(n.cause) for n in incident.named)
         campaign = fleet.rigs[incident.rig].campaigns[incident.alarm]
         rows.append(
             (
-                PageLink(text=incident.rig, page=anchors[incident.rig]), period(fleet, incident), what or "verdict",
-                named or ("not searched for" if found is None else explained(found)), day(campaign.date),
+                PageLink(text=incident.rig, page=anchors[incident.rig]), period(fleet, incident),
+                "; ".join(changes_words(incident)) or "verdict",
+                named or ("not searched for" if found is None else explained(found)), campaign.day,
             )
         )  # fmt: skip
     if not rows:
@@ -138,7 +135,7 @@ def _glance(fleet: Fleet, rigs: Sequence[TrackedRig], anchors: Mapping[str, str]
         last = rig.campaigns[-1]
         rows.append(
             (
-                PageLink(text=rig.name, page=anchors[rig.name]), state_of(fleet, rig), day(last.date),
+                PageLink(text=rig.name, page=anchors[rig.name]), state_of(fleet, rig), last.day,
                 last.verdict, *(_spark(rig.tracks[name]) if name in rig.tracks else "–" for name in names),
             )
         )  # fmt: skip
@@ -209,7 +206,7 @@ def _without(fleet: Fleet) -> list[Section]:
 def _page(fleet: Fleet, rig: TrackedRig, explanations: Explanations, anchors: Mapping[str, str]) -> Page:
     sections = [_change_section(fleet, incident, explanations) for incident in reversed(rig.incidents)]
     far = [
-        f"{campaign.name} ({day(campaign.date)}) is an outlier in {', '.join(names)}, but its neighbours are not: a bad campaign."
+        f"{campaign.name} ({campaign.day}) is an outlier in {', '.join(names)}, but its neighbours are not: a bad campaign."
         for campaign, names in bad_campaigns(rig)
     ]
     if far:
@@ -230,7 +227,7 @@ def _change_section(fleet: Fleet, incident: Incident, explanations: Explanations
             (
                 parameter_words(track.name), number(track.plain(change.before), 4), number(track.plain(change.after), 4),
                 track.unit, track.moved(change), f"{change.size:+.1f}", change.kind,
-                f"{day(own[0].date)} to {day(own[1].date)}", day(own[2].date),
+                f"{own[0].day} to {own[1].day}", own[2].day,
             )
         )  # fmt: skip
     columns = ("parameter", "before", "after", "unit", "by", "standard deviations", "kind", "when (95 %)", "alarm")
@@ -318,7 +315,7 @@ def _levels(track: Track) -> tuple[FloatArray, FloatArray]:
 
 def _campaigns(rig: TrackedRig) -> Section:
     rows = [
-        (c.name, day(c.date), c.verdict, words(", ".join(sorted(c.causes))) or "–", c.content[:12])
+        (c.name, c.day, c.verdict, words(", ".join(sorted(c.causes))) or "–", c.content[:12])
         for c in reversed(rig.campaigns[-LISTED:])
     ]
     more = len(rig.campaigns) - len(rows)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from datetime import datetime
 
 import numpy as np
 
@@ -32,16 +31,11 @@ def answer_words(answer: StoredAnswer) -> str:
     return f"{answer.rig} {answer.campaign}: {'; '.join(part for part in parts if part)}"
 
 
-def day(when: datetime) -> str:
-    """A date in words."""
-    return when.strftime("%Y-%m-%d")
-
-
 def period(fleet: Fleet, incident: Incident) -> str:
     """Its date, with 95 % certainty."""
     campaigns = fleet.rigs[incident.rig].campaigns
     before, after = campaigns[incident.last_before], campaigns[incident.first_after]
-    return f"{day(before.date)} to {day(after.date)}"
+    return f"{before.day} to {after.day}"
 
 
 def with_unit(value: float, unit: str, digits: int = 4) -> str:
@@ -60,6 +54,13 @@ def change_words(track: Track, change: DatedChange) -> str:
     before, after = (with_unit(track.plain(value), track.unit) for value in (change.before, change.after))
     text = f"{parameter_words(track.name)} {track.moved(change)} (from {before} to {after}; {change.kind})"
     return text if abs(change.size) >= POLICY.confirmed_change else f"{text}, not confirmed by the campaigns since"
+
+
+def changes_words(incident: Incident) -> list[str]:
+    """The most significant changes of a date in words, and the number of the others."""
+    more = len(incident.changes) - 3
+    first = [change_words(track, change) for track, change in incident.changes[:3]]
+    return [*first, f"{more} more parameters"] if more > 0 else first
 
 
 def explained(rows: Sequence[Mapping[str, object]]) -> str:
@@ -82,21 +83,13 @@ def cause_words(row: Mapping[str, object]) -> str:
 
 def incident_words(fleet: Fleet, incident: Incident, rows: Sequence[Mapping[str, object]] | None) -> str:
     """A change of a rig in a line; `rows` are its explanations, None if they were not searched for."""
-    parts = [change_words(track, change) for track, change in incident.changes[:3]]
-    if len(incident.changes) > 3:
-        parts.append(f"{len(incident.changes) - 3} more parameters")
+    parts, campaigns = changes_words(incident), fleet.rigs[incident.rig].campaigns
     if incident.named:
-        causes = " and ".join(
-            f"{words(named.cause)} (named from {_first_day(fleet, incident, named.first)} on)" for named in incident.named
-        )
+        causes = " and ".join(f"{words(named.cause)} (named from {campaigns[named.first].day} on)" for named in incident.named)
         then = f"; {'; '.join(parts)}" if parts else ""
         return f"{incident.rig} changed, {period(fleet, incident)}: the diagnosis names the cause, {causes}{then}"
     why = "" if rows is None else f"; explained by {explained(rows)}" if rows else f"; {explained(rows)}"
     return f"{incident.rig} changed, {period(fleet, incident)}: {'; '.join(parts)}{why}"
-
-
-def _first_day(fleet: Fleet, incident: Incident, at: int) -> str:
-    return day(fleet.rigs[incident.rig].campaigns[at].date)
 
 
 def coinciding_events(fleet: Fleet, incident: Incident) -> list[str]:
@@ -134,7 +127,7 @@ def _pause(rig: TrackedRig, incident: Incident) -> list[str]:
     if steps[longest] <= POLICY.reported_pause * usual:
         return []
     return [
-        f"The rig was not measured for {steps[longest]:.0f} days from {day(rig.campaigns[longest].date)} on "
+        f"The rig was not measured for {steps[longest]:.0f} days from {rig.campaigns[longest].day} on "
         f"({usual:.0f} days are usual)."
     ]
 
@@ -163,7 +156,7 @@ def state_of(fleet: Fleet, rig: TrackedRig) -> str:
     parts = []
     last = last_change(rig)
     if last is not None:
-        parts.append(f"changed {_first_day(fleet, last, last.first)}")
+        parts.append(f"changed {rig.campaigns[last.first].day}")
     odd = odd_parameters(fleet, rig.name)
     if odd:
         parts.append("outlier in " + ", ".join(parameter_words(name) for name in odd))

@@ -9,7 +9,6 @@ from isorig.rig.errors import RigError
 from isorig.rig.fleet.history import Fleet, Track, TrackedRig
 from isorig.rig.fleet.sentences import (
     change_words,
-    day,
     difference_words,
     odd_parameters,
     parameter_words,
@@ -25,7 +24,7 @@ SHOWN = 12
 
 def show_fleet(fleet: Fleet, show: Callable[[str], None]) -> None:
     """All rigs, the one that changed last first."""
-    rows = [(rig.name, str(len(rig.campaigns)), day(rig.campaigns[-1].date), rig.campaigns[-1].verdict, state_of(fleet, rig))
+    rows = [(rig.name, str(len(rig.campaigns)), rig.campaigns[-1].day, rig.campaigns[-1].verdict, state_of(fleet, rig))
             for rig in rigs_in_order(fleet)]  # fmt: skip
     show_table(f"{len(fleet.rigs)} rigs, {fleet.baseline} baseline", ("rig", "campaigns", "last", "verdict", "state"), rows)
     for note in fleet.notes:
@@ -39,7 +38,7 @@ def show_rig(fleet: Fleet, name: str) -> None:
     rows = []
     for parameter, track in rig.tracks.items():
         changes = "; ".join(
-            f"{day(rig.campaigns[track.campaigns[c.first]].date)} {track.moved(c)} ({c.kind})" for c in track.followed.changes
+            f"{rig.campaigns[track.campaigns[c.first]].day} {track.moved(c)} ({c.kind})" for c in track.followed.changes
         )
         rows.append(
             (
@@ -77,7 +76,7 @@ def _show_track(rig: TrackedRig, name: str) -> None:
     track = rig.tracks[name]
     events = _events(track)
     rows = [
-        (day(c.date), c.name, number(v, 6), number(s, 2), c.verdict, "; ".join(events.get(k, [])))
+        (c.day, c.name, number(v, 6), number(s, 2), c.verdict, "; ".join(events.get(k, [])))
         for k, (c, v, s) in enumerate(
             zip((rig.campaigns[at] for at in track.campaigns), track.values.tolist(), track.stds.tolist(), strict=True)
         )

@@ -9,7 +9,7 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from isorig.analysis.campaign import Campaign, Channel, Run
+from isorig.analysis.campaign import Campaign
 from isorig.analysis.deadline import Deadline
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.linear import floats
@@ -369,15 +369,10 @@ def _noise_first(now: Situation) -> tuple[Proposed, ...]:
     if any(run.excitation == "free" for run in now.rivals.runs):
         return ()
     model = now.explains.model
-    shown = [_noiseless(model, taken) for taken in now.taken]
+    shown = [
+        one.measured(simulate(model, one.excitation(), configuration=one.run.configuration, start_time=one.start_time).channels)
+        for one in now.taken
+    ]
     own = noise_levels(Campaign(runs=tuple(shown)), tuple(drive.channel for drive in model.drives)) if shown else {}
     hidden = [name for name, level in now.rivals.noise.items() if own.get(name, np.inf) > POLICY.own_motion * level]
     return (Proposed(run=rest(model, now.limits)),) if hidden else ()
-
-
-def _noiseless(model: RigModel, taken: Prospect) -> Run:
-    seen = simulate(model, taken.excitation(), configuration=taken.run.configuration, start_time=taken.start_time)
-    return Run(
-        id="simulated", configuration=taken.run.configuration, sample_rate=taken.sample_rate, gain=taken.run.gain,
-        channels={name: Channel(name=name, samples=values) for name, values in seen.channels.items()},
-    )  # fmt: skip
