@@ -121,13 +121,7 @@ def _is_own(address: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bool:
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Lock a file, which is created and removed again, without reentrance within a process.
-
-    Raises
-    ------
-    HeldError
-        Another process or thread has locked it.
-    """
+    """Lock a file, which is created and removed again; `HeldError` if another process or thread has locked it."""
     # Open to other users, whose sessions lock the same file.
     lock = FileLock(path, timeout=0, mode=0o666, is_singleton=False)
     try:
