@@ -4,21 +4,29 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.deadline import ask_time
-from isorig.analysis.errors import OutOfTimeError
 from isorig.analysis.fitting.screen import Progress
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel
-from isorig.analysis.proposals.limits import LargestMotions, simulated_peaks
+from isorig.analysis.proposals.limits import LargestMotions
 from isorig.analysis.proposals.menu import CandidateRun, cost
 from isorig.analysis.proposals.policy import POLICY
-from isorig.analysis.proposals.prediction import Moments, Predicted, Prospect, Variant, distance, drawn_models, left, refit
+from isorig.analysis.proposals.prediction import (
+    Key,
+    Moments,
+    Predicted,
+    Prospect,
+    Variant,
+    distance,
+    drawn_models,
+    evaluated,
+    left,
+    refit,
+)
 
 
 def distinguishing_probability(distances: float | FloatArray) -> FloatArray:
@@ -124,8 +132,6 @@ class Chosen:
     ----------
     choices
         The runs, best first; empty if no allowed run is informative.
-    before
-        Probability before any of them.
     best
         For every true cause and rival, the largest distance with a single allowed run.
     compared, refused
@@ -133,14 +139,13 @@ class Chosen:
     """
 
     choices: tuple[Choice, ...]
-    before: float
     best: tuple[PairDistance, ...]
     compared: int
     refused: Mapping[CandidateRun, str] = field(default_factory=dict)
 
 
-#: Result of a run by true cause (each model drawn for it) and rival.
-Pairs = dict[tuple[int, int], Moments]
+#: Result of a run by true cause and rival, for each model drawn for the true cause.
+Pairs = dict[tuple[int, int], list[Moments]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,79 +173,41 @@ class Comparison:
         self._question, self._noise = question, noise
         self._reference = question.rivals[0].model
         count = 1 if question.supposed else POLICY.compared_draws
-        self._drawn = [
-            [truth, *(Variant(cause=truth.cause, location=truth.location, model=m) for m in drawn_models(truth, count, 3)[1:])]
-            for truth in question.truths
-        ]
-        self._flat = [variant for group in self._drawn for variant in group]
+        # The models drawn for every true cause that is not settled, the fitted one first.
+        self._drawn = {
+            i: [truth, *(Variant(cause=truth.cause, location=truth.location, model=m) for m in drawn_models(truth, count, 3)[1:])]
+            for i, truth in enumerate(question.truths)
+        }
         # All hypothetical causes have equal weight, independent of the number of their possible places.
         places = Counter(truth.cause for truth in question.truths)
         self._weights = [1.0 / places[truth.cause] if question.supposed else 1.0 for truth in question.truths]
-        self._settled = 0.0
         self._hand = [self._moments(prospect) for prospect in in_hand]
         if question.supposed and in_hand:
-            self._settle()
+            # What the existing runs would have shown needs no further run.
+            known = {i for i, group in self._distances_by_truth([]).items() if min(a.probability for a in group) >= 1.0}
+            self._drawn = {i: models for i, models in self._drawn.items() if i not in known}
         if not question.supposed:
-            self._hand = [self._agreed(pairs) for pairs in self._hand]
-
-    def _agreed(self, pairs: Pairs) -> Pairs:
-        # Remaining causes were fitted to the existing runs, so they agree there. A model drawn for the true cause differs from it
-        # there, and the rival would have been fitted to its data.
-        found: Pairs = {}
-        for first, models in self._first_of_each():
-            for i in range(first, first + len(models)):
-                found |= {
-                    (i, k): replace(pairs[i, k], slope=pairs[i, k].slope - pairs[first, k].slope)
-                    for k in self._rivals()
-                    if (i, k) in pairs
-                }
-        return found
-
-    def _settle(self) -> None:
-        # What the existing runs would have shown needs no further run.
-        known = [min(apart.probability for apart in group) >= 1.0 for group in self._distances_by_truth([])]
-        self._settled = sum(weight for weight, over in zip(self._weights, known, strict=True) if over)
-        left_over = [i for i, over in enumerate(known) if not over]
-        self._drawn = [self._drawn[i] for i in left_over]
-        self._flat = [models[0] for models in self._drawn]
-        self._weights = [self._weights[i] for i in left_over]
-        self._hand = [{(n, k): run[i, k] for n, i in enumerate(left_over) for k in self._rivals()} for run in self._hand]
-
-    def _rivals(self) -> range:
-        return range(len(self._question.rivals))
+            # Remaining causes were fitted to the existing runs, so they agree there. A model drawn for the true cause differs,
+            # and the rival would have been fitted to its data.
+            self._hand = [
+                {key: [replace(one, slope=one.slope - drawn[0].slope) for one in drawn] for key, drawn in pairs.items()}
+                for pairs in self._hand
+            ]
 
     def _moments(self, prospect: Prospect) -> Pairs:
-        return self._pairs(Predicted(prospect, self._noise, self._reference), self._flat, self._question.rivals)
-
-    def _pairs(self, seen: Predicted, flat: Sequence[Variant], fitted: Sequence[Variant]) -> Pairs:
-        rivals, truths = seen.records(fitted), seen.records(flat)
-        found: Pairs = {}
-        for k, rival in enumerate(fitted):
-            slopes = seen.slopes(rival)
-            for i, variant in enumerate(flat):
-                if variant.key != rival.key:
-                    found[i, k] = seen.moments(truths[i], rivals[k], slopes)
-        return found
+        return _pairs(Predicted(prospect, self._noise, self._reference), self._drawn, self._question.rivals)
 
     def seen(self, prospects: Sequence[Prospect], limits: Limits, progress: Progress) -> ComparedRuns:
         """The candidates within the limits by a first simulation, evaluated for the question.
 
         `progress` is called before each; when the deadline in force is over, the candidates compared so far are the answer.
         """
-        found: list[tuple[Prospect, Pairs]] = []
-        refused: dict[CandidateRun, str] = {}
-        with suppress(OutOfTimeError):
-            for k, prospect in enumerate(prospects):
-                ask_time()
-                progress(f"comparing candidate {k + 1} of {len(prospects)}")
-                run = prospect.run
-                models = [rival.model for rival in self._question.rivals]
-                why = simulated_peaks(models, prospect.excitation(), run.configuration, prospect.start_time).beyond(limits)
-                if why:
-                    refused[run] = why
-                else:
-                    found.append((prospect, self._moments(prospect)))
-        return ComparedRuns(pairs=found, refused=refused)
+        models = [rival.model for rival in self._question.rivals]
+        found = evaluated(prospects, lambda one: one.peaks(models).beyond(limits) or self._moments(one), progress)
+        return ComparedRuns(
+            pairs=[(prospect, pairs) for prospect, pairs in found if not isinstance(pairs, str)],
+            refused={prospect.run: why for prospect, why in found if isinstance(why, str)},
+        )
 
     def predicted_pairs(self, prospect: Prospect, pairs: Pairs, most: int = POLICY.shown_pairs) -> tuple[PredictedPair, ...]:
         """Predictions of causes that a run distinguishes, the closest pairs first."""
@@ -248,11 +215,11 @@ class Comparison:
         found = []
         for k, rival in enumerate(self._question.rivals):
             slopes, own = seen.slopes(rival), seen.records([rival])[0]
-            for i, (truth, *_) in self._first_of_each():
+            for i, (truth, *_) in self._drawn.items():
                 if truth.key == rival.key:
                     continue
-                step = refit(rival.free, [run[i, k] for run in (*self._hand, pairs)])
-                apart = left(pairs[i, k], step)
+                step = refit(rival.free, [run[i, k][0] for run in (*self._hand, pairs)])
+                apart = left(pairs[i, k][0], step)
                 row = int(np.argmax(apart))
                 if not POLICY.indistinguishable < apart[row] < np.inf:
                     continue
@@ -267,9 +234,11 @@ class Comparison:
         return tuple(sorted(found, key=lambda pair: pair.distance)[:most])
 
     def with_sensors(
-        self, prospect: Prospect, added: Callable[[RigModel], RigModel], noise: float
-    ) -> dict[str, list[PairDistance]]:  # fmt: skip
-        """Distances of causes in a run with each of several additional sensors alone, by channel.
+        self, prospect: Prospect, added: Callable[[RigModel], RigModel], pair: tuple[Key, Key]
+    ) -> dict[str, float]:  # fmt: skip
+        """Distance of a pair of causes in a run with each of several additional sensors alone, by channel.
+
+        Their noise is that of the drive channel, except for displacement sensors.
 
         Parameters
         ----------
@@ -277,55 +246,63 @@ class Comparison:
             The run.
         added
             Adds the additional sensors to a model.
-        noise
-            Standard deviation of a displacement sensor's noise, m; other sensors have that of the drive channel.
+        pair
+            The two causes.
         """
-        flat, fitted = ([replace(v, model=added(v.model)) for v in variants] for variants in (self._flat, self._question.rivals))
+        fitted = [replace(rival, model=added(rival.model)) for rival in self._question.rivals]
+        drawn = {
+            i: [replace(one, model=added(one.model)) for one in models]
+            for i, models in self._drawn.items()
+            if models[0].key in pair
+        }
         reference = added(self._reference)
         quiet = self._noise.get(reference.drive.channel, 0.0)
         further = [s for s in reference.sensors if all(s.channel != own.channel for own in self._reference.sensors)]
-        levels = {s.channel: noise if s.quantity == "displacement" else quiet for s in further}
-        pairs = self._pairs(Predicted(prospect, {**self._noise, **levels}, reference), flat, fitted)
-        found: dict[str, list[PairDistance]] = {sensor.channel: [] for sensor in further}
-        for (i, k), moments in pairs.items():
-            step = refit(fitted[k].free, [*(run[i, k] for run in self._hand), moments])
-            apart = left(moments, step)
-            for row, sensor in enumerate(reference.sensors):
-                if sensor.channel in found:
-                    size = float(apart[row])
-                    chance = float(distinguishing_probability(size))
-                    found[sensor.channel].append(PairDistance(truth=flat[i], rival=fitted[k], distance=size, probability=chance))
-        return found
-
-    def _first_of_each(self) -> list[tuple[int, list[Variant]]]:
-        # The models drawn for every true cause, the fitted one first, with their index among all.
-        ends = np.cumsum([len(models) for models in self._drawn], dtype=int).tolist()
-        return [(end - len(models), models) for end, models in zip(ends, self._drawn, strict=True)]
+        levels = {s.channel: POLICY.sensor_resolution if s.quantity == "displacement" else quiet for s in further}
+        pairs = _pairs(Predicted(prospect, {**self._noise, **levels}, reference), drawn, fitted)
+        apart = np.zeros(len(reference.sensors))
+        for (i, k), found in pairs.items():
+            for n, moments in enumerate(found if fitted[k].key in pair else ()):
+                step = refit(fitted[k].free, [*(run[i, k][n] for run in self._hand), moments])
+                apart = np.maximum(apart, left(moments, step))
+        sizes = dict(zip((sensor.channel for sensor in reference.sensors), apart.tolist(), strict=True))
+        return {sensor.channel: sizes[sensor.channel] for sensor in further}
 
     def distances(self, pairs: Sequence[Pairs]) -> list[PairDistance]:
         """Distance of every true cause from every rival after some further runs."""
-        return [apart for group in self._distances_by_truth(pairs) for apart in group]
+        return [apart for group in self._distances_by_truth(pairs).values() for apart in group]
 
     def probability(self, pairs: Sequence[Pairs]) -> float:
         """Probability that one cause is identified after some further runs; for hypothetical causes the revealed share."""
-        chances = [min((apart.probability for apart in group), default=1.0) for group in self._distances_by_truth(pairs)]
-        whole = self._settled + sum(self._weights)
-        return (self._settled + float(np.dot(chances, self._weights))) / whole if whole else 1.0
+        groups = self._distances_by_truth(pairs)
+        chances = [min((a.probability for a in groups.get(i, ())), default=1.0) for i in range(len(self._weights))]
+        return float(np.average(chances, weights=self._weights)) if chances else 1.0
 
-    def _distances_by_truth(self, pairs: Sequence[Pairs]) -> list[list[PairDistance]]:
+    def _distances_by_truth(self, pairs: Sequence[Pairs]) -> dict[int, list[PairDistance]]:
         counted = [self._question.supposed] * len(self._hand) + [True] * len(pairs)
-        groups = []
-        for first, models in self._first_of_each():
-            group: list[PairDistance] = []
+        groups: dict[int, list[PairDistance]] = {i: [] for i in self._drawn}
+        for i, models in self._drawn.items():
             for k, rival in enumerate(self._question.rivals):
                 if rival.key == models[0].key:
                     continue
-                runs = [[run[i, k] for run in (*self._hand, *pairs)] for i in range(first, first + len(models))]
+                runs = [[run[i, k][n] for run in (*self._hand, *pairs)] for n in range(len(models))]
                 sizes = np.array([distance(rival.free, seen, counted) for seen in runs])
                 chance = float(distinguishing_probability(sizes).mean())
-                group.append(PairDistance(truth=models[0], rival=rival, distance=float(np.median(sizes)), probability=chance))
-            groups.append(group)
+                groups[i].append(PairDistance(truth=models[0], rival=rival, distance=float(np.median(sizes)), probability=chance))
         return groups
+
+
+def _pairs(seen: Predicted, drawn: Mapping[int, Sequence[Variant]], fitted: Sequence[Variant]) -> Pairs:
+    own = seen.records(fitted)
+    records = iter(seen.records([variant for models in drawn.values() for variant in models]))
+    of_truth = {i: [next(records) for _ in models] for i, models in drawn.items()}
+    found: Pairs = {}
+    for k, rival in enumerate(fitted):
+        slopes = seen.slopes(rival)
+        for i, models in drawn.items():
+            if models[0].key != rival.key:
+                found[i, k] = [seen.moments(record, own[k], slopes) for record in of_truth[i]]
+    return found
 
 
 def choose(
@@ -359,15 +336,12 @@ def choose(
     refused = dict(seen.refused)
     taken: list[Pairs] = []
     choices: list[Choice] = []
-    before = now = comparison.probability([])
-    while left and len(choices) < most:
-        affordable = [(p, pairs) for p, pairs in left if p.run.seconds <= budget]
-        gains = [(comparison.probability([*taken, pairs]) - now) / cost(p.run, configuration, limits) for p, pairs in affordable]
-        if not gains:
-            break
-        best = int(np.argmax(gains))
-        prospect, pairs = affordable[best]
-        then = comparison.probability([*taken, pairs])
+    now = comparison.probability([])
+    while len(choices) < most and (affordable := [item for item in left if item[0].run.seconds <= budget]):
+        after = [comparison.probability([*taken, pairs]) for _, pairs in affordable]
+        costs = [cost(prospect.run, configuration, limits) for prospect, _ in affordable]
+        best = int(np.argmax((np.array(after) - now) / costs))
+        (prospect, pairs), then = affordable[best], after[best]
         if then - now < POLICY.worthwhile_gain:
             break
         left = [item for item in left if item[0] is not prospect]
@@ -384,7 +358,7 @@ def choose(
         )  # fmt: skip
         taken.append(pairs)
         now, budget, configuration = then, budget - prospect.run.seconds, prospect.run.configuration
-    return Chosen(choices=tuple(choices), before=before, best=_best(comparison, seen), compared=len(seen.pairs), refused=refused)
+    return Chosen(choices=tuple(choices), best=_best(comparison, seen), compared=len(seen.pairs), refused=refused)
 
 
 def _best(comparison: Comparison, seen: ComparedRuns) -> tuple[PairDistance, ...]:

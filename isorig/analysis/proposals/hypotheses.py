@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from contextlib import suppress
 
 from isorig.analysis.diagnose.causes import CATALOGUE
@@ -15,15 +14,15 @@ from isorig.analysis.proposals.policy import POLICY
 from isorig.analysis.proposals.prediction import Variant
 
 
-def hypotheses(model: RigModel, peaks: LargestMotions, speed: Mapping[str, float], sample_rate: float) -> tuple[Variant, ...]:
+def hypotheses(model: RigModel, peaks: LargestMotions, sample_rate: float) -> tuple[Variant, ...]:
     """Every cause of the catalogue at every place, at its smallest relevant size, added to a model.
 
     Parameters
     ----------
     model
         The model that explains the runs so far.
-    peaks, speed
-        Largest magnitudes, and largest velocity by link (m/s), in the strongest allowed runs: sizes are relative to these.
+    peaks
+        Largest magnitudes in the strongest allowed runs: sizes are relative to these.
     sample_rate
         Hz.
     """
@@ -31,7 +30,7 @@ def hypotheses(model: RigModel, peaks: LargestMotions, speed: Mapping[str, float
     channels = (model.drive.channel, *(sensor.channel for sensor in model.sensors))
     amplitudes = Amplitudes(
         deflection={link: max(peaks.stroke.get(link, 0.0), POLICY.no_motion) for link in links},
-        speed={link: max(speed.get(link, 0.0), POLICY.no_motion) for link in links},
+        speed={link: max(peaks.speed.get(link, 0.0), POLICY.no_motion) for link in links},
         peak={channel: max(peaks.channels.get(channel, 0.0), POLICY.no_motion) for channel in channels},
         sample_rate=sample_rate, end_time=POLICY.session,
     )  # fmt: skip

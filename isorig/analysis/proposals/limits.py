@@ -70,17 +70,20 @@ def _most(found: Sequence[Mapping[str, float]]) -> dict[str, float]:
 
 def peaks_of(model: RigModel, motion: Mapping[str, FloatArray], drive: FloatArray, sample_rate: float) -> LargestMotions:
     """Peaks of a simulated run of a `gauged` rig; `motion` has recorded values by channel, `drive` is the true drive."""
-    sizes = {name: float(np.abs(values).max(initial=0.0)) for name, values in motion.items()}
-    reached = float(np.abs(drive).max(initial=0.0))
+    reached = _size(drive)
     weight = max((abs(w) for w in model.drive.pushes.values()), default=0.0)
-    sensors = {name: size for name, size in sizes.items() if not name.startswith(DEFLECTION)}
     gauges = {name.removeprefix(DEFLECTION): values for name, values in motion.items() if name.startswith(DEFLECTION)}
+    sensors = {name: _size(values) for name, values in motion.items() if not name.startswith(DEFLECTION)}
     return LargestMotions(
-        stroke={name: sizes[DEFLECTION + name] for name in gauges},
-        speed={name: float(np.abs(np.diff(values)).max(initial=0.0)) * sample_rate for name, values in gauges.items()},
+        stroke={name: _size(values) for name, values in gauges.items()},
+        speed={name: _size(np.diff(values)) * sample_rate for name, values in gauges.items()},
         drive=reached, force=reached * abs(model.drive.factor) * weight,
         channels={**sensors, model.drive.channel: reached},
     )  # fmt: skip
+
+
+def _size(values: FloatArray) -> float:
+    return float(np.abs(values).max(initial=0.0))
 
 
 def simulated_peaks(models: Sequence[RigModel], excitation: Excitation, configuration: str, start_time: float) -> LargestMotions:
@@ -94,11 +97,10 @@ def simulated_peaks(models: Sequence[RigModel], excitation: Excitation, configur
         drive = true_drive(model, excitation)
         try:
             seen = simulate(rig, excitation, configuration=configuration, start_time=start_time).channels
+            motion = record(rig, {model.drive.channel: drive, **seen}, excitation.sample_rate)
         except (SimulationError, ModelError):
-            everything = {sensor.channel: np.array([inf]) for sensor in rig.sensors}
-            return peaks_of(rig, everything, drive, excitation.sample_rate)
-        recorded = record(rig, {model.drive.channel: drive, **seen}, excitation.sample_rate)
-        return peaks_of(rig, {name: recorded[name] for name in seen}, drive, excitation.sample_rate)
+            motion = {sensor.channel: np.array([inf]) for sensor in rig.sensors}
+        return peaks_of(rig, motion, drive, excitation.sample_rate)
 
     return largest(side_by_side(one, models))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 from typing import Literal
 
@@ -83,26 +84,17 @@ def menu(
     found: list[CandidateRun] = []
     for name in model.configurations:
         modes = [mode.frequency for mode in natural_modes(model, name) if low < mode.frequency < high]
-        for k, band in enumerate(_bands(modes, low, high)):
-            for gain in gains if k < 2 else gains[:1]:
-                found.append(
-                    CandidateRun(configuration=name, excitation="random", gain=gain, seconds=POLICY.broad_run, band=band)
-                )
-        for band in _bands(modes, low, high)[:2]:
-            multisine = CandidateRun(
-                configuration=name, excitation="multisine", gain=highest, seconds=POLICY.broad_run, band=band
-            )
-            found += [multisine, replace(multisine, excitation="sweep")]
-        for f, share in product(modes, POLICY.dwells):
-            if low <= share * f <= high:
-                found.append(
-                    CandidateRun(
-                        configuration=name, excitation="sine", gain=highest, seconds=POLICY.short_run, frequency=_three(share * f)
-                    )
-                )
-        moved: tuple[Excited, ...] = ("moves", "steps")
-        for kind, gain in product(moved, gains[:2]):
-            found.append(CandidateRun(configuration=name, excitation=kind, gain=gain, seconds=POLICY.short_run))
+        bands = _bands(modes, low, high)
+        broad = partial(CandidateRun, configuration=name, seconds=POLICY.broad_run)
+        short = partial(CandidateRun, configuration=name, seconds=POLICY.short_run)
+        for k, band in enumerate(bands):
+            found += [broad(excitation="random", gain=gain, band=band) for gain in (gains if k < 2 else gains[:1])]
+        for band in bands[:2]:
+            found += [broad(excitation=kind, gain=highest, band=band) for kind in ("multisine", "sweep")]
+        dwells = [share * f for f, share in product(modes, POLICY.dwells)]
+        found += [short(excitation="sine", gain=highest, frequency=_three(f)) for f in dwells if low <= f <= high]
+        found += [short(excitation="moves", gain=gain) for gain in gains[:2]]
+        found += [short(excitation="steps", gain=gain) for gain in gains[:2]]
     longest = [
         replace(run, seconds=POLICY.longer * POLICY.broad_run)
         for run in found

@@ -8,21 +8,19 @@ For all others it is computed from the waveforms. In both cases it is scaled to 
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from math import pi, sqrt
 
 import numpy as np
 
-from isorig.analysis.campaign import MOTION, Campaign, Channel, ComplexArray, FloatArray, Run
-from isorig.analysis.deadline import Deadline, ask_time
-from isorig.analysis.errors import DataError, ModelError, OutOfTimeError
-from isorig.analysis.fitting.screen import Progress
+from isorig.analysis.campaign import MOTION, ComplexArray, FloatArray
+from isorig.analysis.errors import DataError, ModelError
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.linear import linear_part
 from isorig.analysis.model.rig_model import GROUND, RigModel, direction, single_drive
-from isorig.analysis.proposals.limits import LargestMotions, simulated_peaks
+from isorig.analysis.proposals.limits import LargestMotions
 from isorig.analysis.proposals.menu import cost
 from isorig.analysis.proposals.policy import POLICY
 from isorig.analysis.proposals.prediction import Predicted, Prospect, Variant, beforehand
@@ -92,29 +90,6 @@ class PreciseRun:
     peaks: LargestMotions
 
 
-@dataclass(frozen=True, kw_only=True)
-class Design:
-    """Result for a required uncertainty.
-
-    Parameters
-    ----------
-    value, std
-        The parameter and its present relative standard uncertainty.
-    linear
-        Whether transfer functions determine it.
-    runs
-        The runs, in order.
-    compared
-        Number of candidates compared.
-    """
-
-    value: float
-    std: float
-    linear: bool
-    runs: tuple[PreciseRun, ...]
-    compared: int
-
-
 class KnownPrecision:
     """Information of the runs on a model's fitted values, and therefore on a parameter.
 
@@ -128,6 +103,15 @@ class KnownPrecision:
         Standard deviation of the noise by channel.
     in_hand
         The existing runs.
+
+    Attributes
+    ----------
+    value
+        The parameter.
+    linear
+        Whether transfer functions determine it.
+    now
+        Information of the existing runs.
     """
 
     def __init__(self, variant: Variant, figure: Figure, noise: Mapping[str, float], in_hand: Sequence[Prospect]) -> None:
@@ -167,17 +151,13 @@ class KnownPrecision:
         generator = np.random.default_rng(9)
         records = {model.drive.channel: excitation.recorded, **seen}
         noisy = {name: v + generator.normal(0.0, self._noise.get(name, 0.0), len(v)) for name, v in records.items()}
-        run = Run(
-            id="prospect", configuration=configuration, sample_rate=rate, gain=prospect.run.gain,
-            channels={name: Channel(name=name, samples=values) for name, values in noisy.items()},
-        )  # fmt: skip
-        spectra = estimate(Campaign(runs=(run,)).runs, references=[model.drive.channel], resolution=POLICY.resolution)
-        theta = np.array([f.encode(model.get(f.path)) for f in self._variant.free])
-        here = transfer(model, configuration, spectra.frequency[1:])
+        spectra = estimate([prospect.measured(noisy)], references=[model.drive.channel], resolution=POLICY.resolution)
+        theta = self._variant.coordinates
+        here = transfer(self._variant.at(theta), configuration, spectra.frequency[1:])
         columns = []
-        for k, f in enumerate(self._variant.free):
+        for f, along in zip(self._variant.free, np.eye(len(theta)), strict=True):
             step = 1e-4 if f.log else f.step
-            moved = model.replace({f.path: f.decode(theta[k] + step)})
+            moved = self._variant.at(theta + step * along)
             columns.append((transfer(moved, configuration, spectra.frequency[1:]) - here) / step)
         rows = np.stack(columns, axis=-1)
         low, high = prospect.run.band or (0.0, rate / 2.0)
@@ -211,17 +191,18 @@ def transfer(model: RigModel, configuration: str, frequency: FloatArray) -> Comp
 
 
 def design(
-    known: KnownPrecision, prospects: Sequence[Prospect], limits: Limits, kept: Callable[[Prospect], LargestMotions], *,
-    wish: float, configuration: str, budget: float, most: int, deadline: Deadline, progress: Progress,
-) -> Design:  # fmt: skip
-    """The cheapest runs that reduce a parameter's relative uncertainty to the required value; or the most precise ones.
+    known: KnownPrecision, candidates: Sequence[tuple[Prospect, FloatArray]], limits: Limits,
+    kept: Callable[[Prospect], LargestMotions], *, wish: float, configuration: str, budget: float,
+    most: int = POLICY.most_runs,
+) -> list[PreciseRun]:  # fmt: skip
+    """The cheapest runs that reduce a parameter's relative uncertainty to the required value, in order; or the most precise ones.
 
     Parameters
     ----------
     known
         Information of the existing runs.
-    prospects
-        The candidates, each with its longest drive.
+    candidates
+        Each with its longest drive, and its information on the k fitted values, shape (k, k).
     limits, kept
         Limits for a run, and peaks of the remaining models in a candidate.
     wish
@@ -232,17 +213,7 @@ def design(
         Maximum seconds of measuring for all runs together.
     most
         Maximum number of runs.
-    deadline
-        When it is over, the candidates compared so far are the answer.
-    progress
-        Called before every candidate.
     """
-    candidates: list[tuple[Prospect, FloatArray]] = []
-    with deadline, suppress(OutOfTimeError):
-        for k, prospect in enumerate(prospects):
-            ask_time()
-            progress(f"comparing candidate {k + 1} of {len(prospects)}")
-            candidates.append((prospect, known.information(prospect)))
     now = known.now
     runs: list[PreciseRun] = []
     left = list(candidates)
@@ -259,7 +230,7 @@ def design(
             break
         runs.append(PreciseRun(prospect=prospect, std=known.std(now), peaks=peaks))
         configuration, budget = prospect.run.configuration, budget - prospect.run.seconds
-    return Design(value=known.value, std=known.std(known.now), linear=known.linear, runs=tuple(runs), compared=len(candidates))
+    return runs
 
 
 def _ranked(
@@ -273,11 +244,8 @@ def _ranked(
     reached = known.std(now + own * longest / whole) <= wish
     if reached and prospect.run.excitation != "sweep":
         # The smallest number of whole seconds that reaches it.
-        short, high = int(np.ceil(min(POLICY.shortest_run, longest))), int(np.ceil(longest))
-        while short < high:
-            middle = (short + high) // 2
-            short, high = (short, middle) if known.std(now + own * middle / whole) <= wish else (middle + 1, high)
-        seconds = float(high)
+        lengths = range(int(np.ceil(min(POLICY.shortest_run, longest))), int(np.ceil(longest)))
+        seconds = float(lengths.start + bisect_left(lengths, True, key=lambda s: known.std(now + own * s / whole) <= wish))
     seconds = min(max(seconds, POLICY.shortest_run), longest)
     own = own * seconds / whole
     cut = prospect.shortened(seconds)
@@ -287,21 +255,12 @@ def _ranked(
 def std_of(variant: Variant, figure: Figure) -> float:
     """A parameter's standard uncertainty by the model's own covariance, in its unit."""
     slope = _slopes(variant, figure)
-    values = np.array([variant.model.get(f.path) if f.log else 1.0 for f in variant.free])
-    return sqrt(max(float(slope @ (variant.covariance / np.outer(values, values)) @ slope), 0.0))
+    return sqrt(max(float(slope @ variant.covariance_of_coordinates @ slope), 0.0))
 
 
 def _slopes(variant: Variant, figure: Figure) -> FloatArray:
     # Derivatives of the parameter with respect to the search coordinates of the fitted values.
-    theta = np.array([f.encode(variant.model.get(f.path)) for f in variant.free])
-    found = np.zeros(len(theta))
-    for k, f in enumerate(variant.free):
-        step = 1e-5 if f.log else f.step
-        ends = [figure(variant.model.replace({f.path: f.decode(theta[k] + way * step)})) for way in (1.0, -1.0)]
-        found[k] = (ends[0] - ends[1]) / (2.0 * step)
-    return found
-
-
-def candidate_peaks(variants: Sequence[RigModel], prospect: Prospect) -> LargestMotions:
-    """Peaks of models in the full length of a run."""
-    return simulated_peaks(variants, prospect.excitation(whole=True), prospect.run.configuration, prospect.start_time)
+    theta = variant.coordinates
+    steps = np.diag([1e-5 if f.log else f.step for f in variant.free])
+    ends = [[figure(variant.at(theta + way * step)) for way in (1.0, -1.0)] for step in steps]
+    return np.array([above - below for above, below in ends]) / (2.0 * np.diag(steps))

@@ -7,24 +7,30 @@ and new runs (T-criterion of Atkinson and Fedorov 1975; without the step, runs r
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import msgspec
 import numpy as np
 
-from isorig.analysis.campaign import FloatArray, Run
-from isorig.analysis.errors import ModelError
+from isorig.analysis.campaign import Channel, FloatArray, Run
+from isorig.analysis.deadline import ask_time
+from isorig.analysis.errors import ModelError, OutOfTimeError
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
+from isorig.analysis.fitting.screen import Progress
 from isorig.analysis.fitting.solve import Free, Problem, jacobian_of
 from isorig.analysis.fitting.trials import FIT_SHARE, Trial
 from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.proposals.limits import LargestMotions, simulated_peaks
 from isorig.analysis.proposals.menu import CandidateRun
 from isorig.analysis.proposals.policy import POLICY
 from isorig.analysis.simulate import Excitation
 
 #: A cause and its place.
 Key = tuple[str, str]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,6 +60,27 @@ class Variant:
     def key(self) -> Key:
         """Cause and location."""
         return self.cause, self.location
+
+    @property
+    def coordinates(self) -> FloatArray:
+        """Search coordinates of the fitted values, shape (k,)."""
+        return np.array([f.encode(self.model.get(f.path)) for f in self.free])
+
+    @property
+    def covariance_of_coordinates(self) -> FloatArray:
+        """Covariance of the search coordinates, shape (k, k)."""
+        slope = np.array([self.model.get(f.path) if f.log else 1.0 for f in self.free])
+        return np.asarray(self.covariance / np.outer(slope, slope))
+
+    def at(self, coordinates: FloatArray) -> RigModel:
+        """The model with fitted values at other search coordinates, shape (k,).
+
+        Raises
+        ------
+        ModelError
+            Physics does not allow them.
+        """
+        return self.model.replace({f.path: f.decode(c) for f, c in zip(self.free, coordinates, strict=True)})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,6 +114,17 @@ class Prospect:
         """The prepared drive: the part needed for comparisons, or the whole."""
         n = len(self.drive) if whole or self.run.excitation == "sweep" else round(POLICY.simulated_seconds * self.sample_rate)
         return Excitation.prepare(self.drive[:n], self.sample_rate, oversample=POLICY.steps_per_sample)
+
+    def measured(self, channels: Mapping[str, FloatArray]) -> Run:
+        """The run with records, each of shape (n,), in the channels' units."""
+        return Run(
+            id="prospect", configuration=self.run.configuration, sample_rate=self.sample_rate, gain=self.run.gain,
+            channels={name: Channel(name=name, samples=values) for name, values in channels.items()},
+        )  # fmt: skip
+
+    def peaks(self, models: Sequence[RigModel], *, whole: bool = False) -> LargestMotions:
+        """The largest motions of any of the models, in the part needed for comparisons or in the whole run."""
+        return simulated_peaks(models, self.excitation(whole=whole), self.run.configuration, self.start_time)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,13 +210,8 @@ class Predicted:
 
     def slopes(self, variant: Variant) -> Slopes:
         """Derivatives of its records with respect to the search coordinates of its fitted values."""
-        theta = np.array([f.encode(variant.model.get(f.path)) for f in variant.free])
-
-        def build(coordinates: FloatArray) -> RigModel:
-            return _bare(variant.model.replace({f.path: f.decode(c) for f, c in zip(variant.free, coordinates, strict=True)}))
-
         here = self._whole.residuals([_bare(variant.model)])[0]
-        columns = jacobian_of(self._whole, build, theta, variant.free, here)
+        columns = jacobian_of(self._whole, lambda c: _bare(variant.at(c)), variant.coordinates, variant.free, here)
         rows = np.moveaxis(self._by_channel(columns.T), 0, -1) / self.allowed[:, None, None]
         return Slopes(rows=rows, normal=np.einsum("clk,clm->ckm", rows, rows, optimize=True) / rows.shape[1])
 
@@ -197,12 +230,8 @@ class Predicted:
         return np.asarray(np.fft.irfft((real + 1j * imaginary) / np.sqrt(2.0 / self._n), self._n))
 
     def _problem(self, excitation: Excitation) -> Problem:
-        run = self.prospect.run
         silent = Trial(
-            run=Run(
-                id="prospect", configuration=run.configuration, sample_rate=self.prospect.sample_rate, gain=run.gain, channels={}
-            ),
-            start_time=self.prospect.start_time, excitation=excitation, channels=self.channels,
+            run=self.prospect.measured({}), start_time=self.prospect.start_time, excitation=excitation, channels=self.channels,
             measured=np.zeros((len(self.channels), self._n)), noise=np.ones(len(self.channels)), fitted=self._n,
             ceiling=self.prospect.sample_rate / 2.0,
         )  # fmt: skip
@@ -277,21 +306,30 @@ def beforehand(free: Sequence[Free]) -> FloatArray:
     return np.array([(1.0 if f.log else 100.0 * f.step) * POLICY.trusted_deviation for f in free], dtype=np.float64) ** -2
 
 
+def evaluated(prospects: Sequence[Prospect], evaluate: Callable[[Prospect], T], progress: Progress) -> list[tuple[Prospect, T]]:
+    """Each run with its result, until the time of the deadline in force ends; `progress` is called before each."""
+    found: list[tuple[Prospect, T]] = []
+    with suppress(OutOfTimeError):
+        for k, prospect in enumerate(prospects):
+            ask_time()
+            progress(f"comparing candidate {k + 1} of {len(prospects)}")
+            found.append((prospect, evaluate(prospect)))
+    return found
+
+
 def drawn_models(variant: Variant, count: int, seed: int) -> tuple[RigModel, ...]:
     """The model and others drawn from its covariance, `count` in all; the standard deviation of a value is limited."""
     generator = np.random.default_rng(seed)
-    slope = np.array([variant.model.get(f.path) if f.log else 1.0 for f in variant.free])
-    covariance = variant.covariance / np.outer(slope, slope)
+    covariance, theta = variant.covariance_of_coordinates, variant.coordinates
     most = beforehand(variant.free) ** -0.5
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     shrink = np.minimum(1.0, most / np.maximum(std, 1e-300))
     sizes, axes = np.linalg.eigh(np.nan_to_num(covariance * np.outer(shrink, shrink)))
-    theta = np.array([f.encode(variant.model.get(f.path)) for f in variant.free])
     found = [variant.model]
     while len(found) < count:
         moved = theta + axes @ (np.sqrt(np.maximum(sizes, 0.0)) * generator.normal(size=len(theta)))
         try:
-            found.append(variant.model.replace({f.path: f.decode(c) for f, c in zip(variant.free, moved, strict=True)}))
+            found.append(variant.at(moved))
         except ModelError:  # beyond what physics allows: the model itself is used instead
             found.append(variant.model)
     return tuple(found)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 
 import msgspec
 
@@ -84,9 +85,9 @@ def another_sensor(comparison: Comparison, seen: ComparedRuns, pair: tuple[Key, 
         for prospect, _ in ranked[: POLICY.tried_with_sensor]:
             ask_time()
             progress("searching for another sensor")
-            sensors = watched(prospect.run.configuration)
-            for channel, apart in comparison.with_sensors(prospect, sensors, POLICY.sensor_resolution).items():
-                if (size := farther(apart, pair)) >= POLICY.distinguishable:
+            sensors = partial(watched, configuration=prospect.run.configuration)
+            for channel, size in comparison.with_sensors(prospect, sensors, pair).items():
+                if size >= POLICY.distinguishable:
                     found.append(Remedy(prospect=prospect, distance=size, channel=channel))
     return max(found, key=lambda remedy: remedy.distance, default=None)
 
@@ -101,23 +102,19 @@ def farther(apart: Sequence[PairDistance], pair: tuple[Key, Key]) -> float:
     return max((a.distance for a in apart if {a.truth.key, a.rival.key} == set(pair)), default=0.0)
 
 
-def watched(configuration: str) -> Callable[[RigModel], RigModel]:
-    """Adds sensors to a rig: a displacement sensor on every free link, and an accelerometer above every existing one.
+def watched(model: RigModel, configuration: str) -> RigModel:
+    """The rig with a displacement sensor on every free link, and an accelerometer above every existing one.
 
-    They differ from the existing ones only if a body rocks.
+    The latter differ from the existing ones only if a body rocks.
     """
-
-    def added(model: RigModel) -> RigModel:
-        rotating = {name for sensor in model.sensors for name in sensor.arms}
-        above = tuple(
-            Sensor(
-                channel=f"{SECOND}{s.channel}", body=s.body, relative_to=s.relative_to,
-                arms={name: s.arms.get(name, 0.0) + POLICY.second_sensor_height * (name in s.arms) for name in rotating},
-            )
-            for s in model.sensors
-            if s.quantity == "acceleration"
-        )  # fmt: skip
-        rig = gauged(model, configuration)
-        return msgspec.structs.replace(rig, sensors=(*rig.sensors, *above))
-
-    return added
+    rotating = {name for sensor in model.sensors for name in sensor.arms}
+    above = tuple(
+        Sensor(
+            channel=f"{SECOND}{s.channel}", body=s.body, relative_to=s.relative_to,
+            arms={name: s.arms.get(name, 0.0) + POLICY.second_sensor_height * (name in s.arms) for name in rotating},
+        )
+        for s in model.sensors
+        if s.quantity == "acceleration"
+    )  # fmt: skip
+    rig = gauged(model, configuration)
+    return msgspec.structs.replace(rig, sensors=(*rig.sensors, *above))

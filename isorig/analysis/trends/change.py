@@ -87,7 +87,7 @@ def _parts(value: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArra
     return -0.5 * (second - first**2 / total), total
 
 
-def described(time: FloatArray, value: FloatArray, variance: FloatArray, *, alarm: int) -> DatedChange:
+def described(time: FloatArray, value: FloatArray, variance: FloatArray, *, alarm: int, begin: int = 0) -> DatedChange:
     """The change in a series that contains one, with its date, its size and its kind.
 
     Parameters
@@ -96,26 +96,29 @@ def described(time: FloatArray, value: FloatArray, variance: FloatArray, *, alar
         The series from the change before it to the one after it, shape (n,), n at least 2.
     alarm
         Index of the campaign that raised the alarm.
+    begin
+        Index of the first of these campaigns, if more precede them.
     """
     weight = 1.0 / variance
     first, earliest, latest = dated(value, variance)
-    before, after = (float(np.average(value[part], weights=weight[part])) for part in (slice(first), slice(first, None)))
-    std = float(np.sqrt(1.0 / weight[:first].sum() + 1.0 / weight[first:].sum()))
-    step = DatedChange(
-        kind="step", first=first, earliest=earliest, latest=latest, alarm=alarm, before=before, after=after, std=std
-    )
     knee = bent(time, value, weight)
     difference = knee.likelihood - stepped(value, weight, [first])
     clear = np.log(POLICY.likelihood_ratio)
-    kind: Kind = "drift" if difference > clear else "step" if difference < -clear else "step or drift"
-    return drifting(time, knee, alarm) if kind == "drift" else DatedChange(**{**vars(step), "kind": kind})
+    if difference > clear:
+        return drifting(time, knee, alarm, begin)
+    before, after = (float(np.average(value[part], weights=weight[part])) for part in (slice(first), slice(first, None)))
+    return DatedChange(
+        kind="step" if difference < -clear else "step or drift", first=begin + first, earliest=begin + earliest,
+        latest=begin + latest, alarm=alarm, before=before, after=after,
+        std=float(np.sqrt(1.0 / weight[:first].sum() + 1.0 / weight[first:].sum())),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
 class Knee:
-    """A constant level followed by a straight line from a campaign on: its parameters, their covariance, and the log likelihood.
+    """A constant level followed by a straight line from a campaign on, and its log likelihood.
 
-    `last` and `latest` are the last and first campaign in the 95 % interval of the start of the line.
+    `earliest` and `latest` are the ends of the 95 % interval of that campaign, `slope_std` the standard deviation of the slope.
     """
 
     at: int
@@ -123,33 +126,33 @@ class Knee:
     latest: int
     level: float
     slope: float
-    covariance: FloatArray
+    slope_std: float
     likelihood: float
 
 
 def bent(time: FloatArray, value: FloatArray, weight: FloatArray) -> Knee:
     """The best constant level followed by a straight line from a campaign (except the last) on, by weighted least squares."""
     fits = [_line(np.maximum(time - time[k], 0.0), value, weight) for k in range(len(time) - 1)]
-    likelihood = np.array([fit[2] for fit in fits])
+    likelihood = np.array([fit[-1] for fit in fits])
     best = int(likelihood.argmax())
     # Twice the decrease of the log likelihood is about chi-square with one degree of freedom.
     inside = np.flatnonzero(likelihood >= likelihood[best] - 0.5 * chi2.ppf(POLICY.date_confidence, 1))
-    (level, slope), covariance, _ = fits[best]
+    level, slope, slope_std, most = fits[best]
     return Knee(
-        at=best, earliest=int(inside[0]), latest=int(inside[-1]), level=level, slope=slope, covariance=covariance,
-        likelihood=float(likelihood[best]),
-    )  # fmt: skip
+        at=best, earliest=int(inside[0]), latest=int(inside[-1]), level=level, slope=slope, slope_std=slope_std, likelihood=most
+    )
 
 
-def _line(since: FloatArray, value: FloatArray, weight: FloatArray) -> tuple[tuple[float, float], FloatArray, float]:
+def _line(since: FloatArray, value: FloatArray, weight: FloatArray) -> tuple[float, float, float, float]:
+    # Level, slope and its standard deviation, log likelihood.
     design = np.stack([np.ones_like(since), since], axis=1)
     normal = design.T @ (design * weight[:, None])
     if np.linalg.det(normal) <= 1e-12 * normal[0, 0] * max(normal[1, 1], 1e-300):
-        return (float(np.average(value, weights=weight)), 0.0), np.zeros((2, 2)), -np.inf
+        return float(np.average(value, weights=weight)), 0.0, 0.0, -np.inf
     covariance = np.linalg.inv(normal)
     level, slope = covariance @ (design.T @ (weight * value))
     left = value - level - slope * since
-    return (float(level), float(slope)), np.asarray(covariance), float(-0.5 * (weight * left**2).sum())
+    return float(level), float(slope), float(np.sqrt(covariance[1, 1])), float(-0.5 * (weight * left**2).sum())
 
 
 def stepped(value: FloatArray, weight: FloatArray, firsts: list[int]) -> float:
@@ -158,10 +161,10 @@ def stepped(value: FloatArray, weight: FloatArray, firsts: list[int]) -> float:
     return float(sum(-0.5 * (w * (x - np.average(x, weights=w)) ** 2).sum() for x, w in parts))
 
 
-def drifting(time: FloatArray, knee: Knee, alarm: int) -> DatedChange:
-    """A drift as a change; `first` is the first campaign after its start."""
+def drifting(time: FloatArray, knee: Knee, alarm: int, begin: int) -> DatedChange:
+    """A drift as a change, as `described`; `first` is the first campaign after its start."""
     run = float(time[-1] - time[knee.at])
     return DatedChange(
-        kind="drift", first=knee.at + 1, earliest=knee.earliest + 1, latest=knee.latest + 1, alarm=alarm, before=knee.level,
-        after=knee.level + knee.slope * run, std=run * float(np.sqrt(knee.covariance[1, 1])), slope=knee.slope,
+        kind="drift", first=begin + knee.at + 1, earliest=begin + knee.earliest + 1, latest=begin + knee.latest + 1,
+        alarm=alarm, before=knee.level, after=knee.level + knee.slope * run, std=run * knee.slope_std, slope=knee.slope,
     )  # fmt: skip

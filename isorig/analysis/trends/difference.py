@@ -149,7 +149,10 @@ def explanations(
     evidence = observe(campaign, still.model, trials, earlier, earlier)
     with np.errstate(all="ignore"):  # a cause that does not fit may diverge
         screened = Screen(still, whole).ranked([c for cause in CATALOGUE for c in cause.candidates(still.model, evidence)])
-    for item in _distinct(screened)[: POLICY.fitted_causes]:
+    distinct: dict[tuple[str, str], ScreenedCandidate] = {}
+    for item in screened:
+        distinct.setdefault(item.candidate.key, item)
+    for item in list(distinct.values())[: POLICY.fitted_causes]:
         tried = _fitted(item, earlier, item.candidate.parameters(still.model, free), whole)
         if tried is not None and item.candidate.plausible(tried.model):
             own = len(item.candidate.free) * np.log(whole.size)
@@ -176,13 +179,6 @@ def _fitted(item: ScreenedCandidate, earlier: RigModel, free: Sequence[Free], pr
 
 def _deviation(free: Free, scatter: Mapping[str, float]) -> float:
     return max(scatter.get(free.path, POLICY.unknown_scatter if free.log else 100.0 * free.step), 1e-3 * free.step)
-
-
-def _distinct(screened: Sequence[ScreenedCandidate]) -> list[ScreenedCandidate]:
-    seen: dict[tuple[str, str], ScreenedCandidate] = {}
-    for item in screened:
-        seen.setdefault(item.candidate.key, item)
-    return list(seen.values())
 
 
 def _of_parameter(path: str, earlier: RigModel, done: Fit, misfit: float) -> CauseOfChange:

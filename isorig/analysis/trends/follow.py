@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 
@@ -51,67 +51,47 @@ def follow(series: Series, between: float, limits: Sequence[float]) -> Followed:
     raised = alarms(series.value, variance, limits)
     changes = _changes(series, variance, raised.at, raised.rising)
     begun = changes[-1].first if changes else 0
-    level, std = float(np.average(series.value[begun:], weights=1.0 / variance[begun:])), variance[begun:]
-    if changes and changes[-1].kind == "drift":
-        level = changes[-1].after
+    weight = 1.0 / variance[begun:]
+    drifts = bool(changes) and changes[-1].kind == "drift"
+    level = changes[-1].after if drifts else float(np.average(series.value[begun:], weights=weight))
     far = set(np.flatnonzero(np.abs(raised.z) > POLICY.outlying_campaign).tolist())
     touched = {k for change in changes for k in range(change.earliest, change.alarm + 1)}
     return Followed(
-        changes=changes, level=level, std=float(1.0 / np.sqrt((1.0 / std).sum())),
+        changes=changes, level=level, std=float(1.0 / np.sqrt(weight.sum())),
         alone=tuple(k for k in sorted(far - touched) if not {k - 1, k + 1} & far),
     )  # fmt: skip
 
 
 def _changes(series: Series, variance: FloatArray, at: Sequence[int], rising: Sequence[bool]) -> tuple[DatedChange, ...]:
-    if not at:
-        return ()
     # First the dates from the data up to each alarm; then each change from all data between its neighbours.
     firsts, begin = [], 0
     for alarm in at:
         firsts.append(begin + dated(series.value[begin : alarm + 1], variance[begin : alarm + 1])[0])
         begin = firsts[-1]
-    groups: list[list[int]] = []
-    for k in range(len(at)):
-        if groups and rising[groups[-1][-1]] == rising[k]:
-            groups[-1].append(k)
-        else:
-            groups.append([k])
+    ends = [*firsts[1:], len(series)]
     found: list[DatedChange] = []
-    for group, following in pairwise([*groups, []]):
+    for _, group in groupby(range(len(at)), key=rising.__getitem__):
+        same = list(group)
         begin = found[-1].first if found else 0
-        end = firsts[following[0]] if following else len(series)
-        found += _one_drift(series, variance, begin, end, [firsts[k] for k in group], at[group[0]])
-        if found and found[-1].kind == "drift" and found[-1].alarm == at[group[0]]:
+        part = slice(begin, ends[same[-1]])
+        drift = _one_drift(series, variance, part, [firsts[k] for k in same], at[same[0]])
+        if drift is not None:
+            found.append(drift)
             continue
-        for place, k in enumerate(group):
+        for k in same:
             begin = found[-1].first if found else 0
-            stop = firsts[group[place + 1]] if place + 1 < len(group) else end
-            found.append(_shifted(series, variance, begin, stop, at[k]))
+            part = slice(begin, ends[k])
+            found.append(described(series.time[part], series.value[part], variance[part], alarm=at[k], begin=begin))
     return tuple(found)
 
 
-def _one_drift(
-    series: Series, variance: FloatArray, begin: int, end: int, firsts: Sequence[int], alarm: int
-) -> tuple[DatedChange, ...]:
+def _one_drift(series: Series, variance: FloatArray, part: slice, firsts: Sequence[int], alarm: int) -> DatedChange | None:
     # Several steps in the same direction may be one drift: the model with fewer parameters per likelihood (Schwarz 1978) is kept.
     # A step has a date and a level, a drift a date and a slope.
     if len(firsts) < 2:
-        return ()
-    part = slice(begin, end)
+        return None
     time, value, weight = series.time[part], series.value[part], 1.0 / variance[part]
     knee = bent(time, value, weight)
-    steps = stepped(value, weight, [first - begin for first in firsts])
-    if knee.likelihood + (len(firsts) - 1) * np.log(end - begin) < steps:
-        return ()
-    return (_moved(drifting(time, knee, alarm - begin), begin),)
-
-
-def _shifted(series: Series, variance: FloatArray, begin: int, end: int, alarm: int) -> DatedChange:
-    part = slice(begin, end)
-    return _moved(described(series.time[part], series.value[part], variance[part], alarm=alarm - begin), begin)
-
-
-def _moved(change: DatedChange, by: int) -> DatedChange:
-    return replace(
-        change, first=change.first + by, earliest=change.earliest + by, latest=change.latest + by, alarm=change.alarm + by
-    )
+    steps = stepped(value, weight, [first - part.start for first in firsts])
+    drifts = knee.likelihood + (len(firsts) - 1) * np.log(len(time)) >= steps
+    return drifting(time, knee, alarm, part.start) if drifts else None

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import t as student
 
-from isorig.analysis.campaign import FloatArray
 from isorig.analysis.trends.policy import POLICY
 
 
@@ -17,29 +17,28 @@ class Siblings:
 
     Parameters
     ----------
-    middle, spread
-        Mean and standard deviation of the rigs that are not outliers.
+    middle
+        Mean of the rigs that are not outliers.
     away
-        Each rig's distance from the middle in standard deviations, shape (rigs,); NaN if there are too few rigs to compare.
+        Each rig's distance from the middle, by name, in standard deviations of those; NaN if there are too few rigs to compare.
     odd
-        Indices of the outlying rigs, farthest first.
+        Names of the outlying rigs, farthest first.
     """
 
     middle: float
-    spread: float
-    away: FloatArray
-    odd: tuple[int, ...]
+    away: Mapping[str, float]
+    odd: tuple[str, ...]
 
 
-def siblings(level: FloatArray, risk: float) -> Siblings:
-    """Compare levels, shape (rigs,); `risk` is the probability that any rig of a fleet without outliers is called one.
+def siblings(levels: Mapping[str, float], risk: float) -> Siblings:
+    """Compare levels of rigs by name; `risk` is the probability that any rig of a fleet without outliers is called one.
 
     Notes
     -----
     The generalized extreme studentized deviate test (Rosner 1983, Technometrics 25:165), which finds several outliers if a test
     of one would be masked by the next. Fewer than `POLICY.fewest_rigs` are not compared.
     """
-    n = len(level)
+    names, level, n = list(levels), np.array(list(levels.values()), dtype=np.float64), len(levels)
     left = np.arange(n)
     order: list[int] = []
     odd = 0
@@ -56,7 +55,7 @@ def siblings(level: FloatArray, risk: float) -> Siblings:
     kept = np.delete(level, order[:odd])
     middle, spread = (float(kept.mean()), float(kept.std(ddof=1)) if len(kept) > 1 else 0.0) if n else (0.0, 0.0)
     away = np.full(n, np.nan) if n < POLICY.fewest_rigs else (level - middle) / spread if spread > 0.0 else np.zeros(n)
-    return Siblings(middle=middle, spread=spread, away=away, odd=tuple(order[:odd]))
+    return Siblings(middle=middle, away=dict(zip(names, away.tolist(), strict=True)), odd=tuple(names[k] for k in order[:odd]))
 
 
 def _critical(n: int, i: int, risk: float) -> float:

@@ -26,7 +26,7 @@ from isorig.rig.files.output import reason
 PORTS = Path("C:/ProgramData" if sys.platform == "win32" else "/tmp")
 
 
-class _HeldError(Exception):
+class HeldError(Exception):
     """Another process holds the lock; the text names it if it is known."""
 
 
@@ -42,10 +42,10 @@ def output_locked(output: Path) -> Iterator[None]:
     with ExitStack() as stack:
         try:
             output.parent.mkdir(parents=True, exist_ok=True)
-            stack.enter_context(_locked(output.with_name(f".{output.name}.lock")))
+            stack.enter_context(locked(output.with_name(f".{output.name}.lock")))
         except OSError as error:
             raise OutputError(f"{output} cannot be written ({reason(error)}); choose another place with -o") from None
-        except _HeldError as holder:
+        except HeldError as holder:
             raise OutputError(
                 f"{output} is being measured by another session{holder}; wait for its end, or give another -o"
             ) from None
@@ -66,10 +66,10 @@ def port_locked(port: str) -> Iterator[None]:
     with ExitStack() as stack:
         try:
             for name in sorted(identities(port)) if port != "virtual" else ():
-                stack.enter_context(_locked(PORTS / f"rig-port-{hashlib.sha256(name.encode()).hexdigest()[:20]}.lock"))
+                stack.enter_context(locked(PORTS / f"rig-port-{hashlib.sha256(name.encode()).hexdigest()[:20]}.lock"))
         except OSError as error:
             raise PlanError(f"the port {port} cannot be locked in {PORTS} ({reason(error)}); make that folder writable") from None
-        except _HeldError as holder:
+        except HeldError as holder:
             raise PlanError(f"the port {port} is in use by another session{holder}; wait for its end, or end it") from None
         yield
 
@@ -120,8 +120,9 @@ def _is_own(address: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bool:
 
 
 @contextmanager
-def _locked(path: Path) -> Iterator[None]:
-    # Without reentrance within a process, and open to other users, whose sessions lock the same file.
+def locked(path: Path) -> Iterator[None]:
+    """Lock a file, which is created and removed again; `HeldError` if another process or thread has locked it."""
+    # Open to other users, whose sessions lock the same file.
     lock = FileLock(path, timeout=0, mode=0o666, is_singleton=False)
     try:
         lock.acquire()
@@ -129,7 +130,7 @@ def _locked(path: Path) -> Iterator[None]:
         holder = ""
         with suppress(OSError):
             holder = path.read_bytes()[:20].decode("ascii", "replace").strip()
-        raise _HeldError(f" (process {holder})" if holder.isdigit() else "") from None
+        raise HeldError(f" (process {holder})" if holder.isdigit() else "") from None
     try:
         with suppress(OSError):
             path.write_text(str(os.getpid()))

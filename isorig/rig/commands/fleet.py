@@ -95,7 +95,7 @@ def update(
     from isorig.rig.diagnose.many import time_limit
     from isorig.rig.errors import RecordingError
     from isorig.rig.files.output import displayable
-    from isorig.rig.fleet.catalogue import Catalogue
+    from isorig.rig.fleet.catalogue import WITHOUT, Catalogue
     from isorig.rig.fleet.change_causes import search_causes
     from isorig.rig.fleet.sentences import answer_words
     from isorig.rig.fleet.update import update, work_of
@@ -114,14 +114,14 @@ def update(
             status.update(f"{done} of {len(work.jobs)} recordings diagnosed")
             print(displayable(answer_words(answer)), flush=True)
 
-        updated = update(store, work.jobs, scheduler=scheduler, tell=tell)
+        answers = update(store, work.jobs, scheduler=scheduler, tell=tell)
         status.update("searching for changes")
         for line in search_causes(store, baseline, scheduler=scheduler, false_per_month=false_alarms) if explain else ():
             print(displayable(line), flush=True)
-    print(f"{work.known} recordings had an answer, {updated.done} were processed now")
-    if updated.without:
-        first = updated.without[0].reason
-        raise RecordingError(f"{len(updated.without)} of {len(work.jobs)} recordings gave no answer; first: {first}")
+    print(f"{work.known} recordings had an answer, {len(answers)} were processed now")
+    without = [answer.reason for answer in answers if answer.verdict in WITHOUT]
+    if without:
+        raise RecordingError(f"{len(without)} of {len(work.jobs)} recordings gave no answer; first: {without[0]}")
 
 
 @fleet.command

@@ -73,7 +73,8 @@ def next_(
             proposal = propose_for(now, required_uncertainty(for_), budget=seconds, tell=status.update)
         else:
             proposal = propose(now, budget=seconds, tell=status.update)
-    for sentence in summary(proposal):
+    head = summary(proposal, now.rivals)
+    for sentence in head:
         print(sentence)
     if not proposal.runs:
         return
@@ -81,7 +82,6 @@ def next_(
     base = own or virtual_instrument_of(found[-1])
     runs = [planned(item.run, name) for name, item in zip(names, proposal.runs, strict=True)]
     why = {name: reasons(item, proposal, now) for name, item in zip(names, proposal.runs, strict=True)}
-    head = summary(proposal)
     if own is None:
         head.append("No plan was given with --plan: instrument and sensitivities are those of the virtual rig.")
     write_plan(output, with_runs(base, runs), why, head)

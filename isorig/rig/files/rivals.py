@@ -54,6 +54,11 @@ class FittedModel(msgspec.Struct, frozen=True, kw_only=True):
     free: list[dict[str, Any]]
     covariance: list[list[float]]
 
+    @property
+    def key(self) -> tuple[str, str]:
+        """Cause and location."""
+        return self.cause, self.location
+
     def variant(self) -> Variant:
         """The same as an object in memory."""
         return Variant(
@@ -158,7 +163,7 @@ def _open(diagnosis: Diagnosis) -> list[OpenSet]:
         keys = {own, *step.indistinguishable}
         best = _first_of_each(entries, lambda entry: entry.candidate.key)
         models = [_model(*entry.candidate.key, entry.fit) for entry in best if entry.candidate.key in keys]
-        fitted = {(model.cause, model.location) for model in models}
+        fitted = {model.key for model in models}
         equal = {entry.candidate.twin for entry in entries if entry.candidate.key in fitted}
         twins, unfitted = sorted((keys - fitted) & equal), sorted(keys - fitted - equal)
         if len(keys) > 1 and models:

@@ -234,15 +234,12 @@ class Catalogue:
         RigError
             It was not searched for.
         """
-        return self.changes([name])[name]
+        rows: list[dict[str, Any]] = _load(self.folder / "changes" / f"{name}.parquet", CHANGES).to_pylist()
+        return [row for row in rows if row["cause"]]
 
-    def changes(self, names: Iterable[str] | None = None) -> dict[str, list[dict[str, Any]]]:
-        """The explanations of each change that was analysed, by its name, best first; empty if there is none."""
-        rows: dict[str, list[dict[str, Any]]] = {}
-        for name in sorted(self.explained()) if names is None else names:
-            found = _load(self.folder / "changes" / f"{name}.parquet", CHANGES).to_pylist()
-            rows[name] = [row for row in found if row["cause"]]
-        return rows
+    def changes(self) -> dict[str, list[dict[str, Any]]]:
+        """The explanations of each change that was analysed, by its name."""
+        return {name: self.change(name) for name in sorted(self.explained())}
 
 
 def retried(function: Callable[[], R]) -> R:

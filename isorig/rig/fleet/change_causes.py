@@ -103,7 +103,7 @@ def explain(question: ChangeToExplain) -> str:
 
 
 def _explain(question: ChangeToExplain) -> None:
-    from isorig.analysis.trends.difference import explanations
+    from isorig.analysis.trends.difference import CauseOfChange, explanations
     from isorig.rig.files.recording import read
 
     catalogue = Catalogue(Path(question.catalogue))
@@ -118,19 +118,18 @@ def _explain(question: ChangeToExplain) -> None:
     own, _, fitted = read_model(catalogue.diagnosis(key_of(question.after, question.version, question.baseline)) / "model.json")
     today = {f.path: own.get(f.path) for f in fitted if f.path in question.levels}
     found = explanations(read(question.path), earlier, scatter, today=today, changed=question.changed)
-    common = {name: getattr(question, name) for name in ("rig", "before", "after", "version", "baseline")}
-    rows: list[dict[str, object]] = [
-        {
-            **common, "rank": rank, "cause": e.cause, "location": e.location, "parameter": e.parameter, "old": e.old,
-            "new": e.new, "std": e.std, "unit": e.unit or unit_of(e.parameter), "share": e.share, "alike": e.alike,
-        }
-        for rank, e in enumerate(found[:POLICY.kept_explanations])
-    ]  # fmt: skip
     # A row without a cause records that the search was done.
-    blank = {"cause": "", "location": "", "parameter": "", "unit": "", "alike": False} | dict.fromkeys(
-        ("old", "new", "std", "share"), math.nan
+    nothing = CauseOfChange(
+        cause="", location="", parameter="", unit="", old=math.nan, new=math.nan, std=math.nan, share=math.nan, misfit=math.nan
     )
-    catalogue.put_change(question.name, rows or [{**common, "rank": 0, **blank}])
+    rows = [
+        {
+            **msgspec.structs.asdict(question), **vars(one), "rank": rank,
+            "unit": one.unit or unit_of(one.parameter) if one.parameter else "",
+        }
+        for rank, one in enumerate(found[:POLICY.kept_explanations] or [nothing])
+    ]  # fmt: skip
+    catalogue.put_change(question.name, rows)
 
 
 def search_causes(

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,9 +47,9 @@ class DiagnosedCampaign:
     path: str
 
     @property
-    def date(self) -> datetime:
-        """Its start."""
-        return date_of(self.started)
+    def day(self) -> str:
+        """The date of its start."""
+        return (EPOCH + timedelta(days=self.started)).strftime("%Y-%m-%d")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,6 +80,21 @@ class Track:
     def plain(self, value: float) -> float:
         """A level as the parameter's value."""
         return math.exp(value) if self.log else value
+
+    @property
+    def level(self) -> float:
+        """The parameter's present value."""
+        return self.plain(self.followed.level)
+
+    @property
+    def values(self) -> FloatArray:
+        """The parameter's value in each campaign, shape (n,)."""
+        return np.exp(self.series.value) if self.log else self.series.value
+
+    @property
+    def stds(self) -> FloatArray:
+        """Standard uncertainties of the values, shape (n,)."""
+        return self.values * self.series.std if self.log else self.series.std
 
     def moved(self, change: DatedChange) -> str:
         """A change in words: its size, with the standard uncertainty."""
@@ -182,7 +197,7 @@ class Fleet:
     false_per_month
         Allowed false alarms per month in the whole fleet.
     siblings
-        Each parameter compared with the other rigs: names of the rigs, and the comparison.
+        Each parameter compared with the other rigs.
     notes
         Sentences about recordings that could not be used or tracked.
     """
@@ -192,7 +207,7 @@ class Fleet:
     scatter: Mapping[str, Scatter]
     limits: Mapping[str, tuple[float, ...]]
     false_per_month: float
-    siblings: Mapping[str, tuple[tuple[str, ...], Siblings]]
+    siblings: Mapping[str, Siblings]
     notes: tuple[str, ...]
 
     @property
@@ -214,11 +229,6 @@ def with_std(value: float, std: float) -> str:
         return f"{value:+.3g} ± {std:.1g}"
     decimals = -math.floor(math.log10(float(f"{std:.1g}")))
     return f"{round(value, decimals):+.{max(decimals, 0)}f} ± {round(std, decimals):.{max(decimals, 0)}f}"
-
-
-def date_of(days: float) -> datetime:
-    """The date from a number of days since 1970."""
-    return EPOCH + timedelta(days=days)
 
 
 def followed(answers: pd.DataFrame, baseline: str, *, false_per_month: float | None = None) -> Fleet:
@@ -411,44 +421,46 @@ def _begun(campaigns: Sequence[DiagnosedCampaign], first: int) -> int:
 
 def _incidents(rig: str, tracks: Mapping[str, Track], named: Sequence[NewCause]) -> tuple[Incident, ...]:
     # Changes with overlapping intervals (from the last campaign before to the alarm) belong to one date.
-    pieces: list[tuple[int, int, int, int, int, Any]] = []
+    single = []
     for track in tracks.values():
         for change in track.followed.changes:
             # The last campaign before it is one that was compared.
             places = (max(change.earliest - 1, 0), change.latest, change.first, change.alarm)
-            before, late, first, alarm = (track.campaigns[k] for k in places)
-            pieces.append((before, late, first, alarm, 0, (track, change)))
-    pieces += [(max(n.begun - 1, 0), n.first, n.begun, n.alarm, 1, n) for n in named]
-    groups: list[list[tuple[int, int, int, int, int, Any]]] = []
-    reach = -1
-    for piece in sorted(pieces, key=lambda p: p[:5]):
-        if groups and piece[0] < reach:
-            groups[-1].append(piece)
+            before, after, first, alarm = (track.campaigns[k] for k in places)
+            single.append(
+                Incident(
+                    rig=rig, changes=((track, change),), named=(), last_before=before, first_after=after, first=first, alarm=alarm
+                )
+            )
+    for n in named:
+        before = max(n.begun - 1, 0)
+        single.append(
+            Incident(rig=rig, changes=(), named=(n,), last_before=before, first_after=n.first, first=n.begun, alarm=n.alarm)
+        )
+    groups: list[list[Incident]] = []
+    for one in sorted(single, key=lambda i: (i.last_before, i.first_after, i.first, i.alarm, len(i.named))):
+        if groups and one.last_before < max(max(each.first_after, each.alarm) for each in groups[-1]):
+            groups[-1].append(one)
         else:
-            groups.append([piece])
-            reach = -1
-        reach = max(reach, piece[1], piece[3])
-    return tuple(_incident(rig, group) for group in groups)
+            groups.append([one])
+    return tuple(map(_joined, groups))
 
 
-def _incident(rig: str, group: Sequence[tuple[int, int, int, int, int, Any]]) -> Incident:
-    changes = sorted((p[5] for p in group if p[4] == 0), key=lambda pair: -abs(pair[1].size))
+def _joined(group: Sequence[Incident]) -> Incident:
     # Dated by the most significant parameter change; if there is none, by the first new cause.
-    causes = [p for p in group if p[4] == 1]
-    plain = bool(changes) and (abs(changes[0][1].size) >= POLICY.dating_change or not causes)
-    main = next(p for p in group if p[5] is changes[0]) if plain else min(causes, key=lambda p: p[2])
-    low, high, first, *_ = main
-    return Incident(
-        rig=rig, changes=tuple(changes), named=tuple(p[5] for p in group if p[4] == 1), last_before=low, first_after=high,
-        first=first, alarm=min(p[3] for p in group),
+    changed = sorted((one for one in group if one.changes), key=lambda one: -abs(one.changes[0][1].size))
+    named = [one for one in group if one.named]
+    significant = changed and abs(changed[0].changes[0][1].size) >= POLICY.dating_change
+    main = changed[0] if significant or not named else min(named, key=lambda one: one.first)
+    return replace(
+        main, changes=tuple(pair for one in changed for pair in one.changes), named=tuple(n for one in named for n in one.named),
+        alarm=min(one.alarm for one in group),
     )  # fmt: skip
 
 
-def _siblings(rigs: Mapping[str, TrackedRig]) -> dict[str, tuple[tuple[str, ...], Siblings]]:
-    names = sorted({name for rig in rigs.values() for name in rig.tracks})
-    found = {}
-    for name in names:
-        have = tuple(rig.name for rig in rigs.values() if name in rig.tracks)
-        level: FloatArray = np.array([rigs[rig].tracks[name].followed.level for rig in have])
-        found[name] = (have, siblings(level, POLICY.outlier_risk / len(names)))
-    return found
+def _siblings(rigs: Mapping[str, TrackedRig]) -> dict[str, Siblings]:
+    levels: dict[str, dict[str, float]] = {}
+    for rig in rigs.values():
+        for name, track in rig.tracks.items():
+            levels.setdefault(name, {})[rig.name] = track.followed.level
+    return {name: siblings(own, POLICY.outlier_risk / len(levels)) for name, own in sorted(levels.items())}

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import math
 from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from datetime import datetime
 from pathlib import Path
 
 import msgspec
 
 from isorig.analysis.diagnose.kinds import FORMS
+from isorig.rig.acquire.locks import HeldError, locked
 from isorig.rig.diagnose.many import answered, diagnose_file, program_version
 from isorig.rig.errors import REFUSALS, OutputError, PlanError, RigError
 from isorig.rig.files.findings import NamedCause, Value, read_findings
@@ -46,39 +47,27 @@ class DiagnosisJob(msgspec.Struct, frozen=True, kw_only=True):
     again: bool = False
 
 
-class JobResult(msgspec.Struct, frozen=True, kw_only=True):
-    """The result of a job.
+def answer_job(job: DiagnosisJob) -> StoredAnswer | None:
+    """Diagnose a recording, store the answer, and return it; None if another process is working on it.
 
-    Parameters
-    ----------
-    answer
-        The stored answer; None if another process is working on it.
-    stop
-        Why the update cannot continue; empty if it can.
+    Raises
+    ------
+    RigError
+        The update cannot continue: answers cannot be stored, or this worker runs another version of the program.
     """
-
-    answer: StoredAnswer | None = None
-    stop: str = ""
-
-
-def answer_job(job: DiagnosisJob) -> JobResult:
-    """Diagnose a recording, store the answer, and return it."""
     if program_version() != job.answer.version:
-        return JobResult(
-            stop=f"a worker runs version {program_version()} of this program, not {job.answer.version}; "
+        raise RigError(
+            f"a worker runs version {program_version()} of this program, not {job.answer.version}; "
             "install the same on all workers"
         )
     catalogue = Catalogue(Path(job.catalogue))
     folder = catalogue.diagnosis(job.answer.key)
-    try:
-        with alone_in(folder) as free:
-            if not free:
-                return JobResult()
-            answer = _answered(job, folder)
-            catalogue.put(answer)
-            return JobResult(answer=answer)
-    except OutputError as error:
-        return JobResult(stop=str(error))
+    with alone_in(folder) as free:
+        if not free:
+            return None
+        answer = _answered(job, folder)
+        catalogue.put(answer)
+        return answer
 
 
 def _answered(job: DiagnosisJob, folder: Path) -> StoredAnswer:
@@ -162,44 +151,24 @@ def _parameter(name: str, row: Value) -> StoredParameter | None:
     return StoredParameter(name=name, value=row.value, std=math.nan if row.std is None else row.std, unit=row.unit)
 
 
-@contextlib.contextmanager
+@contextmanager
 def alone_in(folder: Path) -> Iterator[bool]:
     """Whether no other process works in a folder; none can during the block.
 
-    The lock belongs to the system and ends with its process. Without such locks, two processes may do the same work twice, which
-    costs time only. An empty folder is removed at the end.
+    The lock belongs to the system and ends with its process. On a file system without locks, two processes may do the same work
+    twice, which costs time only.
     """
-    try:
-        import fcntl
-    except ImportError:  # Windows
-        yield True
-        return
-    import os
-
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        handle = os.open(folder, os.O_RDONLY)
-    except FileNotFoundError:  # another process has just removed it
-        yield False
-        return
-    except OSError as error:
-        raise OutputError(
-            f"{folder} cannot be created ({error.strerror}); make room, or give another catalogue with -c"
-        ) from None
-    try:
+    with ExitStack() as stack:
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            yield False
-            return
-        except OSError:  # a file system without locks
-            yield True
-            return
-        try:
-            # Another process may have removed the folder between its opening and the lock.
-            yield folder.exists() and os.fstat(handle).st_ino == folder.stat().st_ino
-        finally:
-            with contextlib.suppress(OSError):
-                folder.rmdir()
-    finally:
-        os.close(handle)
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(locked(folder.with_name(f".{folder.name}.lock")))
+            free = True
+        except HeldError:
+            free = False
+        except NotImplementedError:  # a file system without locks
+            free = True
+        except OSError as error:
+            raise OutputError(
+                f"{folder} cannot be created ({error.strerror}); make room, or give another catalogue with -c"
+            ) from None
+        yield free

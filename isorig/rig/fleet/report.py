@@ -10,14 +10,13 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.wording import capitalized
 from isorig.rig.fleet.change_causes import name_of
-from isorig.rig.fleet.history import Fleet, Incident, Track, TrackedRig, date_of
+from isorig.rig.fleet.history import Fleet, Incident, Track, TrackedRig
 from isorig.rig.fleet.policy import POLICY
 from isorig.rig.fleet.sentences import (
     bad_campaigns,
     cause_words,
-    change_words,
+    changes_words,
     coinciding_events,
-    day,
     difference_words,
     explained,
     incident_words,
@@ -91,9 +90,9 @@ def _percent(share: float) -> str:
 
 def _summary(fleet: Fleet) -> list[str]:
     campaigns = [c for rig in fleet.rigs.values() for c in rig.campaigns]
-    first, last = min(c.started for c in campaigns), max(c.started for c in campaigns)
+    first, last = (end(campaigns, key=lambda c: c.started).day for end in (min, max))
     sentences = [
-        f"{len(campaigns)} campaigns from {day(date_of(first))} to {day(date_of(last))}, diagnosed with the {fleet.baseline} "
+        f"{len(campaigns)} campaigns from {first} to {last}, diagnosed with the {fleet.baseline} "
         f"baseline by version {', '.join(sorted({rig.version for rig in fleet.rigs.values()}))}.",
         f"False alarms expected in the whole fleet: at most {_rate(fleet.false_per_month)}.",
     ]
@@ -110,15 +109,13 @@ def _changes(fleet: Fleet, explanations: Explanations, anchors: Mapping[str, str
     rows: list[tuple[Cell, ...]] = []
     for incident in fleet.incidents[:LATEST]:
         found = explanations.get(name_of(fleet, incident))
-        what = "; ".join(change_words(track, change) for track, change in incident.changes[:3])
-        more = len(incident.changes) - 3
-        what += f"; {more} more parameters" if more > 0 else ""
         named = "; ".join(words(n.cause) for n in incident.named)
         campaign = fleet.rigs[incident.rig].campaigns[incident.alarm]
         rows.append(
             (
-                PageLink(text=incident.rig, page=anchors[incident.rig]), period(fleet, incident), what or "verdict",
-                named or ("not searched for" if found is None else explained(found)), day(campaign.date),
+                PageLink(text=incident.rig, page=anchors[incident.rig]), period(fleet, incident),
+                "; ".join(changes_words(incident)) or "verdict",
+                named or ("not searched for" if found is None else explained(found)), campaign.day,
             )
         )  # fmt: skip
     if not rows:
@@ -138,7 +135,7 @@ def _glance(fleet: Fleet, rigs: Sequence[TrackedRig], anchors: Mapping[str, str]
         last = rig.campaigns[-1]
         rows.append(
             (
-                PageLink(text=rig.name, page=anchors[rig.name]), state_of(fleet, rig), day(last.date),
+                PageLink(text=rig.name, page=anchors[rig.name]), state_of(fleet, rig), last.day,
                 last.verdict, *(_spark(rig.tracks[name]) if name in rig.tracks else "–" for name in names),
             )
         )  # fmt: skip
@@ -152,21 +149,19 @@ def _glance(fleet: Fleet, rigs: Sequence[TrackedRig], anchors: Mapping[str, str]
 
 
 def _spark(track: Track) -> Cell:
-    values = np.exp(track.series.value) if track.log else track.series.value
-    text = f"{parameter_words(track.name)}: now {with_unit(track.plain(track.followed.level), track.unit)}"
-    return sparkline(values, text, [change.first for change in track.followed.changes])
+    text = f"{parameter_words(track.name)}: now {with_unit(track.level, track.unit)}"
+    return sparkline(track.values, text, [change.first for change in track.followed.changes])
 
 
 def _odd(fleet: Fleet, anchors: Mapping[str, str]) -> Section:
     rows: list[tuple[Cell, ...]] = []
-    for name, (rigs, found) in fleet.siblings.items():
-        for k in found.odd:
-            track = fleet.rigs[rigs[k]].tracks[name]
+    for name, found in fleet.siblings.items():
+        for rig in found.odd:
+            track = fleet.rigs[rig].tracks[name]
             rows.append(
                 (
-                    PageLink(text=rigs[k], page=anchors[rigs[k]]), parameter_words(name),
-                    with_unit(track.plain(track.followed.level), track.unit), with_unit(track.plain(found.middle), track.unit),
-                    difference_words(found.away[k]),
+                    PageLink(text=rig, page=anchors[rig]), parameter_words(name), with_unit(track.level, track.unit),
+                    with_unit(track.plain(found.middle), track.unit), difference_words(found.away[rig]),
                 )
             )  # fmt: skip
     if not rows:
@@ -211,7 +206,7 @@ def _without(fleet: Fleet) -> list[Section]:
 def _page(fleet: Fleet, rig: TrackedRig, explanations: Explanations, anchors: Mapping[str, str]) -> Page:
     sections = [_change_section(fleet, incident, explanations) for incident in reversed(rig.incidents)]
     far = [
-        f"{campaign.name} ({day(campaign.date)}) is an outlier in {', '.join(names)}, but its neighbours are not: a bad campaign."
+        f"{campaign.name} ({campaign.day}) is an outlier in {', '.join(names)}, but its neighbours are not: a bad campaign."
         for campaign, names in bad_campaigns(rig)
     ]
     if far:
@@ -232,7 +227,7 @@ def _change_section(fleet: Fleet, incident: Incident, explanations: Explanations
             (
                 parameter_words(track.name), number(track.plain(change.before), 4), number(track.plain(change.after), 4),
                 track.unit, track.moved(change), f"{change.size:+.1f}", change.kind,
-                f"{day(own[0].date)} to {day(own[1].date)}", day(own[2].date),
+                f"{own[0].day} to {own[1].day}", own[2].day,
             )
         )  # fmt: skip
     columns = ("parameter", "before", "after", "unit", "by", "standard deviations", "kind", "when (95 %)", "alarm")
@@ -263,12 +258,10 @@ def _parameters(fleet: Fleet, rig: TrackedRig) -> Section:
     odd = odd_parameters(fleet, rig.name)
     rows = []
     for name, track in rig.tracks.items():
-        rigs, found = fleet.siblings[name]
-        level = track.plain(track.followed.level)
-        std = level * track.followed.std if track.log else track.followed.std
-        away = difference_words(found.away[rigs.index(rig.name)])
+        std = track.level * track.followed.std if track.log else track.followed.std
+        away = difference_words(fleet.siblings[name].away[rig.name])
         rows.append(
-            (parameter_words(name), number(level, 5), number(std, 2), track.unit, away, "odd" if name in odd else "")
+            (parameter_words(name), number(track.level, 5), number(std, 2), track.unit, away, "odd" if name in odd else "")
         )  # fmt: skip
     return Section(
         title="Parameters compared with the other rigs",
@@ -280,10 +273,10 @@ def _chart(rig: TrackedRig) -> Chart:
     tracks = list(rig.tracks.values())
     traces, marks = [], []
     for panel, track in enumerate(tracks):
-        value = np.exp(track.series.value) if track.log else track.series.value
-        spread = value * track.series.std if track.log else track.series.std
-        traces.append(ChartTrace(name="campaign", x=track.series.time, y=value, spread=spread, panel=panel, style="points"))
         x, y = _levels(track)
+        traces.append(
+            ChartTrace(name="campaign", x=track.series.time, y=track.values, spread=track.stds, panel=panel, style="points")
+        )
         traces.append(ChartTrace(name="level", x=x, y=y, role="extended", panel=panel))
         marks += [
             Mark(begin=float(track.series.time[max(c.earliest - 1, 0)]), end=float(track.series.time[c.latest]), panel=panel)
@@ -305,33 +298,24 @@ def _label(track: Track) -> str:
 
 def _levels(track: Track) -> tuple[FloatArray, FloatArray]:
     # A constant level between changes; a drift as a slope.
-    time, x, y = track.series.time, [], []
-    changes = track.followed.changes
-    begin = 0
-    for k, change in enumerate(changes):
-        x += [time[begin], time[max(change.first - 1, begin)], np.nan]
-        y += [_level_at(track, k - 1, begin), change.before if k == 0 else _level_at(track, k - 1, change.first - 1), np.nan]
-        begin = change.first
-    x += [time[begin], time[-1]]
-    y += [_level_at(track, len(changes) - 1, begin), _level_at(track, len(changes) - 1, len(time) - 1)]
-    level = np.array(y)
-    return np.array(x), np.exp(level) if track.log else level
-
-
-def _level_at(track: Track, last: int, at: int) -> float:
-    # The level at a campaign after the change with index `last`, -1 before the first.
-    changes = track.followed.changes
-    if last < 0:
-        return changes[0].before if changes else track.followed.level
-    change = changes[last]
-    if change.kind != "drift":
-        return change.after
-    return change.before + change.slope * float(track.series.time[at] - track.series.time[max(change.first - 1, 0)])
+    time, changes = track.series.time, track.followed.changes
+    firsts = [change.first for change in changes]
+    first_level = changes[0].before if changes else track.followed.level
+    x, y = [], []
+    for change, begin, end in zip([None, *changes], [0, *firsts], [*firsts, len(time)], strict=True):
+        ends = time[[begin, max(end - 1, begin)]]
+        level = np.full(2, first_level if change is None else change.after)
+        if change is not None and change.kind == "drift":
+            level = change.before + change.slope * (ends - time[max(change.first - 1, 0)])
+        x += [*ends, np.nan]
+        y += [*level, np.nan]
+    whole = np.array(y[:-1])
+    return np.array(x[:-1]), np.exp(whole) if track.log else whole
 
 
 def _campaigns(rig: TrackedRig) -> Section:
     rows = [
-        (c.name, day(c.date), c.verdict, words(", ".join(sorted(c.causes))) or "–", c.content[:12])
+        (c.name, c.day, c.verdict, words(", ".join(sorted(c.causes))) or "–", c.content[:12])
         for c in reversed(rig.campaigns[-LISTED:])
     ]
     more = len(rig.campaigns) - len(rows)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from datetime import datetime
 
 import numpy as np
 
@@ -13,38 +12,30 @@ from isorig.analysis.wording import sized
 from isorig.rig.fleet.catalogue import StoredAnswer
 from isorig.rig.fleet.history import DiagnosedCampaign, Fleet, Incident, Track, TrackedRig
 from isorig.rig.fleet.policy import POLICY
+from isorig.rig.report.sections import words
 
 
 def parameter_words(name: str) -> str:
     """A parameter in words: "links.isolation.stiffness" is the stiffness of isolation."""
     parts = name.split(".")
     if parts[0] in ("links", "contacts", "bodies", "sensors"):
-        return f"{_plain(parts[-1])} of {_plain(parts[1])}"
+        return f"{words(parts[-1])} of {words(parts[1])}"
     if len(parts) == 3:
-        return f"{_plain(parts[0])} at {_plain(parts[1])}, {_plain(parts[2])}"
-    return _plain(" ".join(parts))
-
-
-def _plain(name: str) -> str:
-    return name.replace("_", " ")
+        return f"{words(parts[0])} at {words(parts[1])}, {words(parts[2])}"
+    return words(" ".join(parts))
 
 
 def answer_words(answer: StoredAnswer) -> str:
     """An answer in a line."""
-    parts = (answer.verdict, _plain(answer.cause), answer.reason)
+    parts = (answer.verdict, words(answer.cause), answer.reason)
     return f"{answer.rig} {answer.campaign}: {'; '.join(part for part in parts if part)}"
-
-
-def day(when: datetime) -> str:
-    """A date in words."""
-    return when.strftime("%Y-%m-%d")
 
 
 def period(fleet: Fleet, incident: Incident) -> str:
     """Its date, with 95 % certainty."""
     campaigns = fleet.rigs[incident.rig].campaigns
     before, after = campaigns[incident.last_before], campaigns[incident.first_after]
-    return f"{day(before.date)} to {day(after.date)}"
+    return f"{before.day} to {after.day}"
 
 
 def with_unit(value: float, unit: str, digits: int = 4) -> str:
@@ -65,6 +56,13 @@ def change_words(track: Track, change: DatedChange) -> str:
     return text if abs(change.size) >= POLICY.confirmed_change else f"{text}, not confirmed by the campaigns since"
 
 
+def changes_words(incident: Incident) -> list[str]:
+    """The most significant changes of a date in words, and the number of the others."""
+    more = len(incident.changes) - 3
+    first = [change_words(track, change) for track, change in incident.changes[:3]]
+    return [*first, f"{more} more parameters"] if more > 0 else first
+
+
 def explained(rows: Sequence[Mapping[str, object]]) -> str:
     """The explanations of a change, from the rows of its file."""
     if not rows:
@@ -77,29 +75,21 @@ def cause_words(row: Mapping[str, object]) -> str:
     """An explanation in a clause."""
     old, unit = float(str(row["old"])), str(row["unit"])
     after = with_unit(float(str(row["new"])), unit)
-    cause, place = _plain(str(row["cause"])), _plain(str(row["location"]))
+    cause, place = words(str(row["cause"])), words(str(row["location"]))
     if math.isfinite(old):
         return f"{cause} of {place} from {with_unit(old, unit)} to {after}"
-    return f"{cause} at {place}, {_plain(str(row['parameter']))} {after}"
+    return f"{cause} at {place}, {words(str(row['parameter']))} {after}"
 
 
 def incident_words(fleet: Fleet, incident: Incident, rows: Sequence[Mapping[str, object]] | None) -> str:
     """A change of a rig in a line; `rows` are its explanations, None if they were not searched for."""
-    parts = [change_words(track, change) for track, change in incident.changes[:3]]
-    if len(incident.changes) > 3:
-        parts.append(f"{len(incident.changes) - 3} more parameters")
+    parts, campaigns = changes_words(incident), fleet.rigs[incident.rig].campaigns
     if incident.named:
-        causes = " and ".join(
-            f"{_plain(named.cause)} (named from {_first_day(fleet, incident, named.first)} on)" for named in incident.named
-        )
+        causes = " and ".join(f"{words(named.cause)} (named from {campaigns[named.first].day} on)" for named in incident.named)
         then = f"; {'; '.join(parts)}" if parts else ""
         return f"{incident.rig} changed, {period(fleet, incident)}: the diagnosis names the cause, {causes}{then}"
     why = "" if rows is None else f"; explained by {explained(rows)}" if rows else f"; {explained(rows)}"
     return f"{incident.rig} changed, {period(fleet, incident)}: {'; '.join(parts)}{why}"
-
-
-def _first_day(fleet: Fleet, incident: Incident, at: int) -> str:
-    return day(fleet.rigs[incident.rig].campaigns[at].date)
 
 
 def coinciding_events(fleet: Fleet, incident: Incident) -> list[str]:
@@ -119,9 +109,9 @@ def coinciding_events(fleet: Fleet, incident: Incident) -> list[str]:
         sentences.append(f"The verdict changed from {before.verdict} ({before.name}) to {after.verdict} ({after.name}).")
     gone, new = sorted(before.causes - after.causes), sorted(after.causes - before.causes)
     if gone:
-        sentences.append(f"No longer named: {_plain(', '.join(gone))}.")
+        sentences.append(f"No longer named: {words(', '.join(gone))}.")
     if new:
-        sentences.append(f"Named since: {_plain(', '.join(new))}.")
+        sentences.append(f"Named since: {words(', '.join(new))}.")
     return sentences or ["No coinciding event is known."]
 
 
@@ -137,7 +127,7 @@ def _pause(rig: TrackedRig, incident: Incident) -> list[str]:
     if steps[longest] <= POLICY.reported_pause * usual:
         return []
     return [
-        f"The rig was not measured for {steps[longest]:.0f} days from {day(rig.campaigns[longest].date)} on "
+        f"The rig was not measured for {steps[longest]:.0f} days from {rig.campaigns[longest].day} on "
         f"({usual:.0f} days are usual)."
     ]
 
@@ -166,7 +156,7 @@ def state_of(fleet: Fleet, rig: TrackedRig) -> str:
     parts = []
     last = last_change(rig)
     if last is not None:
-        parts.append(f"changed {_first_day(fleet, last, last.first)}")
+        parts.append(f"changed {rig.campaigns[last.first].day}")
     odd = odd_parameters(fleet, rig.name)
     if odd:
         parts.append("outlier in " + ", ".join(parameter_words(name) for name in odd))
@@ -177,7 +167,7 @@ def state_of(fleet: Fleet, rig: TrackedRig) -> str:
 
 def odd_parameters(fleet: Fleet, rig: str) -> list[str]:
     """Parameters in which a rig differs from the others by more than their spread."""
-    return [name for name, (rigs, found) in fleet.siblings.items() if any(rigs[k] == rig for k in found.odd)]
+    return [name for name, found in fleet.siblings.items() if rig in found.odd]
 
 
 def difference_words(away: float) -> str:

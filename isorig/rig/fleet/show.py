@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
-
 from isorig.analysis.wording import first_of
 from isorig.rig.errors import RigError
 from isorig.rig.fleet.history import Fleet, Track, TrackedRig
 from isorig.rig.fleet.sentences import (
     change_words,
-    day,
     difference_words,
     odd_parameters,
     parameter_words,
@@ -27,7 +24,7 @@ SHOWN = 12
 
 def show_fleet(fleet: Fleet, show: Callable[[str], None]) -> None:
     """All rigs, the one that changed last first."""
-    rows = [(rig.name, str(len(rig.campaigns)), day(rig.campaigns[-1].date), rig.campaigns[-1].verdict, state_of(fleet, rig))
+    rows = [(rig.name, str(len(rig.campaigns)), rig.campaigns[-1].day, rig.campaigns[-1].verdict, state_of(fleet, rig))
             for rig in rigs_in_order(fleet)]  # fmt: skip
     show_table(f"{len(fleet.rigs)} rigs, {fleet.baseline} baseline", ("rig", "campaigns", "last", "verdict", "state"), rows)
     for note in fleet.notes:
@@ -36,18 +33,17 @@ def show_fleet(fleet: Fleet, show: Callable[[str], None]) -> None:
 
 def show_rig(fleet: Fleet, name: str) -> None:
     """One rig: its parameters compared with the other rigs."""
-    rig = rig_of(fleet, name)
+    rig = _rig_of(fleet, name)
     odd = odd_parameters(fleet, name)
     rows = []
     for parameter, track in rig.tracks.items():
-        rigs, found = fleet.siblings[parameter]
         changes = "; ".join(
-            f"{day(rig.campaigns[track.campaigns[c.first]].date)} {track.moved(c)} ({c.kind})" for c in track.followed.changes
+            f"{rig.campaigns[track.campaigns[c.first]].day} {track.moved(c)} ({c.kind})" for c in track.followed.changes
         )
         rows.append(
             (
-                parameter_words(parameter), number(track.plain(track.followed.level), 5), track.unit,
-                difference_words(found.away[rigs.index(name)]) + (" outlier" if parameter in odd else ""), changes or "–",
+                parameter_words(parameter), number(track.level, 5), track.unit,
+                difference_words(fleet.siblings[parameter].away[name]) + (" outlier" if parameter in odd else ""), changes or "–",
             )
         )  # fmt: skip
     show_table(f"{name}: {len(rig.campaigns)} campaigns", ("parameter", "level", "unit", "against others", "changes"), rows)
@@ -55,22 +51,22 @@ def show_rig(fleet: Fleet, name: str) -> None:
 
 def show_parameter(fleet: Fleet, parameter: str, rig: str | None) -> None:
     """One parameter: campaign by campaign of one rig, or the levels of all rigs."""
-    name = parameter_of(fleet, parameter)
+    name = _parameter_of(fleet, parameter)
     if rig is not None:
-        _show_track(rig_of(fleet, rig), name)
+        _show_track(_rig_of(fleet, rig), name)
         return
-    rigs, found = fleet.siblings[name]
+    found = fleet.siblings[name]
     rows = []
-    for k in np.argsort(-np.abs(found.away), kind="stable").tolist():
-        track = fleet.rigs[rigs[k]].tracks[name]
+    for each, away in sorted(found.away.items(), key=lambda item: -abs(item[1])):
+        track = fleet.rigs[each].tracks[name]
         changes = [change_words(track, change) for change in track.followed.changes[-1:]]
         rows.append(
             (
-                rigs[k], number(track.plain(track.followed.level), 5), difference_words(found.away[k]),
-                "outlier" if k in found.odd else "", *(changes or ["–"]),
+                each, number(track.level, 5), difference_words(away), "outlier" if each in found.odd else "",
+                *(changes or ["–"]),
             )
         )  # fmt: skip
-    unit = fleet.rigs[rigs[0]].tracks[name].unit
+    unit = fleet.rigs[next(iter(found.away))].tracks[name].unit
     show_table(f"{parameter_words(name)}, {unit}", ("rig", "level", "against others", "", "last change"), rows)
 
 
@@ -78,13 +74,11 @@ def _show_track(rig: TrackedRig, name: str) -> None:
     if name not in rig.tracks:
         raise RigError(f"{rig.name} has no parameter {name!r}; it has {', '.join(rig.tracks)}")
     track = rig.tracks[name]
-    value = np.exp(track.series.value) if track.log else track.series.value
-    std = value * track.series.std if track.log else track.series.std
     events = _events(track)
     rows = [
-        (day(c.date), c.name, number(v, 6), number(s, 2), c.verdict, "; ".join(events.get(k, [])))
+        (c.day, c.name, number(v, 6), number(s, 2), c.verdict, "; ".join(events.get(k, [])))
         for k, (c, v, s) in enumerate(
-            zip((rig.campaigns[at] for at in track.campaigns), value.tolist(), std.tolist(), strict=True)
+            zip((rig.campaigns[at] for at in track.campaigns), track.values.tolist(), track.stds.tolist(), strict=True)
         )
     ]
     columns = ("began", "campaign", "value", "std", "verdict", "")
@@ -101,27 +95,14 @@ def _events(track: Track) -> dict[int, list[str]]:
     return events
 
 
-def rig_of(fleet: Fleet, name: str) -> TrackedRig:
-    """The rig with that name.
-
-    Raises
-    ------
-    RigError
-        There is none.
-    """
+def _rig_of(fleet: Fleet, name: str) -> TrackedRig:
     if name not in fleet.rigs:
         raise RigError(f"there is no rig {name!r}; there are {first_of(list(fleet.rigs), SHOWN)}")
     return fleet.rigs[name]
 
 
-def parameter_of(fleet: Fleet, name: str) -> str:
-    """The full name of a parameter, given by it or by its displayed name.
-
-    Raises
-    ------
-    RigError
-        There is none.
-    """
+def _parameter_of(fleet: Fleet, name: str) -> str:
+    # The full name of a parameter, given by it or by its displayed name.
     for known in fleet.siblings:
         if name in (known, parameter_words(known)):
             return known

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import math
 import time
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import pandas as pd
 
 from isorig.rig.diagnose.many import program_version, shared_out
 from isorig.rig.errors import RigError
-from isorig.rig.fleet.catalogue import FAILED, LIMIT, SUPERSEDED, WITHOUT, Catalogue, StoredAnswer, StoredParameter, key_of
-from isorig.rig.fleet.job import DiagnosisJob, JobResult, answer_job
+from isorig.rig.files.output import reason
+from isorig.rig.fleet.catalogue import FAILED, LIMIT, SUPERSEDED, Catalogue, StoredAnswer, StoredParameter, key_of
+from isorig.rig.fleet.job import DiagnosisJob, answer_job
 from isorig.rig.fleet.recordings import Recording, identified, recordings_under
 from isorig.rig.model.baseline import Baseline
 
@@ -40,14 +41,6 @@ class Work:
     jobs: tuple[DiagnosisJob, ...]
     known: int
     notes: tuple[str, ...]
-
-
-@dataclass
-class Updated:
-    """Result of an update: answers by verdict, and sentences about recordings without an answer."""
-
-    done: int = 0
-    without: list[StoredAnswer] = field(default_factory=list)
 
 
 def work_of(
@@ -91,12 +84,12 @@ def work_of(
     for answer in sound:
         changed = _corrected(answer, first, places)
         if changed is not None:
-            catalogue.put(msgspec.structs.replace(changed, parameters=stored.whole(answer).parameters))
+            catalogue.put(msgspec.structs.replace(changed, parameters=stored.parameters(answer.key)))
             stored.answers[answer.key] = changed
     jobs = []
     for blank in (_blank(r, baseline) for r in first.values()):
         old = stored.answers.get(blank.key)
-        if old is None or _worth_trying(old, limit, again):
+        if old is None or _worth_trying(old, stored.limits.get(blank.key), limit, again):
             retry = old is not None and old.verdict != SUPERSEDED
             jobs.append(
                 DiagnosisJob(catalogue=str(catalogue.folder.resolve()), answer=blank, limit=limit, pages=pages, again=retry)
@@ -111,48 +104,38 @@ def _blank(recording: Recording, baseline: Baseline) -> StoredAnswer:
     )  # fmt: skip
 
 
-def _worth_trying(old: StoredAnswer, limit: float | None, again: bool) -> bool:
+def _worth_trying(old: StoredAnswer, given: float | None, limit: float | None, again: bool) -> bool:
+    # `given` is the time limit that ended its diagnosis.
     if old.verdict == SUPERSEDED:
         return True
-    given = next((p.value for p in old.parameters if p.name == LIMIT), None)
     if given is not None:
         return again or limit is None or limit > given
     return again and old.verdict == FAILED
 
 
 class _Stored:
-    # Content of the catalogue: every answer without its parameters except for a time limit, and the parameters on request.
+    # Content of the catalogue by the answers' keys: answers without parameters, time limits, and the parameters on request.
 
     def __init__(self, catalogue: Catalogue) -> None:
         self._frame = catalogue.answers()
         rows = self._frame[self._frame.parameter == LIMIT]
-        limits = dict(zip(map(key_of, rows.content, rows.version, rows.baseline), rows.value, strict=True))
+        self.limits = dict(zip(map(key_of, rows.content, rows.version, rows.baseline), rows.value, strict=True))
         columns = [name for name in StoredAnswer.__struct_fields__ if name != "parameters"]
-        self.answers: dict[str, StoredAnswer] = {}
         first = self._frame.drop_duplicates(["content", "version", "baseline"])
-        self._rows = {}
-        for at, row in zip(first.index, first[columns].to_dict("records"), strict=True):
-            kept: Any = {name: row[name] for name in columns}
-            kept["started"] = None if row["started"] != row["started"] else row["started"].to_pydatetime()
-            answer = StoredAnswer(**kept)
-            if answer.key in limits:
-                stopped = StoredParameter(name=LIMIT, value=limits[answer.key], std=math.nan, unit="s")
-                answer = msgspec.structs.replace(answer, parameters=(stopped,))
-            self.answers[answer.key] = answer
-            self._rows[answer.key] = at
-
-    def whole(self, answer: StoredAnswer) -> StoredAnswer:
+        self.answers: dict[str, StoredAnswer] = {}
+        self._rows: dict[str, slice] = {}
         # Rows of an answer are adjacent.
-        start = self._rows[answer.key]
-        rows = []
-        for row in self._frame.iloc[start : start + 1000].to_dict("records"):
-            if key_of(row["content"], row["version"], row["baseline"]) != answer.key:
-                break
-            rows.append(row)
-        found = (
-            StoredParameter(name=r["parameter"], value=r["value"], std=r["std"], unit=r["unit"]) for r in rows if r["parameter"]
-        )
-        return msgspec.structs.replace(answer, parameters=tuple(found))
+        ends = pairwise([*first.index, len(self._frame)])
+        for (start, end), row in zip(ends, first[columns].to_dict("records"), strict=True):
+            given: Any = row
+            answer = StoredAnswer(**given | {"started": None if pd.isna(row["started"]) else row["started"].to_pydatetime()})
+            self.answers[answer.key] = answer
+            self._rows[answer.key] = slice(start, end)
+
+    def parameters(self, key: str) -> tuple[StoredParameter, ...]:
+        rows = self._frame.iloc[self._rows[key]]
+        values = zip(rows["parameter"], rows["value"], rows["std"], rows["unit"], strict=True)
+        return tuple(StoredParameter(name=name, value=value, std=std, unit=unit) for name, value, std, unit in values if name)
 
 
 def _placed(recordings: Sequence[Recording], stored: Sequence[StoredAnswer]) -> tuple[dict[str, Recording], list[str]]:
@@ -193,8 +176,8 @@ def update(
     *,
     scheduler: str | None = None,
     tell: Callable[[StoredAnswer], None] = lambda answer: None,
-) -> Updated:
-    """Do the work, store each answer when it is complete, and merge the catalogue's files.
+) -> list[StoredAnswer]:
+    """Do the work, store each answer when it is complete, merge the catalogue's files, and return the answers.
 
     Parameters
     ----------
@@ -210,46 +193,33 @@ def update(
     RigError
         Answers cannot be stored, or the workers cannot be used: the remaining work is not started, and stored answers are kept.
     """
-    updated = Updated()
+    answers = []
     for answer in _answers(catalogue, jobs, scheduler):
-        updated.done += 1
-        if answer.verdict in WITHOUT:
-            updated.without.append(answer)
+        answers.append(answer)
         tell(answer)
     catalogue.compact()
-    return updated
+    return answers
 
 
 def _answers(catalogue: Catalogue, jobs: Sequence[DiagnosisJob], scheduler: str | None) -> Iterator[StoredAnswer]:
-    left = deque(jobs)
+    left = list(jobs)
     while left:
         busy = []
         for job, result in shared_out(answer_job, left, scheduler):
-            if isinstance(result, JobResult):
-                if result.stop:
-                    raise RigError(result.stop)
-                if result.answer is None:
-                    busy.append(job)
-                else:
-                    yield result.answer
-            else:
+            if isinstance(result, RigError):
+                raise result
+            if isinstance(result, Exception):
                 # Its workers died, or it could not be sent: reported, and tried again by an update with --again.
-                why = f"{job.answer.path}: the diagnosis ended its worker ({_last(result)}); check the worker's memory"
+                why = f"{job.answer.path}: the diagnosis ended its worker ({reason(result)}); check the worker's memory"
                 answer = msgspec.structs.replace(job.answer, verdict=FAILED, reason=why)
                 catalogue.put(answer)
                 yield answer
-        left = deque(_unanswered(catalogue, busy))
+            elif result is None:
+                busy.append(job)
+            else:
+                yield result
+        # Those that another process was working on and has not answered: it may have died.
+        stored = _Stored(catalogue).answers if busy else {}
+        left = [job for job in busy if job.answer.key not in stored]
         if left:
             time.sleep(PATIENCE)
-
-
-def _unanswered(catalogue: Catalogue, busy: Sequence[DiagnosisJob]) -> list[DiagnosisJob]:
-    # Those that another process was working on and has not answered: it may have died.
-    if not busy:
-        return []
-    stored = _Stored(catalogue).answers
-    return [job for job in busy if job.answer.key not in stored]
-
-
-def _last(error: Exception) -> str:
-    return (str(error).strip().splitlines() or [type(error).__name__])[0][:200]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
@@ -15,7 +15,7 @@ from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.proposals.policy import POLICY as PROPOSALS
 from isorig.analysis.proposals.precision import named_figures, std_of
 from isorig.analysis.wording import capitalized
-from isorig.rig.acquire.plan import Plan, RunPlan
+from isorig.rig.acquire.plan import Plan
 from isorig.rig.diagnose.many import diagnose_file
 from isorig.rig.errors import PlanError
 from isorig.rig.files.inputs import content_of
@@ -26,8 +26,8 @@ from isorig.rig.next.investigation_page import investigation_page
 from isorig.rig.next.page import picture_of
 from isorig.rig.next.plan_file import run_names, with_runs, write_plan
 from isorig.rig.next.policy import POLICY
-from isorig.rig.next.proposal import UNNAMED, Proposal, propose, single_driven, situation, twins_of, unfitted_of
-from isorig.rig.next.runs import candidate, described, planned
+from isorig.rig.next.proposal import UNNAMED, Proposal, propose, single_driven, situation
+from isorig.rig.next.runs import described, planned
 from isorig.rig.next.sentences import inseparable, listed, reasons, summary, twins, unfitted
 from isorig.rig.next.stages import Investigation, InvestigationRun, InvestigationStage, diagnosis_folder
 from isorig.rig.report.sections import CUT_SHORT, words
@@ -70,8 +70,6 @@ class Terms:
         Time limit in seconds for the search for causes in a diagnosis; None for no limit.
     tell
         Called with lines for the operator.
-    status
-        Called with the present activity.
     """
 
     most_runs: int
@@ -82,7 +80,6 @@ class Terms:
     choose: Choose = propose
     limit: float | None = None
     tell: Callable[[str], None] = lambda text: None
-    status: Callable[[str], None] = field(default=lambda text: None)
 
 
 def investigate(plan: Plan, folder: Path, begun: Investigation, terms: Terms) -> Investigation:
@@ -147,25 +144,23 @@ def _next_stage(plan: Plan, folder: Path, investigation: Investigation, terms: T
     if not investigation.stages and plan.runs:
         alone = len(plan.described().configurations) == 1
         why = ["It is part of the plan."]
-        first = [InvestigationRun(plan=run, description=described_plan(run, alone), why=why) for run in plan.runs]
-        stage = InvestigationStage(number=number, kind="plan", asked=["What do the planned runs show?"], runs=first)
+        runs = [InvestigationRun(plan=run, description=described(run, alone), why=why) for run in plan.runs]
+        stage = InvestigationStage(number=number, kind="plan", asked=["What do the planned runs show?"], runs=runs)
         return _with(folder, plan, investigation, stage, terms)
     if over := _over(investigation, terms):
         return msgspec.structs.replace(investigation, ended=over)
-    terms.status("comparing candidate runs")
     if investigation.diagnosed:
         rivals = read_rivals(folder / diagnosis_folder(investigation.diagnosed[-1]))
     else:
         rivals = nothing_known(plan, terms.limits, investigation.baseline)
     if rivals.named and rivals.open and all(one.why == "indistinguishable" and len(one.models) < 2 for one in rivals.open):
-        same = Proposal(kind="rivals", twins=twins_of(rivals), unfitted=unfitted_of(rivals))
-        ended = " ".join([f"{capitalized(_names(rivals.named))}.", *twins(same), *unfitted(same)])
+        ended = " ".join([f"{capitalized(listed(rivals.named))}.", *twins(rivals), *unfitted(rivals)])
         return msgspec.structs.replace(investigation, ended=ended)
     plans = {run.id: run for run in investigation.runs}
     now = situation([rivals], terms.limits, plans, frozenset(investigation.declined))
-    proposal = terms.choose(now, budget=terms.seconds - investigation.seconds, work=terms.work, most=1, tell=terms.status)
+    proposal = terms.choose(now, budget=terms.seconds - investigation.seconds, work=terms.work, most=1)
     if not proposal.runs:
-        return msgspec.structs.replace(investigation, ended=_nothing_left(investigation, proposal))
+        return msgspec.structs.replace(investigation, ended=_nothing_left(investigation, proposal, now.rivals))
     names = run_names(len(proposal.runs), [run.id for run in investigation.runs])
     runs = [
         InvestigationRun(
@@ -175,13 +170,8 @@ def _next_stage(plan: Plan, folder: Path, investigation: Investigation, terms: T
         )
         for name, item in zip(names, proposal.runs, strict=True)
     ]  # fmt: skip
-    return _with(
-        folder,
-        plan,
-        investigation,
-        InvestigationStage(number=number, kind=proposal.kind, asked=summary(proposal), runs=runs),
-        terms,
-    )
+    stage = InvestigationStage(number=number, kind=proposal.kind, asked=summary(proposal, now.rivals), runs=runs)
+    return _with(folder, plan, investigation, stage, terms)
 
 
 def _with(folder: Path, plan: Plan, investigation: Investigation, stage: InvestigationStage, terms: Terms) -> Investigation:
@@ -196,8 +186,7 @@ def _with(folder: Path, plan: Plan, investigation: Investigation, stage: Investi
 
 def _measured(plan: Plan, folder: Path, investigation: Investigation, terms: Terms) -> tuple[Investigation, bool]:
     stage = investigation.stages[-1]
-    session = with_runs(plan, investigation.runs)
-    found = terms.measure(session, folder / RECORDING)
+    found = terms.measure(with_runs(plan, investigation.runs), folder / RECORDING)
     taken = [run for run in stage.runs if set(run.plan.ids()) & set(found.names)]
     if found.stopped:
         return investigation, True
@@ -206,7 +195,7 @@ def _measured(plan: Plan, folder: Path, investigation: Investigation, terms: Ter
         ended = "None of the planned runs was measured." if stage.kind == "plan" else ""
         return msgspec.structs.replace(investigation, stages=investigation.stages[:-1], declined=declined, ended=ended), False
     stage = msgspec.structs.replace(stage, runs=taken, step="measured")
-    return msgspec.structs.replace(investigation, stages=[*investigation.stages[:-1], stage], declined=declined), False
+    return msgspec.structs.replace(investigation.with_last(stage), declined=declined), False
 
 
 def _diagnosed(folder: Path, investigation: Investigation, terms: Terms) -> Investigation:
@@ -218,23 +207,16 @@ def _diagnosed(folder: Path, investigation: Investigation, terms: Terms) -> Inve
         return investigation.with_last(stage)
     place = folder / diagnosis_folder(stage)
     outcome = diagnose_file(
-        folder / RECORDING, place, investigation.baseline, terms.status, tolerance=investigation.tolerance, limit=terms.limit
-    )  # fmt: skip
+        folder / RECORDING, place, investigation.baseline, tolerance=investigation.tolerance, limit=terms.limit
+    )
     found = read_rivals(place)
     answer = [*answered(found), *([CUT_SHORT] if outcome.cut_short else [])]
     stage = msgspec.structs.replace(
-        stage, step="diagnosed", verdict=found.verdict, named=found.named,
-        open=[[(m.cause, m.location) for m in one.models] + one.twins for one in found.open], answer=answer,
+        stage, step="diagnosed", verdict=found.verdict, named=found.named, answer=answer,
+        open=[[model.key for model in one.models] + one.twins for one in found.open],
     )  # fmt: skip
     terms.tell("\n  ".join([f"After stage {stage.number}:", *answer]))
     return investigation.with_last(stage)
-
-
-def described_plan(run: RunPlan, alone: bool = False) -> str:
-    """A planned run in a line; `alone` as for `described`."""
-    if run.excitation == "other":
-        return f"driven by other means, {'' if alone else f'{run.configuration}, '}{run.seconds:g} s"
-    return described(candidate(run), alone)
 
 
 def nothing_known(plan: Plan, limits: Limits, baseline: Baseline) -> Rivals:
@@ -268,7 +250,7 @@ def _over(investigation: Investigation, terms: Terms) -> str:
     """The reason to end an investigation before the next run is selected; empty if it continues."""
     known = investigation.diagnosed
     if known and known[-1].named and not known[-1].open and known[-1].verdict in ("explained", "partly explained"):
-        return f"{'Identified cause' if len(known[-1].named) == 1 else 'Identified causes'}: {_names(known[-1].named)}."
+        return f"{'Identified cause' if len(known[-1].named) == 1 else 'Identified causes'}: {listed(known[-1].named)}."
     undecided = [stage for stage in known if stage.kind in ("undecided", "reproducible")]
     last = {(s.verdict, tuple(s.named)) for s in known[-POLICY.unchanged - 1 :]}
     if len(undecided) >= POLICY.unchanged and len(last) == 1:
@@ -280,8 +262,8 @@ def _over(investigation: Investigation, terms: Terms) -> str:
     return ""
 
 
-def _nothing_left(investigation: Investigation, proposal: Proposal) -> str:
-    pairs = inseparable(proposal) + twins(proposal)
+def _nothing_left(investigation: Investigation, proposal: Proposal, rivals: Rivals) -> str:
+    pairs = inseparable(proposal) + twins(rivals)
     if pairs:
         return " ".join(pairs)
     if investigation.diagnosed and investigation.diagnosed[-1].verdict in UNNAMED:
@@ -300,13 +282,12 @@ def answered(rivals: Rivals) -> list[str]:
     }  # fmt: skip
     sentences = [verdict[rivals.verdict]]
     if rivals.named:
-        sentences.append(f"Named: {_names(rivals.named)}.")
+        sentences.append(f"Named: {listed(rivals.named)}.")
     for one in rivals.open:
-        together = [(model.cause, model.location) for model in one.models] + one.twins
         why = "The data cannot distinguish" if one.why == "indistinguishable" else "Closest, but not certain"
-        sentences.append(f"{why}: {_names(together)}.")
+        sentences.append(f"{why}: {listed([model.key for model in one.models] + one.twins)}.")
     if rivals.ruled_out:
-        sentences.append(f"Ruled out: {_names(rivals.ruled_out[:6])}{' and others' if len(rivals.ruled_out) > 6 else ''}.")
+        sentences.append(f"Ruled out: {listed(rivals.ruled_out[:6])}{' and others' if len(rivals.ruled_out) > 6 else ''}.")
     return [*sentences, _figures(rivals)]
 
 
@@ -318,7 +299,3 @@ def _figures(rivals: Rivals) -> str:
         if std > 0.0:
             shown.append(f"{words(name)} {figure(variant.model):.4g} ± {std:.1g}")
     return f"Parameters: {', '.join(shown)}."
-
-
-def _names(keys: Sequence[tuple[str, str]]) -> str:
-    return listed([f"{words(cause)} at {place}" for cause, place in keys])

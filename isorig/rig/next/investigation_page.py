@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from isorig.rig.next.page import prediction_chart
+from isorig.rig.next.sentences import named
 from isorig.rig.next.stages import Investigation, InvestigationStage, diagnosis_folder
 from isorig.rig.report.page import Report, Section, Table, build_report
-from isorig.rig.report.sections import words
 
 
 def investigation_page(investigation: Investigation) -> str:
@@ -27,7 +25,7 @@ def _overview(investigation: Investigation) -> Section:
     rows = [
         (
             f"{stage.number}", run.plan.id, run.description, f"{run.plan.seconds:g}", stage.asked[0],
-            stage.answer[0] if stage.answer else stage.step, _names(stage.named),
+            stage.answer[0] if stage.answer else stage.step, ", ".join(map(named, stage.named)),
         )
         for stage in investigation.stages
         for run in stage.runs
@@ -49,7 +47,3 @@ def _section(stage: InvestigationStage) -> Section:
             text.append(f"The diagnosis is in {diagnosis_folder(stage)}/report.html.")
     charts = [prediction_chart(picture, f"{run.plan.id}-{k + 1}") for run in stage.runs for k, picture in enumerate(run.pictures)]
     return Section(title=f"Stage {stage.number}", text=text, charts=charts)
-
-
-def _names(keys: Sequence[tuple[str, str]]) -> str:
-    return ", ".join(f"{words(cause)} at {place}" for cause, place in keys)

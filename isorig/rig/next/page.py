@@ -26,7 +26,7 @@ def proposal_page(proposal: Proposal, now: Situation, names: Sequence[str]) -> s
         Report(
             title=f"The next run after {now.rivals.campaign}",
             verdict=f"{len(proposal.runs)} proposed" if proposal.runs else "No run is proposed",
-            summary=summary(proposal), sections=proposal_sections(proposal, now, names),
+            summary=summary(proposal, now.rivals), sections=proposal_sections(proposal, now, names),
         )
     )  # fmt: skip
 

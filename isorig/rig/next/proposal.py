@@ -9,18 +9,18 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from isorig.analysis.campaign import Campaign, Channel, Run
+from isorig.analysis.campaign import Campaign
 from isorig.analysis.deadline import Deadline
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.linear import floats
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.proposals.choice import Choice, Chosen, Comparison, Question, choose
 from isorig.analysis.proposals.hypotheses import hypotheses
-from isorig.analysis.proposals.limits import LargestMotions, largest, reached_so_far, simulated_peaks
+from isorig.analysis.proposals.limits import LargestMotions, largest, reached_so_far
 from isorig.analysis.proposals.menu import CandidateRun, covers, menu, rest
 from isorig.analysis.proposals.policy import POLICY as PROPOSALS
 from isorig.analysis.proposals.prediction import Key, Prospect, Variant, drawn_models
-from isorig.analysis.proposals.remedies import Remedy, another_sensor, further
+from isorig.analysis.proposals.remedies import Remedy, another_sensor, farther, further
 from isorig.analysis.simulate import simulate
 from isorig.analysis.spectra.noise import noise_levels
 from isorig.rig.acquire.plan import RunPlan
@@ -77,6 +77,10 @@ class Situation:
         """The one that the rig was left in."""
         last = max(self.rivals.runs, key=lambda run: run.start_time, default=None)
         return next(iter(self.explains.model.configurations)) if last is None else last.configuration
+
+    def prospect(self, run: CandidateRun) -> Prospect:
+        """A run with its drive, as the next one."""
+        return prospect(run, self.rivals.sample_rate, self.start_time, self.scale)
 
     def described(self, run: CandidateRun) -> str:
         """A run in one line."""
@@ -144,8 +148,6 @@ class Proposal:
         The runs, best first; none where no allowed run gains anything.
     chosen
         The comparison behind them.
-    twins
-        Pairs of causes that lead to the same equations.
     unreached
         Candidates that there was no time to compare.
     asked
@@ -157,11 +159,9 @@ class Proposal:
     kind: Kind
     runs: tuple[Proposed, ...] = ()
     chosen: Chosen | None = None
-    twins: tuple[tuple[Key, Key], ...] = ()
-    unfitted: tuple[Key, ...] = ()
     unreached: int = 0
     asked: str = ""
-    remedies: tuple[tuple[tuple[Key, Key], tuple[Remedy, ...]], ...] = ()
+    remedies: Mapping[tuple[Key, Key], Sequence[Remedy]] = field(default_factory=dict)
 
 
 def single_driven(model: RigModel) -> RigModel:
@@ -204,7 +204,7 @@ def situation(
         raise PlanError("the diagnoses are of different rigs; give diagnoses of one rig")
     ruled_out = {key for each in diagnoses for key in each.ruled_out} - set(last.named)
     open_ = [
-        msgspec.structs.replace(one, models=[m for m in one.models if (m.cause, m.location) not in ruled_out])
+        msgspec.structs.replace(one, models=[m for m in one.models if m.key not in ruled_out])
         for one in last.open
         if one.why == "indistinguishable"
     ] + [one for one in last.open if one.why == "undecided"]
@@ -227,8 +227,7 @@ def _complete(rivals: Rivals, model: RigModel, limits: Limits, taken: Sequence[P
         raise PlanError(
             "neither the limits nor the runs so far determine the allowed gains and band; give limits.gains and limits.band"
         )
-    peaks = [simulated_peaks([model], p.excitation(), p.run.configuration, p.start_time) for p in taken]
-    stated = reached_so_far(limits, model, largest(peaks)) if peaks else limits
+    stated = reached_so_far(limits, model, largest([one.peaks([model]) for one in taken])) if taken else limits
     return msgspec.structs.replace(stated, gains=gains, band=band, seconds=limits.seconds or POLICY.longest_run)
 
 
@@ -253,59 +252,35 @@ def propose(
     tell
         Called with a line per stage.
     """
-    deadline = Deadline(work)
-    kind: Kind
-    lead = _noise_first(now)
-    twins, unfitted = twins_of(now.rivals), unfitted_of(now.rivals)
+    found = _most_pressing(now, budget, most, Deadline(work), tell)
+    return replace(found, runs=(*_noise_first(now), *found.runs))
+
+
+def _most_pressing(now: Situation, budget: float, most: int, deadline: Deadline, tell: Callable[[str], None]) -> Proposal:
     for one in now.rivals.open:
         variants = tuple(model.variant() for model in one.models)
         if len(variants) < 2:
             continue
         if one.why == "undecided" and (again := _again(now, budget)) is not None:
-            return Proposal(kind="reproducible", runs=(*lead, again), twins=twins, unfitted=unfitted)
-        kind = "rivals" if one.why == "indistinguishable" else "undecided"
-        found, unreached, cures = _compared(
-            now, Question(truths=variants, rivals=variants), now.menu(), budget, most, deadline, tell
-        )
-        runs = (*lead, *_proposed(found))
-        return Proposal(
-            kind=kind, runs=runs, chosen=found, twins=twins, unfitted=unfitted, unreached=unreached, remedies=cures
-        )  # fmt: skip
-    if now.rivals.verdict in UNNAMED and (run := _again(now, budget) or _stronger(now, budget)) is not None:
-        kind, asked = ("reproducible", "") if run.run.repeat_of else ("undecided", NO_CAUSE)
-        return Proposal(kind=kind, runs=(*lead, run), twins=twins, unfitted=unfitted, asked=asked)
-    supposed = _supposed(now)
-    question = Question(truths=supposed, rivals=(now.explains,), supposed=True)
+            return Proposal(kind="reproducible", runs=(again,))
+        kind: Kind = "rivals" if one.why == "indistinguishable" else "undecided"
+        return _compared(now, kind, Question(truths=variants, rivals=variants), now.menu(), budget, most, deadline, tell)
+    if now.rivals.verdict in UNNAMED and (again := _again(now, budget)) is not None:
+        return Proposal(kind="reproducible", runs=(again,))
+    if now.rivals.verdict in UNNAMED and (stronger := _stronger(now, budget)) is not None:
+        return Proposal(kind="undecided", runs=(stronger,), asked=NO_CAUSE)
+    question = Question(truths=_supposed(now), rivals=(now.explains,), supposed=True)
     # At a single frequency many causes change amplitude and phase alike: a sine shows that there is a cause, not which one.
     broad = tuple(run for run in now.menu() if run.excitation != "sine")
-    found, unreached, _ = _compared(now, question, broad, budget, most, deadline, tell)
-    if not found.choices:
-        found, unreached, _ = _compared(now, question, now.menu(), budget, most, deadline, tell)
-    return Proposal(
-        kind="untested", runs=(*lead, *_proposed(found)), chosen=found, twins=twins, unfitted=unfitted, unreached=unreached
-    )
-
-
-def twins_of(rivals: Rivals) -> tuple[tuple[Key, Key], ...]:
-    """Pairs of causes with the same equations of motion, the second one fitted."""
-    return tuple((key, (one.models[0].cause, one.models[0].location)) for one in rivals.open for key in one.twins)
-
-
-def unfitted_of(rivals: Rivals) -> tuple[Key, ...]:
-    """Causes that the diagnosis leaves open, but did not fit in full."""
-    return tuple(dict.fromkeys(key for one in rivals.open for key in one.unfitted))
-
-
-def _proposed(chosen: Chosen) -> tuple[Proposed, ...]:
-    return tuple(Proposed(run=choice.prospect.run, choice=choice, peaks=choice.peaks) for choice in chosen.choices)
+    found = _compared(now, "untested", question, broad, budget, most, deadline, tell)
+    return found if found.runs else _compared(now, "untested", question, now.menu(), budget, most, deadline, tell)
 
 
 def _compared(
-    now: Situation, question: Question, runs: Sequence[CandidateRun], budget: float, most: int, deadline: Deadline,
+    now: Situation, kind: Kind, question: Question, runs: Sequence[CandidateRun], budget: float, most: int, deadline: Deadline,
     tell: Callable[[str], None],
-) -> tuple[Chosen, int, tuple[tuple[tuple[Key, Key], tuple[Remedy, ...]], ...]]:  # fmt: skip
-    rate = now.rivals.sample_rate
-    prospects = [prospect(run, rate, now.start_time, now.scale) for run in runs]
+) -> Proposal:  # fmt: skip
+    prospects = [now.prospect(run) for run in runs]
     # Where the time runs out those that were compared are a fair sample.
     prospects = [prospects[k] for k in np.random.default_rng(2).permutation(len(prospects))]
     comparison = Comparison(question, now.rivals.noise, now.taken)
@@ -319,41 +294,34 @@ def _compared(
     ]
 
     def kept(one: Prospect) -> LargestMotions:
-        return simulated_peaks(models, one.excitation(whole=True), one.run.configuration, one.start_time)
-
-    found = choose(comparison, seen, now.limits, kept, configuration=now.configuration, budget=budget, most=most)
-    unreached = len(prospects) - found.compared - len(seen.refused)
-    if question.supposed:
-        return found, unreached, ()
+        return one.peaks(models, whole=True)
 
     def beyond(factor: float) -> list[Prospect]:
-        return [prospect(run, rate, now.start_time, now.scale) for run in now.raised(factor)]
+        return [now.prospect(run) for run in now.raised(factor)]
 
-    pairs = []
-    for pair in inseparable_pairs(found):
-        with deadline:
-            cures = further(comparison, pair, beyond, kept, tell), another_sensor(comparison, seen, pair, tell)
-        pairs.append((pair, tuple(cure for cure in cures if cure is not None)))
-    return found, unreached, tuple(pairs)
-
-
-def inseparable_pairs(chosen: Chosen) -> list[tuple[Key, Key]]:
-    """Pairs of causes that no single allowed run parts, whichever of the two is the truth."""
-    best: dict[frozenset[Key], float] = {}
-    for apart in chosen.best:
-        key = frozenset((apart.truth.key, apart.rival.key))
-        best[key] = max(best.get(key, 0.0), apart.distance)
-    return [tuple(sorted(key)) for key, size in best.items() if size < PROPOSALS.indistinguishable]  # type: ignore[misc]
+    found = choose(comparison, seen, now.limits, kept, configuration=now.configuration, budget=budget, most=most)
+    remedies = {}
+    # Whichever of the two causes is the truth; hypothetical causes have one rival only.
+    pairs = dict.fromkeys((min(keys), max(keys)) for keys in ((apart.truth.key, apart.rival.key) for apart in found.best))
+    for pair in () if question.supposed else pairs:
+        if farther(found.best, pair) < PROPOSALS.indistinguishable:
+            with deadline:
+                cures = further(comparison, pair, beyond, kept, tell), another_sensor(comparison, seen, pair, tell)
+            remedies[pair] = [cure for cure in cures if cure is not None]
+    return Proposal(
+        kind=kind, runs=tuple(Proposed(run=one.prospect.run, choice=one, peaks=one.peaks) for one in found.choices),
+        chosen=found, unreached=len(prospects) - found.compared - len(seen.refused), remedies=remedies,
+    )  # fmt: skip
 
 
 def _supposed(now: Situation) -> tuple[Variant, ...]:
     # Sizes are relative to the peaks of the strongest allowed runs.
     model, rate, limits = now.explains.model, now.rivals.sample_rate, now.limits
     strong = [run for run in menu(model, limits, rate) if limits.gains is not None and run.gain == limits.gains[1]]
-    seen = [prospect(run, rate, now.start_time, now.scale) for run in strong if run.excitation in ("random", "moves")]
-    peaks = [simulated_peaks([model], p.excitation(), p.run.configuration, p.start_time) for p in (*seen, *now.taken)]
+    seen = [now.prospect(run) for run in strong if run.excitation in ("random", "moves")]
+    peaks = [one.peaks([model]) for one in (*seen, *now.taken)]
     reached = largest([found for found in peaks if not found.beyond(limits)] or peaks)
-    return hypotheses(model, reached, reached.speed, rate)
+    return hypotheses(model, reached, rate)
 
 
 def _again(now: Situation, budget: float) -> Proposed | None:
@@ -372,7 +340,7 @@ def _stronger(now: Situation, budget: float) -> Proposed | None:
     # Where no candidate cause explains the error: the random drive, not measured yet, under which a link moves furthest beyond
     # what the runs so far reached, in the configuration of the largest error. What an unknown cause depends on is then seen over
     # the widest range.
-    model, rate = now.explains.model, now.rivals.sample_rate
+    model = now.explains.model
     where = {run.configuration for run in now.rivals.runs if run.id == now.rivals.worst} or set(model.configurations)
     known = {(run.configuration, run.excitation, run.gain, run.band) for run in now.rivals.runs}
     runs = [
@@ -381,17 +349,16 @@ def _stronger(now: Situation, budget: float) -> Proposed | None:
         if r.excitation == "random" and r.repeat_of is None and r.seconds <= min(PROPOSALS.broad_run, budget)
     ]
     runs = [r for r in runs if r.configuration in where and (r.configuration, r.excitation, r.gain, r.band) not in known]
-    reached = largest([simulated_peaks([model], p.excitation(), p.run.configuration, p.start_time) for p in now.taken]).stroke
+    reached = largest([one.peaks([model]) for one in now.taken]).stroke
     ranked = []
-    for run in runs:
-        one = prospect(run, rate, now.start_time, now.scale)
-        peaks = simulated_peaks([model], one.excitation(), run.configuration, one.start_time)
+    for one in map(now.prospect, runs):
+        peaks = one.peaks([model])
         if not peaks.beyond(now.limits):
             ratios = [size / reached[name] for name, size in peaks.stroke.items() if reached.get(name, 0.0) > 0.0]
             ranked.append((max(ratios, default=0.0), one))
     models = drawn_models(now.explains, PROPOSALS.simulated_draws, 5)
     for ratio, one in sorted(ranked, key=lambda item: -item[0]):
-        peaks = simulated_peaks(models, one.excitation(whole=True), one.run.configuration, one.start_time)
+        peaks = one.peaks(models, whole=True)
         if ratio > 1.0 and not peaks.beyond(now.limits):
             return Proposed(run=one.run, peaks=peaks, remarks=(f"A link moves {ratio:.2g} times as far as in the runs so far.",))
     return None
@@ -402,15 +369,10 @@ def _noise_first(now: Situation) -> tuple[Proposed, ...]:
     if any(run.excitation == "free" for run in now.rivals.runs):
         return ()
     model = now.explains.model
-    shown = [_noiseless(model, taken) for taken in now.taken]
+    shown = [
+        one.measured(simulate(model, one.excitation(), configuration=one.run.configuration, start_time=one.start_time).channels)
+        for one in now.taken
+    ]
     own = noise_levels(Campaign(runs=tuple(shown)), tuple(drive.channel for drive in model.drives)) if shown else {}
     hidden = [name for name, level in now.rivals.noise.items() if own.get(name, np.inf) > POLICY.own_motion * level]
     return (Proposed(run=rest(model, now.limits)),) if hidden else ()
-
-
-def _noiseless(model: RigModel, taken: Prospect) -> Run:
-    seen = simulate(model, taken.excitation(), configuration=taken.run.configuration, start_time=taken.start_time)
-    return Run(
-        id="simulated", configuration=taken.run.configuration, sample_rate=taken.sample_rate, gain=taken.run.gain,
-        channels={name: Channel(name=name, samples=values) for name, values in seen.channels.items()},
-    )  # fmt: skip

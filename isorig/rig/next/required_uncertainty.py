@@ -9,12 +9,11 @@ from math import isfinite
 from isorig.analysis.deadline import Deadline
 from isorig.analysis.errors import AnalysisError
 from isorig.analysis.proposals.policy import POLICY as PROPOSALS
-from isorig.analysis.proposals.precision import KnownPrecision, PreciseRun, candidate_peaks, design, figure_of
-from isorig.analysis.proposals.prediction import drawn_models
+from isorig.analysis.proposals.precision import KnownPrecision, design, figure_of
+from isorig.analysis.proposals.prediction import drawn_models, evaluated
 from isorig.rig.errors import PlanError
 from isorig.rig.next.policy import POLICY
 from isorig.rig.next.proposal import Proposal, Proposed, Situation
-from isorig.rig.next.runs import prospect
 
 EXAMPLE = "give a parameter and a relative uncertainty, e.g. links.spring.damping=2%"
 
@@ -55,37 +54,41 @@ def propose_for(
     PlanError
         The rig has no such parameter, or it does not depend on fitted values.
     """
-    variant, rate = now.explains, now.rivals.sample_rate
+    variant = now.explains
     try:
         known = KnownPrecision(variant, figure_of(variant.model, wanted.name), now.rivals.noise, now.taken)
     except AnalysisError as error:
         raise PlanError(f"--for {wanted.name}: {error}") from None
     runs = [replace(run, seconds=min(2.0 * run.seconds, now.limits.seconds or run.seconds)) for run in now.menu()]
-    prospects = [prospect(run, rate, now.start_time, now.scale) for run in runs if run.repeat_of is None]
+    prospects = [now.prospect(run) for run in runs if run.repeat_of is None]
+    with Deadline(POLICY.comparison_seconds):
+        candidates = evaluated(prospects, known.information, tell)
     models = drawn_models(variant, PROPOSALS.simulated_draws, 5)
     found = design(
-        known, prospects, now.limits, lambda one: candidate_peaks(models, one), wish=wanted.std, configuration=now.configuration,
-        budget=budget, most=PROPOSALS.most_runs, deadline=Deadline(POLICY.comparison_seconds), progress=tell,
+        known, candidates, now.limits, lambda one: one.peaks(models, whole=True), wish=wanted.std,
+        configuration=now.configuration, budget=budget,
     )  # fmt: skip
-    how = "the error bars of the transfer functions" if found.linear else "the waveforms"
+    how = "the error bars of the transfer functions" if known.linear else "the waveforms"
+    std = known.std(known.now)
     sentences = [
-        f"{wanted.name} is {found.value:.5g} now, with a standard uncertainty of {_percent(found.std)}; {_percent(wanted.std)} "
-        f"is required. {found.compared} candidate runs were compared by {how} that they would give."
+        f"{wanted.name} is {known.value:.5g} now, with a standard uncertainty of {_percent(std)}; {_percent(wanted.std)} "
+        f"is required. {len(candidates)} candidate runs were compared by {how} that they would give."
     ]
-    last = found.runs[-1].std if found.runs else found.std
-    if found.std <= wanted.std:
+    last = found[-1].std if found else std
+    if std <= wanted.std:
         sentences.append("The required uncertainty is reached already.")
     elif last > wanted.std:
         sentences.append(f"No allowed runs of {budget:g} s together reach it; these reach {_percent(last)}.")
     return Proposal(
-        kind="parameter", asked=" ".join(sentences), runs=tuple(_proposed(item, wanted) for item in found.runs),
-        unreached=len(prospects) - found.compared,
+        kind="parameter", asked=" ".join(sentences), unreached=len(prospects) - len(candidates),
+        runs=tuple(
+            Proposed(
+                run=item.prospect.run, peaks=item.peaks,
+                remarks=(f"It reduces the standard uncertainty of {wanted.name} to {_percent(item.std)}.",),
+            )
+            for item in found
+        ),
     )  # fmt: skip
-
-
-def _proposed(item: PreciseRun, wanted: RequiredUncertainty) -> Proposed:
-    text = f"It reduces the standard uncertainty of {wanted.name} to {_percent(item.std)}."
-    return Proposed(run=item.prospect.run, remarks=(text,), peaks=item.peaks)
 
 
 def _percent(share: float) -> str:

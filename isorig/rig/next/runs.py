@@ -18,7 +18,7 @@ from isorig.rig.virtual.levels import HEAD_PER_GAIN, MOVE_PER_GAIN
 AGAIN = ("random", "multisine", "sweep", "moves")
 EXCITED = {
     "random": "random drive", "multisine": "odd multisine with omitted lines", "sine": "sine", "sweep": "sweep",
-    "moves": "moves", "steps": "steps to and fro", "free": "rest",
+    "moves": "moves", "steps": "steps to and fro", "free": "rest", "other": "driven by other means",
 }  # fmt: skip
 
 
@@ -75,14 +75,12 @@ def in_hand(taken: Sequence[ExistingRun], plans: Mapping[str, RunPlan], sample_r
     return found
 
 
-def described(run: CandidateRun, alone: bool = False) -> str:
+def described(run: CandidateRun | RunPlan, alone: bool = False) -> str:
     """A run in one line; `alone` states that the rig has one configuration, which needs no name."""
     text = EXCITED[run.excitation]
-    if run.band is not None and run.excitation != "free":
-        text += f" from {run.band[0]:g} to {run.band[1]:g} Hz"
-    if run.frequency is not None:
-        text += f" of {run.frequency:g} Hz"
-    if run.excitation != "free":
+    if run.excitation not in ("free", "other"):
+        text += "" if run.band is None else f" from {run.band[0]:g} to {run.band[1]:g} Hz"
+        text += "" if run.frequency is None else f" of {run.frequency:g} Hz"
         text += f" at gain {run.gain:g}"
     again = f", repeating the drive of {run.repeat_of}" if run.repeat_of else ""
     return f"{text}, {'' if alone else f'{run.configuration}, '}{run.seconds:g} s{again}"

@@ -11,10 +11,11 @@ from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.proposals.choice import Choice, PairDistance
 from isorig.analysis.proposals.limits import LargestMotions
 from isorig.analysis.proposals.policy import POLICY as PROPOSALS
-from isorig.analysis.proposals.prediction import Variant
-from isorig.analysis.proposals.remedies import SECOND, Remedy
+from isorig.analysis.proposals.prediction import Key, Variant
+from isorig.analysis.proposals.remedies import SECOND, Remedy, farther
 from isorig.analysis.simulate.gauges import DEFLECTION
 from isorig.analysis.wording import capitalized, first_of, with_article
+from isorig.rig.files.rivals import Rivals
 from isorig.rig.next.policy import POLICY
 from isorig.rig.next.proposal import Proposal, Proposed, Situation
 from isorig.rig.next.runs import described
@@ -28,9 +29,14 @@ ASKED = {
 }
 
 
-def cause(variant: Variant) -> str:
+def named(key: Key) -> str:
     """A cause at its place."""
-    return f"{words(variant.cause)} at {variant.location}" if variant.cause else "the model without a further cause"
+    return f"{words(key[0])} at {key[1]}"
+
+
+def cause(variant: Variant) -> str:
+    """The cause that a model has."""
+    return named(variant.key) if variant.cause else "the model without a further cause"
 
 
 def reasons(item: Proposed, proposal: Proposal, now: Situation) -> list[str]:
@@ -114,17 +120,14 @@ def _errors(distance: float) -> str:
 
 def inseparable(proposal: Proposal) -> list[str]:
     """Pairs of remaining causes that no allowed run distinguishes, each with what would."""
+    if proposal.chosen is None:
+        return []
     sentences = []
-    assert proposal.chosen is not None or not proposal.remedies
-    for pair, cures in proposal.remedies:
-        best = max(
-            (a.distance for a in proposal.chosen.best if {a.truth.key, a.rival.key} == set(pair)), default=0.0
-        ) if proposal.chosen else 0.0  # fmt: skip
-        one, other = (f"{words(cause)} at {place}" for cause, place in pair)
-        count = proposal.chosen.compared if proposal.chosen else 0
+    for pair, cures in proposal.remedies.items():
+        one, other = map(named, pair)
         sentences.append(
-            f"No allowed run distinguishes {one} from {other}: their distance in the best of {count} candidates is "
-            f"{_errors(best)}."
+            f"No allowed run distinguishes {one} from {other}: their distance in the best of {proposal.chosen.compared} "
+            f"candidates is {_errors(farther(proposal.chosen.best, pair))}."
         )
         sentences += [_cure(cure) for cure in cures] or ["Neither three times the gain nor another displacement sensor would."]
     return sentences
@@ -143,24 +146,23 @@ def _cure(cure: Remedy) -> str:
     return f"Beyond the limits, {apart}: {described(cure.prospect.run)}{needs}."
 
 
-def twins(proposal: Proposal) -> list[str]:
-    """Pairs of causes with the same equations."""
+def twins(rivals: Rivals) -> list[str]:
+    """Pairs of open causes with the same equations."""
     return [
-        f"{capitalized(words(one[0]))} at {one[1]} and {words(other[0])} at {other[1]} have the same equations of motion: no "
+        f"{capitalized(named(key))} and {named(one.models[0].key)} have the same equations of motion: no "
         "run of this rig distinguishes them. Weigh the mass or calibrate the sensor."
-        for one, other in proposal.twins
+        for one in rivals.open
+        for key in one.twins
     ]
 
 
-def unfitted(proposal: Proposal) -> list[str]:
-    """Causes that the diagnosis did not fit in full."""
-    if not proposal.unfitted:
-        return []
-    names = [f"{words(cause)} at {place}" for cause, place in proposal.unfitted]
-    return [
+def unfitted(rivals: Rivals) -> list[str]:
+    """Causes that the diagnosis leaves open, but did not fit in full."""
+    names = list(dict.fromkeys(named(key) for one in rivals.open for key in one.unfitted))
+    return [] if not names else [
         f"The diagnosis does not exclude {first_of(names, POLICY.listed)}, but did not fit it in full: diagnose again with more "
         "--seconds."
-    ]
+    ]  # fmt: skip
 
 
 def untested(proposal: Proposal) -> list[str]:
@@ -175,12 +177,13 @@ def untested(proposal: Proposal) -> list[str]:
     return [f"None of the compared runs alone would reveal, at the smallest relevant size: {first_of(names, 2 * POLICY.listed)}."]
 
 
-def summary(proposal: Proposal) -> list[str]:
+def summary(proposal: Proposal, rivals: Rivals) -> list[str]:
     """The proposal in sentences: the question, what cannot be distinguished, what was compared."""
     sentences = [proposal.asked or ASKED[proposal.kind]]
     if not proposal.runs:
         sentences.append("No run is proposed: no allowed run is informative.")
-    sentences += inseparable(proposal) + twins(proposal) + unfitted(proposal) + untested(proposal)
+    if proposal.kind != "parameter":
+        sentences += inseparable(proposal) + twins(rivals) + unfitted(rivals) + untested(proposal)
     if proposal.chosen is not None:
         sentences.append(_counted(proposal))
     return sentences
@@ -196,6 +199,7 @@ def _counted(proposal: Proposal) -> str:
     return f"{text}."
 
 
-def listed(names: Sequence[str]) -> str:
-    """Names in a row."""
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+def listed(keys: Sequence[Key]) -> str:
+    """Causes in a row."""
+    *first, last = map(named, keys)
+    return f"{', '.join(first)} and {last}" if first else last

@@ -236,7 +236,7 @@ def test_the_chosen_run_distinguishes_within_the_limits() -> None:
 
     free = Limits()
     found = choose(comparison, comparison.seen(runs, free, quiet), free, kept, configuration="unlocked", budget=60.0)
-    assert found.before == 0.0
+    assert comparison.probability([]) == 0.0
     first = found.choices[0]
     assert first.prospect.run.gain == 40.0
     assert first.probability > 0.9
@@ -288,7 +288,7 @@ def test_every_cause_of_the_catalogue_is_supposed() -> None:
     model = wire_bonder()
     drive = prospect(3.0, seconds=4.0).drive
     peaks = largest([simulated_peaks([model], Excitation.prepare(drive, 1024.0, oversample=2), "unlocked", 0.0)])
-    causes = {found.cause for found in hypotheses(model, peaks, peaks.speed, 1024.0)}
+    causes = {found.cause for found in hypotheses(model, peaks, 1024.0)}
     assert causes == {
         "stribeck_friction", "presliding_friction", "asymmetric_friction", "hardening_stiffness", "softening_stiffness",
         "backlash", "end_stop", "quadratic_damping", "stiffness_drift", "extra_mode", "moment_coupling", "wrong_mass",
@@ -326,14 +326,14 @@ def test_precision_grows_with_the_length_and_the_wish_is_met_at_least_cost() -> 
     again = known.information(in_hand)
     assert known.std(known.now + 3.0 * again) == pytest.approx(0.5 * now, rel=0.02)
     runs = [prospect(0.02, seconds=40.0, seed=2), prospect(1.0, seconds=40.0, seed=3)]
-    found = design(
-        known, runs, Limits(), lambda one: simulated_peaks([fitted.model], one.excitation(whole=True), "unlocked", 0.0),
-        wish=0.6 * now, configuration="unlocked", budget=60.0, most=3, deadline=Deadline(), progress=quiet,
+    (found,) = design(
+        known, [(run, known.information(run)) for run in runs], Limits(), lambda one: one.peaks([fitted.model], whole=True),
+        wish=0.6 * now, configuration="unlocked", budget=60.0,
     )  # fmt: skip
-    assert [run.prospect.run.gain for run in found.runs] == [1.0]
-    assert found.runs[0].std <= 0.6 * now
-    assert found.runs[0].prospect.run.seconds < 40.0
-    assert len(found.runs[0].prospect.drive) == round(found.runs[0].prospect.run.seconds * RATE)
+    assert found.prospect.run.gain == 1.0
+    assert found.std <= 0.6 * now
+    assert found.prospect.run.seconds < 40.0
+    assert len(found.prospect.drive) == round(found.prospect.run.seconds * RATE)
 
 
 def test_new_drives() -> None:

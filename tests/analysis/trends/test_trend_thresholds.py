@@ -67,11 +67,16 @@ def test_a_campaign_is_an_outlier_from_six_standard_deviations_on(share: float) 
 
 
 def test_five_rigs_are_compared_and_a_fifth_of_them_may_be_outliers() -> None:
-    level = np.array([0.1, -0.2, 0.3, -0.1, 0.0, 0.2, -0.3, 0.15, 50.0, 1000.0])
-    assert np.isnan(siblings(level[:4], 0.05).away).all()
-    assert np.isfinite(siblings(level[:5], 0.05).away).all()
-    assert siblings(level, 0.05).odd == (9, 8)
-    assert siblings(level[1:], 0.05).odd == (8,)
+    levels = dict(zip("abcdefghij", [0.1, -0.2, 0.3, -0.1, 0.0, 0.2, -0.3, 0.15, 50.0, 1000.0], strict=True))
+
+    def first(count: int) -> dict[str, float]:
+        return dict(list(levels.items())[:count])
+
+    assert np.isnan(list(siblings(first(4), 0.05).away.values())).all()
+    assert np.isfinite(list(siblings(first(5), 0.05).away.values())).all()
+    assert siblings(levels, 0.05).odd == ("j", "i")
+    levels.pop("a")
+    assert siblings(levels, 0.05).odd == ("j",)
 
 
 def cause(name: str, misfit: float) -> CauseOfChange:

@@ -12,7 +12,7 @@ from made_up import drawn_fleet
 from isorig.analysis.trends.change import DatedChange
 from isorig.analysis.trends.follow import Followed
 from isorig.analysis.trends.series import Series
-from isorig.rig.fleet.history import DiagnosedCampaign, Incident, NewCause, Track, TrackedRig, _incident, _named, followed
+from isorig.rig.fleet.history import DiagnosedCampaign, Incident, NewCause, Track, TrackedRig, _joined, _named, followed
 from isorig.rig.fleet.sentences import _pause, change_words, is_confirmed
 
 STOP = "end_stop at isolation"
@@ -39,6 +39,10 @@ def change(size: float) -> DatedChange:
     return DatedChange(kind="step", first=6, earliest=5, latest=7, alarm=8, before=0.0, after=size, std=1.0)
 
 
+def incident(moved: DatedChange) -> Incident:
+    return Incident(rig="rig", changes=((TRACK, moved),), named=(), last_before=4, first_after=7, first=6, alarm=8)
+
+
 @pytest.mark.parametrize(
     ("pattern", "new"),
     [
@@ -54,16 +58,16 @@ def test_a_cause_is_new_if_two_of_three_campaigns_name_it_after_three_without(pa
 @AROUND
 def test_a_change_of_eight_standard_deviations_dates_better_than_a_name(share: float) -> None:
     moved, name = change(8.0 * share), NewCause(cause=STOP, begun=7, first=7, alarm=8)
-    pieces = [(4, 7, 6, 8, 0, (TRACK, moved)), (6, 7, 7, 8, 1, name)]
-    assert _incident("rig", pieces).first == (7 if share < 1.0 else 6)
+    named = Incident(rig="rig", changes=(), named=(name,), last_before=6, first_after=7, first=7, alarm=8)
+    assert _joined([incident(moved), named]).first == (7 if share < 1.0 else 6)
 
 
 @AROUND
 def test_a_change_is_confirmed_from_three_standard_deviations_on(share: float) -> None:
     moved = change(-3.0 * share)
     assert change_words(TRACK, moved).endswith("not confirmed by the campaigns since") is (share < 1.0)
-    assert is_confirmed(incident := _incident("rig", [(4, 7, 6, 8, 0, (TRACK, moved))])) is (share > 1.0)
-    assert is_confirmed(replace(incident, named=(NewCause(cause=STOP, begun=7, first=7, alarm=8),)))
+    assert is_confirmed(incident(moved)) is (share > 1.0)
+    assert is_confirmed(replace(incident(moved), named=(NewCause(cause=STOP, begun=7, first=7, alarm=8),)))
 
 
 @AROUND

@@ -12,7 +12,6 @@ import pytest
 from open_questions import end_stop, fitted, rivals, two_springs, written
 
 from isorig.analysis.model.limits import Limits
-from isorig.analysis.proposals.choice import Chosen
 from isorig.analysis.proposals.menu import CandidateRun
 from isorig.rig.acquire.plan import ChannelPlan, InstrumentPlan, Plan, RunPlan
 from isorig.rig.acquire.plan_check import read_plan
@@ -187,7 +186,7 @@ def test_an_error_without_a_candidate_cause_is_repeated_and_then_excited_otherwi
     second = propose(now, work=1.0)
     (item,) = (item for item in second.runs if not item.run.rests)
     assert (second.kind, item.run.excitation, item.run.configuration) == ("undecided", "random", "unlocked")
-    assert "Does another excitation reveal its cause?" in summary(second)[0]
+    assert "Does another excitation reveal its cause?" in summary(second, found)[0]
     assert item.peaks is not None
     assert not item.peaks.beyond(PLAN.limits)
     assert propose(now, work=1.0, budget=5.0).kind == "untested"
@@ -203,13 +202,11 @@ def test_a_sine_is_proposed_for_unknown_causes_only_if_nothing_broader_shows_one
 ) -> None:  # fmt: skip
     compared: list[set[str]] = []
 
-    def comparing(now: object, question: object, runs: list[CandidateRun], *rest: object) -> tuple[Chosen, int, tuple[()]]:
+    def comparing(now: object, kind: str, question: object, runs: list[CandidateRun], *rest: object) -> Proposal:
         compared.append({run.excitation for run in runs})
-        choices = ("a choice",) if gains else ()
-        return Chosen(choices=choices, before=0.0, best=(), compared=1), 0, ()  # type: ignore[arg-type]
+        return proposal() if gains else Proposal(kind="untested")
 
     monkeypatch.setattr(proposal_module, "_compared", comparing)
-    monkeypatch.setattr(proposal_module, "_proposed", lambda found: ())
     propose(situation([rivals(verdict="adequate")], PLAN.limits), work=1.0)
     assert "sine" not in compared[0]
     assert [("sine" in each) for each in compared[1:]] == ([] if gains else [True])

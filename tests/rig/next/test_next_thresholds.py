@@ -12,11 +12,12 @@ from open_questions import hardening, rivals
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.proposals.choice import PredictedPair
 from isorig.rig.acquire.plan import InstrumentPlan, Plan
+from isorig.rig.files.rivals import OpenSet
 from isorig.rig.next import proposal as proposal_module
 from isorig.rig.next.investigation import _over, nothing_known
 from isorig.rig.next.page import picture_of
 from isorig.rig.next.plan_file import virtual_instrument_of
-from isorig.rig.next.proposal import Proposal, _noise_first, situation
+from isorig.rig.next.proposal import _noise_first, situation
 from isorig.rig.next.sentences import _errors, unfitted
 from isorig.rig.next.stages import Investigation, InvestigationStage
 
@@ -74,8 +75,8 @@ def test_an_unexplained_remainder_is_left_after_two_stages_without_a_change(verd
 
 @pytest.mark.parametrize(("count", "more"), [(4, ""), (5, ", and 1 more")])
 def test_four_causes_are_listed(count: int, more: str) -> None:
-    proposal = Proposal(kind="rivals", unfitted=tuple((f"cause_{k}", "isolation") for k in range(count)))
-    assert f"cause 3 at isolation{more}, but did not fit" in " ".join(unfitted(proposal))
+    left = OpenSet(why="indistinguishable", models=[], unfitted=[(f"cause_{k}", "isolation") for k in range(count)])
+    assert f"cause 3 at isolation{more}, but did not fit" in " ".join(unfitted(rivals(left)))
 
 
 @pytest.mark.parametrize(("distance", "text"), [(98.0, "98 standard errors"), (100.0, "more than 100 standard errors")])

@@ -17,7 +17,7 @@ from isorig.rig.files.rigfile import SHIPPED, read_description
 from isorig.rig.files.rivals import FittedModel, OpenSet, fitted_model
 from isorig.rig.next.page import proposal_sections
 from isorig.rig.next.plan_file import plan_text, virtual_instrument_of
-from isorig.rig.next.proposal import Proposal, Proposed, Situation, situation, twins_of, unfitted_of
+from isorig.rig.next.proposal import Proposal, Proposed, Situation, situation
 from isorig.rig.next.sentences import reasons, summary, twins
 
 
@@ -91,10 +91,8 @@ def test_a_cause_is_named_once() -> None:
 def test_only_equal_equations_are_twins() -> None:
     """A cause that was not fitted is no twin: more time decides it, not a balance."""
     found = rivals(OpenSet(why="indistinguishable", models=[hardening(), end_stop()], unfitted=[("backlash", "isolation")]))
-    assert twins_of(found) == ()
-    proposal = Proposal(kind="rivals", twins=twins_of(found), unfitted=unfitted_of(found))
-    said = " ".join(summary(proposal))
-    assert twins(proposal) == []
+    said = " ".join(summary(Proposal(kind="rivals"), found))
+    assert twins(found) == []
     assert "does not exclude backlash at isolation, but did not fit it in full: diagnose again with more --seconds" in said
     assert "Weigh" not in said
 
