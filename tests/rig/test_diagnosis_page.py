@@ -91,7 +91,7 @@ def test_the_page_begins_with_the_answer_and_the_marked_place(answered: Path) ->
 
 def test_the_force_of_the_place_is_the_hidden_law(answered: Path) -> None:
     force = charts_of((answered / "report.html").read_text())[0]
-    assert force["x"]["label"] == "deflection, mm"
+    assert force["x_label"] == "deflection, mm"
     assert force["panels"][0]["label"] == "force, N"
     curves = {trace["name"]: (values(trace["x"]), values(trace["y"])) for trace in force["traces"]}
     stiffness = read_rig("two-carts").model.link("between").stiffness
