@@ -175,7 +175,8 @@ def test_a_force_is_averaged_over_what_it_depends_on() -> None:
     law = 2000.0 * d + 4.0 * np.sign(v)
     measured = Force(deflection=d, velocity=v, force=law)
     smooth = Force(deflection=d, velocity=v, force=2000.0 * d)
-    at = PlaceForce(place="slide", run="a", time=np.arange(20000) / 1e3, measured=measured, baseline=smooth, spring=2000.0)
+    models = {BASELINE: smooth}
+    at = PlaceForce(place="slide", run="a", time=np.arange(20000) / 1e3, measured=measured, models=models, spring=2000.0)
     over_speed = {trace.name: trace for trace in force_chart(at, "velocity").traces}
     assert force_chart(at, "velocity").x_label == "velocity, mm/s"
     mean = over_speed["measured, mean"].y
