@@ -92,7 +92,7 @@ def measure(seconds: float, rows: int) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "c.h5"
         desk = Desk(planned_by(plan), output, asks=False)
-        with SessionScreen(desk, planned_by(plan), output) as screen:
+        with SessionScreen(desk) as screen:
             (beside,) = (p for p in psutil.Process().children() if "isorig.rig.view" in p.cmdline())
             threading.Thread(target=quick, args=(screen.address, drawn), daemon=True).start()
             still = stalled(screen.address)

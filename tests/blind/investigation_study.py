@@ -40,7 +40,7 @@ from isorig.rig.errors import REFUSALS
 from isorig.rig.files.output import write_json
 from isorig.rig.files.recording import read, write
 from isorig.rig.next.investigation import RECORDING, STATE, Terms, investigate, read_investigation
-from isorig.rig.next.policy import POLICY
+from isorig.rig.next.policy import POLICY as NEXT
 from isorig.rig.next.proposal import Proposal, Proposed, Situation, propose
 from isorig.rig.next.runs import candidate, prospect
 from isorig.rig.next.stages import Investigation, InvestigationStage, diagnosis_folder
@@ -173,7 +173,8 @@ def investigated(
     """A whole investigation of a sealed rig; one that is refused ends with the refusal."""
     choice = Timed(choose)
     terms = Terms(
-        most_runs=runs, seconds=SECONDS, limits=rig.limits, work=POLICY.comparison_seconds, measure=rig.measure, choose=choice, limit=LIMIT,
+        most_runs=runs, seconds=SECONDS, limits=rig.limits,
+        work=NEXT.comparison_seconds, measure=rig.measure, choose=choice, limit=LIMIT,
         tell=lambda text: print("   ", text.replace("\n", "\n    "), flush=True),
     )  # fmt: skip
     try:

@@ -91,7 +91,7 @@ def test_the_page_begins_with_the_answer_and_the_marked_place(answered: Path) ->
 
 def test_the_force_of_the_place_is_the_hidden_law(answered: Path) -> None:
     force = charts_of((answered / "report.html").read_text())[0]
-    assert force["x"]["label"] == "deflection, mm"
+    assert force["x_label"] == "deflection, mm"
     assert force["panels"][0]["label"] == "force, N"
     curves = {trace["name"]: (values(trace["x"]), values(trace["y"])) for trace in force["traces"]}
     stiffness = read_rig("two-carts").model.link("between").stiffness
@@ -175,7 +175,8 @@ def test_a_force_is_averaged_over_what_it_depends_on() -> None:
     law = 2000.0 * d + 4.0 * np.sign(v)
     measured = Force(deflection=d, velocity=v, force=law)
     smooth = Force(deflection=d, velocity=v, force=2000.0 * d)
-    at = PlaceForce(place="slide", run="a", time=np.arange(20000) / 1e3, measured=measured, baseline=smooth, spring=2000.0)
+    models = {BASELINE: smooth}
+    at = PlaceForce(place="slide", run="a", time=np.arange(20000) / 1e3, measured=measured, models=models, spring=2000.0)
     over_speed = {trace.name: trace for trace in force_chart(at, "velocity").traces}
     assert force_chart(at, "velocity").x_label == "velocity, mm/s"
     mean = over_speed["measured, mean"].y

@@ -31,7 +31,7 @@ def test_a_module_in_the_working_folder_is_not_imported(tmp_path: Path, monkeypa
     monkeypatch.chdir(tmp_path)
     with virtual_instrument(1) as port:
         assert port
-    with SessionScreen(Desk((), tmp_path / "c.h5", asks=False), (), tmp_path / "c.h5") as screen:
+    with SessionScreen(Desk((), tmp_path / "c.h5", asks=False)) as screen:
         assert screen.address.startswith("http://127.0.0.1:")
     assert not (tmp_path / "executed").exists()
 

@@ -29,9 +29,8 @@ from isorig.rig.fleet.sentences import (
     with_unit,
 )
 from isorig.rig.report.charts import Chart, ChartTrace, Mark, Panel
-from isorig.rig.report.page import Cell, Page, PageLink, Report, Section, Table, build_report
+from isorig.rig.report.page import Cell, Page, PageLink, Report, Section, Sparkline, Table, build_report
 from isorig.rig.report.sections import number, words
-from isorig.rig.report.sparkline import sparkline
 
 #: Changes listed on the first page, the latest first, and recordings without an answer that it lists.
 LATEST, NAMED = 40, 20
@@ -150,7 +149,7 @@ def _glance(fleet: Fleet, rigs: Sequence[TrackedRig], anchors: Mapping[str, str]
 
 def _spark(track: Track) -> Cell:
     text = f"{parameter_words(track.name)}: now {with_unit(track.level, track.unit)}"
-    return sparkline(track.values, text, [change.first for change in track.followed.changes])
+    return Sparkline(values=track.values, description=text, marked=[change.first for change in track.followed.changes])
 
 
 def _odd(fleet: Fleet, anchors: Mapping[str, str]) -> Section:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from isorig.analysis.campaign import Campaign, FloatArray, Run, broad
 from isorig.analysis.errors import DataError
@@ -65,10 +66,10 @@ class Transfer(Frf):
     def name(self) -> str:
         """As part of a file name."""
         if self.imported:
-            return f"{self.frf.response}-over-{self.frf.reference}"
+            return f"{self.response}-over-{self.reference}"
         level = f"-{self.level.replace(' ', '').replace('/', '-per-')}" if self.level else ""
         set_up = f"gain{self.gain:g}" if self.alone else f"{self.configuration}-gain{self.gain:g}"
-        return f"{self.frf.response}-over-{self.frf.reference}-{set_up}{level}"
+        return f"{self.response}-over-{self.reference}-{set_up}{level}"
 
     @property
     def label(self) -> str:
@@ -81,15 +82,24 @@ class Transfer(Frf):
     @cached_property
     def limits(self) -> MagnitudeLimits:
         """The 95 % limits of its magnitude."""
-        return magnitude_limits(self.frf, self.reference_density)
+        return magnitude_limits(self, self.reference_density)
+
+    @property
+    def inside(self) -> NDArray[np.bool_]:
+        """Which frequency bins are within the band of the drive, shape (bins,)."""
+        return np.asarray((self.frequency >= self.band[0]) & (self.frequency <= self.band[1]))
+
+    @property
+    def top(self) -> int:
+        """Index of the frequency bin within the band that has the largest magnitude."""
+        inside = np.flatnonzero(self.inside)
+        return int(inside[np.argmax(np.abs(self.value[inside]))])
 
     def within_band(self) -> Frf:
         """The frequency bins within the band of the drive."""
-        f = self.frequency
-        kept = (f >= self.band[0]) & (f <= self.band[1])
-        plain = Frf(**{item.name: getattr(self, item.name) for item in fields(Frf)})
-        rows = {name: values for name in FRF_ROWS if (values := getattr(self, name)) is not None}
-        return replace(plain, frequency=f[kept], **{name: values[kept] for name, values in rows.items()})
+        plain = {item.name: getattr(self, item.name) for item in fields(Frf)}
+        rows = {name: plain[name][self.inside] for name in ("frequency", *FRF_ROWS) if plain[name] is not None}
+        return Frf(**(plain | rows))
 
 
 def transfer_functions(
@@ -166,16 +176,40 @@ def transfer_functions(
                 alike.setdefault(tuple(run.id for run in sound(driven, wrong, [*drives, name])), []).append(name)
             for kept, group in alike.items():
                 averaged = [run for run in driven if run.id in kept]
-                left_out = tuple(run.id for run in driven if run.id not in kept)
+                known: dict[str, Any] = {
+                    "configuration": configuration, "gain": gain, "runs": kept, "level": level, "alone": campaign.alone,
+                    "left_out": tuple(run.id for run in driven if run.id not in kept),
+                }  # fmt: skip
                 if struck:
-                    transfers += _struck(averaged, drives[0], group, resolution, estimator, left_out)
-                else:
-                    chosen = partial(
-                        estimate, averaged, resolution=resolution, window=seen_through, overlap=overlap, jackknife=jackknife
+                    test = hammer_test(averaged, reference=drives[0], channels=group, resolution=resolution)
+                    density = test.spectra.density(drives[0])
+                    transfers += [
+                        Transfer.of(frf, band=test.band, reference_density=density, hammer=test, **known)
+                        for frf in (test.spectra.frf(name, drives[0], estimator) for name in group)
+                    ]
+                    continue
+                spectra = estimate(
+                    averaged, references=drives, channels=group, resolution=resolution, window=seen_through, overlap=overlap,
+                    jackknife=jackknife,
+                )  # fmt: skip
+                band = _band(averaged, spectra, drives[0])
+                transfers += [
+                    Transfer.of(
+                        frf, band=band, reference_density=spectra.density(frf.reference),
+                        periods=_by_period(averaged, name, drives[0]) if len(drives) == 1 else None, **known,
                     )
-                    found_here = _averaged(averaged, drives, group, chosen, estimator, left_out)
-                    transfers += [replace(item, level=level) for item in found_here]
-    return sorted((replace(item, alone=campaign.alone) for item in transfers), key=lambda item: item.frf.response)
+                    for name in group
+                    for frf in spectra.frfs(name, drives, estimator)
+                ]  # fmt: skip
+    return sorted(transfers, key=lambda item: item.response)
+
+
+def _band(runs: Sequence[Run], spectra: Spectra, reference: str) -> tuple[float, float]:
+    # Where no run gives its band, it is where the drive has power.
+    bands = [run.band for run in runs if run.band is not None]
+    low, high = spectra.extent(reference)
+    band = (max(b[0] for b in bands), min(b[1] for b in bands)) if bands else (low, min(high, runs[0].sample_rate / 2.56))
+    return max(band[0], spectra.resolution), band[1]
 
 
 def _level(runs: Sequence[Run], drive: str) -> str:
@@ -232,30 +266,29 @@ def limits_in_words(found: Sequence[Transfer]) -> tuple[str, ...]:
     corrected = [(_too_low(item), item) for item in found if any(item.band[0] <= f <= item.band[1] for f in item.limits.narrow)]
     if corrected:
         share, item = max(corrected, key=lambda pair: pair[0])
-        f = min(item.limits.narrow, key=lambda f: abs(f - float(item.frf.frequency[_peak(item)])))
+        f = min(item.limits.narrow, key=lambda f: abs(f - float(item.frequency[item.top])))
         said.append(
-            f"Leakage lowers and widens peaks with few frequency bins ({_where(item)} at {f:.4g} Hz: {100 * share:.2g} % too low"
+            f"Leakage lowers and widens peaks with few frequency bins ({_where(item, f)}: {100 * share:.2g} % too low"
             f"{_more(corrected)}); the limits are corrected for it, the magnitudes are not: use a finer --resolution than "
-            f"{item.frf.resolution:.3g} Hz."
+            f"{item.resolution:.3g} Hz."
         )
     unknown = [(f, item) for item in found for f in item.limits.unknown if item.band[0] <= f <= item.band[1]]
     if unknown:
         f, item = unknown[0]
         said.append(
-            f"There are no limits near peaks with few frequency bins that no mode fits ({_where(item)} at {f:.4g} Hz"
-            f"{_more(unknown)}): their leakage is unknown; use a finer --resolution than {item.frf.resolution:.3g} Hz."
+            f"There are no limits near peaks with few frequency bins that no mode fits ({_where(item, f)}"
+            f"{_more(unknown)}): their leakage is unknown; use a finer --resolution than {item.resolution:.3g} Hz."
         )
     noisy = []
     for item in found:
-        top = _peak(item)
-        share = float(item.limits.reference_noise[top])
-        if share * abs(item.frf.value[top]) > SLIGHT * item.frf.magnitude_std[top]:
+        share = float(item.limits.reference_noise[item.top])
+        if share * abs(item.value[item.top]) > SLIGHT * item.magnitude_std[item.top]:
             noisy.append((share, item))
     if noisy:
         share, item = max(noisy, key=lambda pair: pair[0])
         said.append(
-            f"Noise on the reference may make H1 up to {100 * share:.2g} % too low ({_where(item)} at "
-            f"{item.frf.frequency[_peak(item)]:.4g} Hz{_more(noisy)}): the coherence does not show which channel has the noise; "
+            f"Noise on the reference may make H1 up to {100 * share:.2g} % too low "
+            f"({_where(item, item.frequency[item.top])}{_more(noisy)}): the coherence does not show which channel has the noise; "
             "the upper limits include it, and H2 is unbiased by it."
         )
     reasons = dict.fromkeys(item.limits.reason for item in found if item.limits.reason)
@@ -264,18 +297,13 @@ def limits_in_words(found: Sequence[Transfer]) -> tuple[str, ...]:
 
 def _too_low(item: Transfer) -> float:
     # The largest share, over the bins in the band, by which leakage lowers the magnitude.
-    inside = (item.frf.frequency >= item.band[0]) & (item.frf.frequency <= item.band[1]) & np.isfinite(item.limits.leakage)
-    leakage, size = item.limits.leakage[inside], np.abs(item.frf.value[inside])
+    inside = item.inside & np.isfinite(item.limits.leakage)
+    leakage, size = item.limits.leakage[inside], np.abs(item.value[inside])
     return float(np.max(-leakage / np.maximum(size - leakage, 1e-300), initial=0.0))
 
 
-def _peak(item: Transfer) -> int:
-    inside = np.flatnonzero((item.frf.frequency >= item.band[0]) & (item.frf.frequency <= item.band[1]))
-    return int(inside[np.argmax(np.abs(item.frf.value[inside]))])
-
-
-def _where(item: Transfer) -> str:
-    return f"{item.frf.response} over {item.frf.reference}, {item.label}"
+def _where(item: Transfer, frequency: float) -> str:
+    return f"{item.response} over {item.reference}, {item.label} at {frequency:.4g} Hz"
 
 
 def _more(cases: Sequence[object]) -> str:
@@ -290,54 +318,17 @@ def unnamed_excitation(found: Sequence[Transfer], campaign: Campaign) -> tuple[s
     misnamed = [run.id for run in campaign.runs if run.id in struck and run.excitation == "random"]
     said = []
     if misnamed:
-        more = f", and {len(misnamed) - 1} more" if len(misnamed) > 1 else ""
         said.append(
-            f"The excitation of run {misnamed[0]!r}{more} is recorded as 'random', but the reference consists of hammer pulses: "
-            "evaluated hit by hit. Correct the excitation to 'other'."
+            f"The excitation of run {misnamed[0]!r}{_more(misnamed)} is recorded as 'random', but the reference consists of "
+            "hammer pulses: evaluated hit by hit. Correct the excitation to 'other'."
         )
-    if not unnamed:
-        return tuple(said)
-    runs = f"Run {unnamed[0]!r} does" if len(unnamed) == 1 else f"{len(unnamed)} runs do"
-    said.append(
-        f"{runs} not name the excitation (it is 'other') and the reference has no hammer hits: averaged as noise, by segments. "
-        "Name the excitation in the recording, or the force channel of the hammer with --reference."
-    )
+    if unnamed:
+        runs = f"Run {unnamed[0]!r} does" if len(unnamed) == 1 else f"{len(unnamed)} runs do"
+        said.append(
+            f"{runs} not name the excitation (it is 'other') and the reference has no hammer hits: averaged as noise, by "
+            "segments. Name the excitation in the recording, or the force channel of the hammer with --reference."
+        )
     return tuple(said)
-
-
-def _struck(
-    runs: list[Run], reference: str, names: Sequence[str], resolution: float, estimator: Estimator, left_out: tuple[str, ...]
-) -> list[Transfer]:
-    test = hammer_test(runs, reference=reference, channels=names, resolution=resolution)
-    density = test.spectra.density(reference)
-    return [
-        Transfer.of(
-            frf, configuration=runs[0].configuration, gain=runs[0].gain, runs=tuple(run.id for run in runs), band=test.band,
-            reference_density=density, left_out=left_out, hammer=test,
-        )
-        for frf in (test.spectra.frf(name, reference, estimator) for name in names)
-    ]  # fmt: skip
-
-
-def _averaged(
-    runs: list[Run], references: tuple[str, ...], names: Sequence[str], chosen: Callable[..., Spectra], estimator: Estimator,
-    left_out: tuple[str, ...],
-) -> list[Transfer]:  # fmt: skip
-    spectra = chosen(references=references, channels=names)
-    bands = [run.band for run in runs if run.band is not None]
-    # Where no run gives its band, it is where the drive has power.
-    low, high = spectra.extent(references[0])
-    band = (max(b[0] for b in bands), min(b[1] for b in bands)) if bands else (low, min(high, runs[0].sample_rate / 2.56))
-    return [
-        Transfer.of(
-            frf, configuration=runs[0].configuration, gain=runs[0].gain, runs=tuple(run.id for run in runs),
-            band=(max(band[0], spectra.resolution), band[1]), reference_density=spectra.density(frf.reference),
-            left_out=left_out,
-            periods=_by_period(runs, name, references[0]) if len(references) == 1 else None,
-        )
-        for name in names
-        for frf in spectra.frfs(name, references, estimator)
-    ]  # fmt: skip
 
 
 def _by_period(runs: Sequence[Run], response: str, reference: str) -> PeriodicFrf | None:
@@ -352,8 +343,6 @@ def _by_period(runs: Sequence[Run], response: str, reference: str) -> PeriodicFr
 def about(item: Transfer) -> dict[str, Any]:
     """A transfer function as plain values."""
     seen = item.within_band()
-    size = np.abs(seen.value)
-    top = int(np.argmax(size))
     further: dict[str, Any] = {} if item.periods is None else {"periods": _about_periods(item.periods)}
     if seen.multiple_coherence is not None:
         further["median_multiple_coherence"] = float(np.median(seen.multiple_coherence))
@@ -365,8 +354,8 @@ def about(item: Transfer) -> dict[str, Any]:
         "estimator": seen.estimator, "averages": None if item.imported else seen.averages,
         "resolution_hz": seen.resolution, "band_hz": list(item.band),
         "peak": {
-            "frequency_hz": float(seen.frequency[top]), "magnitude": float(size[top]),
-            "magnitude_std": float(seen.magnitude_std[top]), **_about_limits(item.limits, _peak(item)),
+            "frequency_hz": float(item.frequency[item.top]), "magnitude": float(np.abs(item.value[item.top])),
+            "magnitude_std": float(item.magnitude_std[item.top]), **_about_limits(item.limits, item.top),
         },
         "median_coherence": float(np.median(seen.coherence)),
         "units": list(seen.units), "window": None if seen.window is None else seen.window.name, "overlap": seen.overlap,

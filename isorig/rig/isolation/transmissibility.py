@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,14 +22,12 @@ from isorig.rig.model.prediction import Model, measured_and_simulated
 
 @dataclass(frozen=True, kw_only=True)
 class Ratio:
-    """|response / reference| in one configuration, relative to another configuration where there is one.
+    """|response / reference| at a gain, in one configuration or relative to another one.
 
     Parameters
     ----------
     gain
         Drive gain.
-    configuration, relative_to
-        The configuration, and the one in the denominator ("" where there is none).
     frequency, value, std
         Hz, the magnitude and its standard deviation, shape (bins,).
     mean, mean_std
@@ -37,8 +35,6 @@ class Ratio:
     """
 
     gain: float
-    configuration: str
-    relative_to: str
     frequency: FloatArray
     value: FloatArray
     std: FloatArray
@@ -48,10 +44,14 @@ class Ratio:
 
 @dataclass(frozen=True, kw_only=True)
 class Transmitted:
-    """The ratios by name ("measured", and those of the models) with what they are of."""
+    """The ratios by name ("measured", and those of the models), with what they are of.
+
+    `configurations` are the configuration and the one in the denominator ("" where there is none).
+    """
 
     reference: str
     response: str
+    configurations: tuple[str, str]
     unit: str
     ratios: Mapping[str, tuple[Ratio, ...]]
 
@@ -104,26 +104,33 @@ def transmissibility(
         ratios[name] = _ratios(found, configurations, campaign.source)
     units = [next(run.channels[name].unit for run in campaign.runs if name in run.channels) for name in (response, reference)]
     unit = "1" if configurations[1] or units[0] == units[1] else f"{units[0]} per {units[1]}"
-    return Transmitted(reference=reference, response=response, unit=unit, ratios=ratios)
+    return Transmitted(reference=reference, response=response, configurations=configurations, unit=unit, ratios=ratios)
 
 
 def _ratios(found: Sequence[Transfer], configurations: tuple[str, str], source: str) -> tuple[Ratio, ...]:
     above, below = ({t.gain: t for t in found if t.configuration == name} for name in configurations)
     ratios = []
     for gain, item in above.items():
-        if not configurations[1]:
-            frf = item.within_band()
-            size = np.abs(frf.value)
-            ratios.append(_ratio(gain, configurations, frf.frequency, size, frf.magnitude_std, np.ones_like(size), 0.0 * size))
-        elif gain in below:
-            one, other = item.within_band(), below[gain].within_band()
-            _, i, j = np.intersect1d(one.frequency, other.frequency, return_indices=True)
-            ratios.append(
-                _ratio(
-                    gain, configurations, one.frequency[i], np.abs(one.value[i]), one.magnitude_std[i], np.abs(other.value[j]),
-                    other.magnitude_std[j],
-                )
-            )  # fmt: skip
+        upper = item.within_band()
+        if configurations[1] and gain not in below:
+            continue
+        lower = (
+            below[gain].within_band()
+            if configurations[1]
+            else replace(upper, value=np.ones_like(upper.value), magnitude_std=np.zeros_like(upper.magnitude_std))
+        )
+        frequency, *bins = np.intersect1d(upper.frequency, lower.frequency, return_indices=True)
+        (top, top_std), (bottom, bottom_std) = (
+            (np.abs(frf.value[k]), frf.magnitude_std[k]) for frf, k in zip((upper, lower), bins, strict=True)
+        )
+        value = top / bottom
+        mean, mean_std = rms_ratio(top, top_std, bottom, bottom_std)
+        ratios.append(
+            Ratio(
+                gain=gain, frequency=frequency, value=value, std=value * np.hypot(top_std / top, bottom_std / bottom), mean=mean,
+                mean_std=mean_std,
+            )
+        )  # fmt: skip
     if not ratios:
         raise DataError(
             f"{source} has no gain with a broad-band drive in both {configurations[0]!r} and {configurations[1]!r}; measure one"
@@ -131,26 +138,14 @@ def _ratios(found: Sequence[Transfer], configurations: tuple[str, str], source: 
     return tuple(ratios)
 
 
-def _ratio(
-    gain: float, names: tuple[str, str], frequency: FloatArray, top: FloatArray, top_std: FloatArray, bottom: FloatArray,
-    bottom_std: FloatArray,
-) -> Ratio:  # fmt: skip
-    value = top / bottom
-    std = value * np.hypot(top_std / top, bottom_std / bottom)
-    mean, mean_std = rms_ratio(top, top_std, bottom, bottom_std)
-    return Ratio(
-        gain=gain, configuration=names[0], relative_to=names[1], frequency=frequency, value=value, std=std, mean=mean,
-        mean_std=mean_std,
-    )  # fmt: skip
-
-
 def sentences(found: Transmitted) -> list[str]:
     """The result in words."""
     said = []
+    configuration, relative_to = found.configurations
     for name, ratios in found.ratios.items():
         for r in ratios:
             band = f"from {r.frequency[0]:.3g} to {r.frequency[-1]:.3g} Hz at gain {r.gain:g}"
-            compared = f" {r.configuration}, relative to {r.relative_to}," if r.relative_to else ""
+            compared = f" {configuration}, relative to {relative_to}," if relative_to else ""
             said.append(
                 f"{name.capitalize()}: |{found.response} / {found.reference}|{compared} {band} is "
                 f"{r.mean:.4g} ± {r.mean_std:.1g}{'' if found.unit == '1' else f' {found.unit}'} (rms over frequency)."
@@ -173,13 +168,14 @@ def sentences(found: Transmitted) -> list[str]:
 def write_transmissibility(folder: Path, found: Transmitted) -> list[str]:
     """Write isolation.csv for each gain, isolation.json and isolation.png; the sentences."""
     said = sentences(found)
+    configuration, relative_to = found.configurations
     for name, ratios in found.ratios.items():
         for r in ratios:
             columns = {"frequency_hz": r.frequency, "ratio": r.value, "ratio_std": r.std}
             write_csv(folder / f"isolation-{name}-gain{r.gain:g}.csv", columns)
     rows = [
         {
-            "name": name, "gain": r.gain, "configuration": r.configuration, "relative_to": r.relative_to,
+            "name": name, "gain": r.gain, "configuration": configuration, "relative_to": relative_to,
             "band_hz": [float(r.frequency[0]), float(r.frequency[-1])], "mean": r.mean, "mean_std": r.mean_std,
         }
         for name, ratios in found.ratios.items()
@@ -191,7 +187,6 @@ def write_transmissibility(folder: Path, found: Transmitted) -> list[str]:
     }  # fmt: skip
     write_json(folder / "isolation.json", content)
     curves = {f"{name}, gain {r.gain:g}": (r.frequency, r.value, r.std) for name, rs in found.ratios.items() for r in rs}
-    first = found.ratios["measured"][0]
-    relative = f", {first.configuration} relative to {first.relative_to}" if first.relative_to else ""
+    relative = f", {configuration} relative to {relative_to}" if relative_to else ""
     save(ratio_figure(curves, f"|{found.response} / {found.reference}|{relative}", found.unit), folder / "isolation.png")
     return said

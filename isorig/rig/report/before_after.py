@@ -46,8 +46,10 @@ class PlaceForce:
         Names, for the caption.
     time
         Seconds since the start of the run, shape (samples,).
-    measured, baseline, extended
-        The force from the records, and of the models; `extended` is None without a cause.
+    measured
+        The force from the records.
+    models
+        That of each model by name and role, the baseline's first.
     spring
         Stiffness whose force is subtracted over the velocity, N/m, so that friction and damping remain.
     rotary
@@ -58,74 +60,66 @@ class PlaceForce:
     run: str
     time: FloatArray
     measured: Force
-    baseline: Force
-    extended: Force | None = None
+    models: Mapping[tuple[str, Role], Force]
     spring: float = 0.0
     rotary: bool = False
 
     @property
-    def models(self) -> dict[tuple[str, Role], Force]:
-        """The models' forces by name and role."""
-        return {BASELINE: self.baseline} | ({EXTENDED: self.extended} if self.extended is not None else {})
+    def errors(self) -> list[float]:
+        """Standard deviation of the error of each model's force, N."""
+        return [float(np.std(one.force - self.measured.force)) for one in self.models.values()]
 
     @property
     def misfit(self) -> float:
         """Error of the baseline's force, as a share of the measured force."""
-        return _error(self.baseline, self.measured) / max(float(np.std(self.measured.force)), 1e-300)
+        return self.errors[0] / max(float(np.std(self.measured.force)), 1e-300)
 
     @property
     def improvement(self) -> float:
         """By how much the extension reduces the error of the force, N; without one, the error."""
-        return _error(self.baseline, self.measured) - (0.0 if self.extended is None else _error(self.extended, self.measured))
-
-
-def _error(one: Force, measured: Force) -> float:
-    return float(np.std(one.force - measured.force))
+        before, *after = self.errors
+        return before - sum(after)
 
 
 def force_chart(at: PlaceForce, over: Over) -> Chart:
-    """The measured force with those of both models: dots and mean curves over deflection or velocity, lines over time."""
+    """The measured force with those of the models: dots and mean curves over deflection or velocity, lines over time."""
+    quantity, length, force_unit = ("torque", "rad", "N m") if at.rotary else ("force", "m", "N")
+    spring = at.spring if over == "velocity" else 0.0
+
+    def y(one: Force) -> FloatArray:
+        return one.force - spring * one.deflection
+
+    def x(one: Force) -> FloatArray:
+        return one.velocity if over == "velocity" else one.deflection
+
+    y_scale, y_name = sized_unit(float(np.abs(y(at.measured)).max(initial=0.0)), force_unit)
     if over == "time":
-        return _force_over_time(at)
-    length, force_unit = ("rad", "N m") if at.rotary else ("m", "N")
-    x_unit = length if over == "deflection" else f"{length}/s"
-    quantity = "torque" if at.rotary else "force"
-
-    def xy(one: Force) -> tuple[FloatArray, FloatArray]:
-        if over == "deflection":
-            return one.deflection, one.force
-        return one.velocity, one.force - at.spring * one.deflection
-
-    x, y = xy(at.measured)
-    x_scale, x_name = sized_unit(float(np.abs(x).max(initial=0.0)), x_unit)
-    y_scale, y_name = sized_unit(float(np.abs(y).max(initial=0.0)), force_unit)
-    some = slice(None, None, max(1, len(x) // DOTS))
-    traces = [ChartTrace(name="measured, samples", x=x[some] / x_scale, y=y[some] / y_scale, role="noise", style="dots")]
-    for (name, role), one in [(("measured, mean", "measured"), at.measured), *at.models.items()]:
-        at_x, mean = mean_over(*xy(one))
-        style: Style = "dash" if name == BASELINE[0] else "solid"
-        traces.append(ChartTrace(name=name, x=at_x / x_scale, y=mean / y_scale, role=role, style=style))
-    without = " without the linear spring's" if over == "velocity" and at.spring else ""
+        how, x_label = ".", "time, s"
+        traces = [ChartTrace(name="measured", x=at.time, y=y(at.measured) / y_scale)]
+        traces += [
+            ChartTrace(name=name, x=at.time, y=y(one) / y_scale, role=role, style="dash")
+            for (name, role), one in at.models.items()
+        ]
+    else:
+        how = (
+            ": from the records (drive minus inertia of the bodies beyond it), and from each model's simulation. Lines are means "
+            "over bins."
+        )
+        x_unit = f"{length}/s" if over == "velocity" else length
+        x_scale, x_name = sized_unit(float(np.abs(x(at.measured)).max(initial=0.0)), x_unit)
+        x_label = f"{over}, {x_name}"
+        some = slice(None, None, max(1, len(at.time) // DOTS))
+        dots = x(at.measured)[some] / x_scale, y(at.measured)[some] / y_scale
+        traces = [ChartTrace(name="measured, samples", x=dots[0], y=dots[1], role="noise", style="dots")]
+        for (name, role), one in [(("measured, mean", "measured"), at.measured), *at.models.items()]:
+            at_x, mean = mean_over(x(one), y(one))
+            style: Style = "dash" if name == BASELINE[0] else "solid"
+            traces.append(ChartTrace(name=name, x=at_x / x_scale, y=mean / y_scale, role=role, style=style))
+    without = " without the linear spring's" if spring else ""
     return Chart(
         name=f"force-{at.place}",
-        caption=f"{quantity.capitalize()} in {with_article(at.place)}{without} over {over}, run {at.run}, held-out data: from "
-        "the records (drive minus inertia of the bodies beyond it), and from each model's simulation. Lines are means over bins.",
-        panels=[Panel(label=f"{quantity}, {y_name}")], traces=traces, x_label=f"{over}, {x_name}", x_log=False,
-    )  # fmt: skip
-
-
-def _force_over_time(at: PlaceForce) -> Chart:
-    y_scale, y_name = sized_unit(float(np.abs(at.measured.force).max(initial=0.0)), "N m" if at.rotary else "N")
-    traces = [ChartTrace(name="measured", x=at.time, y=at.measured.force / y_scale)]
-    traces += [
-        ChartTrace(name=name, x=at.time, y=one.force / y_scale, role=role, style="dash")
-        for (name, role), one in at.models.items()
-    ]
-    quantity = "torque" if at.rotary else "force"
-    return Chart(
-        name=f"force-{at.place}",
-        caption=f"{quantity.capitalize()} in {with_article(at.place)} over time, run {at.run}, held-out data.",
-        panels=[Panel(label=f"{quantity}, {y_name}")], traces=traces, x_label="time, s", x_log=False,
+        caption=f"{quantity.capitalize()} in {with_article(at.place)}{without} over {over}, run {at.run}, held-out data{how}",
+        panels=[Panel(label=f"{quantity}, {y_name}")], traces=traces, x_label=x_label, x_log=False,
     )  # fmt: skip
 
 
@@ -162,7 +156,7 @@ class HeldOutRecord:
 
 def worst_second(records: Sequence[HeldOutRecord]) -> HeldOutRecord | None:
     """The second in which the first model's error relative to its channel's `size` is largest; None without a record."""
-    worst: tuple[float, int, HeldOutRecord] | None = None
+    seconds: list[tuple[float, HeldOutRecord]] = []
     for record in records:
         n = max(round(SECOND * record.sample_rate), 2)
         if len(record.measured) < n or record.size <= 0.0:
@@ -171,15 +165,10 @@ def worst_second(records: Sequence[HeldOutRecord]) -> HeldOutRecord | None:
         total = np.concatenate([[0.0], np.cumsum((simulated - record.measured) ** 2)])
         power = (total[n:] - total[:-n]) / n
         k = int(np.argmax(power))
-        error = float(np.sqrt(power[k])) / record.size
-        if worst is None or error > worst[0]:
-            worst = error, k, record
-    if worst is None:
-        return None
-    _, k, record = worst
-    part = slice(k, k + max(round(SECOND * record.sample_rate), 2))
-    models = {key: values[part] for key, values in record.models.items()}
-    return replace(record, measured=record.measured[part], models=models, start=record.start + k / record.sample_rate)
+        models = {key: values[k : k + n] for key, values in record.models.items()}
+        second = replace(record, measured=record.measured[k : k + n], models=models, start=record.start + k / record.sample_rate)
+        seconds.append((float(np.sqrt(power[k])) / record.size, second))
+    return max(seconds, key=lambda pair: pair[0])[1] if seconds else None
 
 
 def second_chart(records: Sequence[HeldOutRecord]) -> Chart | None:

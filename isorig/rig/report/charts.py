@@ -124,27 +124,6 @@ class Chart:
         shown = [trace for trace in self.traces if trace.style == "bars"]
         return len(shown[0].x) * max(1, len(shown)) if shown else 0
 
-    def to_tree(self) -> dict[str, Any]:
-        """The chart as plain values for the page's script, arrays as float32 in base64."""
-        return {
-            "name": self.name,
-            "panels": [
-                {"label": p.label, "log": p.log, "ends": _ends(p.ends, p.log), "height": p.height, "step": p.step}
-                for p in self.panels
-            ],
-            "traces": [_trace(trace) for trace in self.traces],
-            "peaks": self.peaks,
-            "x": {
-                "label": self.x_label,
-                "unit": self.x_label.rpartition(", ")[2],
-                "log": self.x_log,
-                "ends": _ends(self.x_ends, self.x_log),
-                "date": self.x_date,
-            },
-            "link": self.link,
-            "marks": [{"begin": m.begin, "end": m.end, "panel": m.panel} for m in self.marks],
-        }
-
 
 def unjoined(degrees: FloatArray) -> FloatArray:
     """A phase in degrees for drawing, shape (n,), with NaN where it wraps: no line is drawn there."""
@@ -163,26 +142,8 @@ def spread_over(frequency: FloatArray, most: int = MOST_POINTS) -> slice | np.nd
     return np.unique(np.clip(np.searchsorted(frequency, wanted), 0, n - 1))
 
 
-def _trace(trace: ChartTrace) -> dict[str, Any]:
-    named = isinstance(trace.x, Sequence)
-    return {
-        "name": trace.name,
-        "x": list(trace.x) if isinstance(trace.x, Sequence) else packed(trace.x),
-        "y": packed(trace.y),
-        "spread": None if trace.spread is None else packed(trace.spread),
-        "role": trace.role,
-        "panel": trace.panel,
-        "style": trace.style,
-        "named": named,
-    }
-
-
-def packed(values: FloatArray) -> dict[str, str]:
-    """float32 in base64, as plotly reads typed arrays."""
-    return {"dtype": "f4", "bdata": base64.b64encode(np.asarray(values, dtype="<f4").tobytes()).decode()}
-
-
-def _ends(ends: tuple[float, float] | None, log: bool) -> list[float] | None:
-    if ends is None:
-        return None
-    return [float(v) for v in (np.log10(ends) if log else ends)]
+def encoded(value: Any) -> Any:
+    """What JSON lacks: an array as float32 in base64, as plotly reads typed arrays; a number of numpy as Python's."""
+    if np.ndim(value) == 0:
+        return value.item()
+    return {"dtype": "f4", "bdata": base64.b64encode(np.asarray(value, dtype="<f4").tobytes()).decode()}

@@ -14,10 +14,10 @@ from isorig.analysis.diagnose.evidence import surfaces
 from isorig.analysis.diagnose.step import Curve, Step
 from isorig.analysis.equations.system import equations_of
 from isorig.analysis.fitting.score import Score
-from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.model.rig_model import Link, RigModel
 from isorig.analysis.wording import state, with_article
 from isorig.rig.files.findings import Findings, HeldValue
-from isorig.rig.report.before_after import BASELINE, EXTENDED, bars_chart, force_chart, residual_chart, second_chart
+from isorig.rig.report.before_after import BASELINE, EXTENDED, Over, bars_chart, force_chart, residual_chart, second_chart
 from isorig.rig.report.charts import Chart, ChartTrace, Panel, Role
 from isorig.rig.report.conclusion import KINDS, Conclusion, conclude
 from isorig.rig.report.frequency import frequency_sections
@@ -116,24 +116,23 @@ def _first(
 
 def _force(diagnosis: Diagnosis, models: Mapping[tuple[str, Role], Simulated]) -> Chart | None:
     # At the place of the first cause, or to which the equations point; otherwise in the link that the baseline gets most wrong.
-    owners = {BASELINE: diagnosis.baseline.model, EXTENDED: diagnosis.extended.model}
-    before, *after = [(owners[name], responses) for name, responses in models.items()]
-    extended = after[0] if after else None
+    baseline = diagnosis.baseline.model
+    owners = {BASELINE: baseline, EXTENDED: diagnosis.extended.model}
+    over: Over = "deflection"
+    links: Sequence[Link] = baseline.links
     if diagnosis.steps:
         step = diagnosis.steps[0]
-        link = joint_of(before[0], step)
-        at = None if link is None or step.kind not in OVER else place_force(link, diagnosis.trials, before, extended)
-        over = OVER.get(step.kind, "deflection")
-        if step.curve is not None and step.curve.over == "position":
-            over = "deflection"
-        return None if at is None else force_chart(at, over)
-    if diagnosis.pointed:
+        link = joint_of(baseline, step)
+        links = [link] if link is not None and step.kind in OVER else []
+        if step.curve is None or step.curve.over != "position":
+            over = OVER.get(step.kind, over)
+    elif diagnosis.pointed:
         kind, place = diagnosis.pointed
-        link = next((link for link in before[0].links if link.name == place), None)
-        at = None if link is None else place_force(link, diagnosis.trials, before, None)
-        return None if at is None else force_chart(at, OVER.get(kind, "deflection"))
-    found = [at for link in before[0].links if (at := place_force(link, diagnosis.trials, before, None)) is not None]
-    return force_chart(max(found, key=lambda at: at.misfit), "deflection") if found else None
+        links = [link for link in baseline.links if link.name == place]
+        over = OVER.get(kind, over)
+    simulated_by = {name: (owners[name], responses) for name, responses in models.items()}
+    found = [at for link in links if (at := place_force(link, diagnosis.trials, simulated_by)) is not None]
+    return force_chart(max(found, key=lambda at: at.misfit), over) if found else None
 
 
 def _surface_charts(model: RigModel, compared: Doubles) -> list[Chart]:

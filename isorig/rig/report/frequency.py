@@ -25,13 +25,10 @@ DASHES: tuple[Style, ...] = ("solid", "dash", "dot")
 
 def frequency_sections(campaign: Campaign, model: RigModel) -> list[Section]:
     """Transfer functions and the isolation ratio, measured and simulated for the same runs; or the reason why there are none."""
-    found, why = isolation_of(campaign, model)
-    sections = [transfer_section(campaign, model)]
-    if found is not None:
-        sections.append(isolation_section(found))
-    elif why:
-        sections.append(Section(title="Isolation ratio", text=[why]))
-    return sections
+    found, text = isolation_of(campaign, model)
+    charts = [isolation_chart(found)] if found is not None else []
+    ratio = [Section(title="Isolation ratio", text=text, charts=charts)] if text else []
+    return [transfer_section(campaign, model), *ratio]
 
 
 def transfer_section(campaign: Campaign, model: RigModel) -> Section:
@@ -45,18 +42,19 @@ def transfer_section(campaign: Campaign, model: RigModel) -> Section:
         return Section(title="Transfer functions", text=[f"Not available: {error}."])
 
 
-def isolation_of(campaign: Campaign, model: RigModel) -> tuple[Compared | None, str]:
-    """The isolation ratio measured and simulated, or None and the reason; no reason if the rig cannot be locked."""
+def isolation_of(campaign: Campaign, model: RigModel) -> tuple[Compared | None, list[str]]:
+    """The isolation ratio measured and simulated, with its sentences; or None and the reason, if the rig can be locked."""
     from isorig.analysis.parameters.joint_fit import is_wire_bonder
     from isorig.rig.model.prediction import Model
-    from isorig.rig.wire_bonder.isolation import compared_isolation
+    from isorig.rig.wire_bonder.isolation import compared_isolation, isolation_sentences
 
     if "locked" not in model.configurations or not is_wire_bonder(model):
-        return None, ""
+        return None, []
     try:
-        return compared_isolation(campaign, [Model(name="simulated", rig=model)]), ""
+        found = compared_isolation(campaign, [Model(name="simulated", rig=model)])
     except DataError as error:
-        return None, f"None: {error}."
+        return None, [f"None: {error}."]
+    return found, isolation_sentences(found)
 
 
 def frf_section(campaign: Campaign, simulated: Campaign, drives: Sequence[str], usual: str) -> Section:
@@ -142,13 +140,6 @@ def frf_chart(
         ],
         traces=traces, link="frequency", peaks=True,
     )  # fmt: skip
-
-
-def isolation_section(found: Compared) -> Section:
-    """The isolation ratio with its sentences."""
-    from isorig.rig.wire_bonder.isolation import isolation_sentences
-
-    return Section(title="Isolation ratio", text=isolation_sentences(found), charts=[isolation_chart(found)])
 
 
 def isolation_chart(found: Compared) -> Chart:

@@ -24,7 +24,6 @@ from isorig.rig.report.misfit import misfit_charts, scores_chart, simulated, tim
 from isorig.rig.report.page import Report, Section, Table, build_report
 from isorig.rig.report.sections import entries_table, number, provenance_section, runs_section, words
 from isorig.rig.wire_bonder.description import THESIS
-from isorig.rig.wire_bonder.isolation import isolation_sentences
 
 MODEL: tuple[str, Role] = ("simulation", "simulated")
 
@@ -34,9 +33,8 @@ def measurement_page(campaign: Campaign, found: Characterization, history: Seque
     model = found.fit.model
     models = {MODEL: simulated(model, found.trials)}
     wrong = discrepancies(campaign, model, found.trials, doubles(model, found.trials))
-    compared, why = isolation_of(campaign, model)
+    compared, ratio = isolation_of(campaign, model)
     asked = advice(campaign, found)
-    ratio = [Section(title="Isolation ratio", text=isolation_sentences(compared) if compared is not None else [why])]
     sections = [
         runs_section(campaign),
         transfer_section(campaign, model),
@@ -47,7 +45,7 @@ def measurement_page(campaign: Campaign, found: Characterization, history: Seque
         ),
         *history_sections(found, history),
         Section(title="Simulation compared with measurement", charts=time_charts(found.trials, models)),
-        *(ratio if compared is not None or why else []),
+        *([Section(title="Isolation ratio", text=ratio)] if ratio else []),
         Section(
             title="What the simulation gets wrong",
             text=[d.text for d in wrong[:6]] or ["No discrepancy exceeds the noise."],

@@ -10,6 +10,7 @@ from isorig.analysis.campaign import FloatArray
 from isorig.analysis.fitting.score import Score
 from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.model.rig_model import RigModel
+from isorig.rig.report.before_after import bars_chart
 from isorig.rig.report.charts import Chart, ChartTrace, Panel, Role, spread_over
 from isorig.rig.report.sections import label, unit
 
@@ -36,37 +37,38 @@ def distinct(trials: Sequence[Trial]) -> list[Trial]:
 
 def misfit_charts(trials: Sequence[Trial], models: Mapping[tuple[str, Role], Simulated]) -> list[Chart]:
     """A chart for each kind of run: spectra of the measurement, of each model's error, and of the noise."""
-    about = ": amplitude density of each channel and of the models' errors."
-    alone = _alone(trials)
-    return [_misfit_chart(trial, models, about if k == 0 else ".", alone) for k, trial in enumerate(distinct(trials))]
+    charts: list[Chart] = []
+    for trial in distinct(trials):
+        rate = trial.sample_rate
+        traces = []
+        for panel, name in enumerate(trial.channels):
+            frequency, measured = _amplitude(trial.measured[panel], rate)
+            kept = spread_over(frequency, LINES)
+            traces.append(ChartTrace(name="measured", x=frequency[kept], y=measured[kept], panel=panel))
+            for (title, role), responses in models.items():
+                _, error = _amplitude(responses[trial.run.id][name] - trial.measured[panel], rate)
+                traces.append(ChartTrace(name=f"error of the {title}", x=frequency[kept], y=error[kept], role=role, panel=panel))
+            quiet = np.full(2, trial.noise[panel] * np.sqrt(2.0 / rate))
+            if quiet[0] > 0.0:
+                ends = frequency[[0, -1]]
+                traces.append(ChartTrace(name="sensor noise", x=ends, y=quiet, role="noise", style="dash", panel=panel))
+        # Text common to all charts is printed once.
+        about = "." if charts else ": amplitude density of each channel and of the models' errors."
+        charts.append(
+            Chart(
+                name=f"misfit-{trial.run.id}",
+                caption=f"{label(trial.run, _alone(trials))}{about}",
+                panels=[Panel(label=f"{name}, {unit(trial.run.channel(name).unit)}/√Hz", log=True) for name in trial.channels],
+                traces=traces,
+                link="spectra",
+            )
+        )
+    return charts
 
 
 def _alone(trials: Sequence[Trial]) -> bool:
     # A single configuration needs no name.
     return len({trial.run.configuration for trial in trials}) == 1
-
-
-def _misfit_chart(trial: Trial, models: Mapping[tuple[str, Role], Simulated], about: str, alone: bool) -> Chart:
-    rate = trial.sample_rate
-    traces = []
-    for panel, name in enumerate(trial.channels):
-        frequency, measured = _amplitude(trial.measured[panel], rate)
-        kept = spread_over(frequency, LINES)
-        traces.append(ChartTrace(name="measured", x=frequency[kept], y=measured[kept], panel=panel))
-        for (title, role), responses in models.items():
-            _, error = _amplitude(responses[trial.run.id][name] - trial.measured[panel], rate)
-            traces.append(ChartTrace(name=f"error of the {title}", x=frequency[kept], y=error[kept], role=role, panel=panel))
-        quiet = np.full(2, trial.noise[panel] * np.sqrt(2.0 / rate))
-        if quiet[0] > 0.0:
-            ends = frequency[[0, -1]]
-            traces.append(ChartTrace(name="sensor noise", x=ends, y=quiet, role="noise", style="dash", panel=panel))
-    return Chart(
-        name=f"misfit-{trial.run.id}",
-        caption=f"{label(trial.run, alone)}{about}",
-        panels=[Panel(label=f"{name}, {unit(trial.run.channel(name).unit)}/√Hz", log=True) for name in trial.channels],
-        traces=traces,
-        link="spectra",
-    )
 
 
 def _amplitude(values: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
@@ -80,7 +82,6 @@ def _amplitude(values: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]
 def time_charts(trials: Sequence[Trial], models: Mapping[tuple[str, Role], Simulated]) -> list[Chart]:
     """A held-out interval of each kind of run in the first run's configuration: measured, and simulated with each model."""
     charts: list[Chart] = []
-    alone = _alone(trials)
     for trial in (t for t in distinct(trials) if t.run.configuration == trials[0].run.configuration):
         rate = trial.sample_rate
         part = slice(trial.samples - round(1.5 * SECONDS * rate), trial.samples - round(0.5 * SECONDS * rate))
@@ -91,13 +92,11 @@ def time_charts(trials: Sequence[Trial], models: Mapping[tuple[str, Role], Simul
             for (title, role), responses in models.items():
                 y = responses[trial.run.id][name][part]
                 traces.append(ChartTrace(name=title, x=seconds, y=y, role=role, panel=panel, style="dash"))
+        about = "." if charts else f": {SECONDS:g} s of held-out data; free-run simulation from the start of the run."
         charts.append(
             Chart(
                 name=f"time-{trial.run.id}",
-                # Text common to all charts is printed once.
-                caption=f"{label(trial.run, alone)}."
-                if charts
-                else f"{label(trial.run, alone)}: {SECONDS:g} s of held-out data; free-run simulation from the start of the run.",
+                caption=f"{label(trial.run, _alone(trials))}{about}",
                 panels=[Panel(label=f"{name}, {unit(trial.run.channel(name).unit)}") for name in trial.channels],
                 traces=traces,
                 x_label="time, s",
@@ -109,14 +108,8 @@ def time_charts(trials: Sequence[Trial], models: Mapping[tuple[str, Role], Simul
 
 def scores_chart(scores: Mapping[tuple[str, Role], Score], trials: Sequence[Trial]) -> Chart:
     """Held-out error of each run and channel."""
-    names = [f"{trial.run.id} {channel}" for trial in trials for channel in trial.channels]
-    return Chart(
-        name="held-out-error",
-        caption="rms(predicted − measured) / rms(measured) of each run and channel on held-out data.",
-        panels=[Panel(label="")],
-        traces=[
-            ChartTrace(name=title, x=names, y=score.error.ravel(), role=role, style="bars")
-            for (title, role), score in scores.items()
-        ],
-        x_label="held-out error, share of the signal",
-    )
+    return bars_chart(
+        "held-out-error", "rms(predicted − measured) / rms(measured) of each run and channel on held-out data.",
+        "held-out error, share of the signal", [f"{trial.run.id} {channel}" for trial in trials for channel in trial.channels],
+        {key: score.error.ravel() for key, score in scores.items()},
+    )  # fmt: skip

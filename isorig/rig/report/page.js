@@ -18,13 +18,14 @@
   function unpack(chart) {
     for (const trace of chart.traces) {
       for (const key of ["x", "y", "spread"]) if (trace[key]) trace[key] = numbers(trace[key]);
-      if (chart.x.date) trace.x = trace.x.map(moment);
+      if (chart.x_date) trace.x = trace.x.map(moment);
     }
   }
 
   const moment = (days) => (Number.isFinite(days) ? new Date(days * 864e5).toISOString() : null);
-  const across = (chart, x) => (chart.x.date ? moment(x) : x);
+  const across = (chart, x) => (chart.x_date ? moment(x) : x);
   const axis = (panel) => (panel ? `y${panel + 1}` : "y");
+  const ends = (pair, log) => (log ? pair.map(Math.log10) : pair);
   const faded = (colour) => colour + "38";
 
   function traces(chart, theme) {
@@ -77,20 +78,20 @@
       margin: { l: narrow ? 46 : 62, r: 20, t: narrow ? 30 : 56, b: 44 }, hovermode: bars ? "closest" : "x unified", hoverlabel: { bgcolor: theme === "dark" ? "#20252a" : "#fff" },
       legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom", bgcolor: "rgba(0,0,0,0)" },
       showlegend: new Set(chart.traces.map((t) => t.name)).size > 1, hoversubplots: "axis",
-      xaxis: { ...style, title: { text: chart.x.label, standoff: 6 }, type: chart.x.log ? "log" : "linear", anchor: axis(chart.panels.length - 1),
+      xaxis: { ...style, title: { text: chart.x_label, standoff: 6 }, type: chart.x_log ? "log" : "linear", anchor: axis(chart.panels.length - 1),
         showspikes: !bars, spikemode: "across", spikesnap: "cursor", spikethickness: 1, spikedash: "dot", spikecolor: ink },
     };
-    if (chart.x.date) out.xaxis.type = "date";
+    if (chart.x_date) out.xaxis.type = "date";
     out.shapes = chart.marks.map((m) => ({ type: "rect", xref: "x", yref: `${axis(m.panel)} domain`, x0: across(chart, m.begin), x1: across(chart, m.end),
       y0: 0, y1: 1, line: { width: 0 }, fillcolor: faded(colours[theme].second), layer: "below" }));
-    if (chart.x.log) Object.assign(out.xaxis, { dtick: "D2", tickformat: "~g", minor: { dtick: "D1", ticks: "outside", ticklen: 3, showgrid: false } });
-    if (chart.x.ends) out.xaxis.range = chart.x.ends;
+    if (chart.x_log) Object.assign(out.xaxis, { dtick: "D2", tickformat: "~g", minor: { dtick: "D1", ticks: "outside", ticklen: 3, showgrid: false } });
+    if (chart.x_ends) out.xaxis.range = ends(chart.x_ends, chart.x_log);
     let top = 1;
     chart.panels.forEach((p, i) => {
       const height = ((1 - gap * (chart.panels.length - 1)) * p.height) / total;
       const y = { ...style, title: { text: p.label.replaceAll("\n", "<br>"), standoff: 4 }, type: p.log ? "log" : "linear", domain: [Math.max(top - height, 0), top] };
       if (p.log) Object.assign(y, decades(...reach(chart, i)));
-      if (p.ends) y.range = p.ends;
+      if (p.ends) y.range = ends(p.ends, p.log);
       if (p.step) y.dtick = p.step;
       out[i ? `yaxis${i + 1}` : "yaxis"] = y;
       top -= height + gap;
@@ -101,7 +102,7 @@
       const [low, high] = reach(chart, 0);
       // The number at the end of the longest bar takes up to a fifth of the axis.
       const most = high * Math.max(2, (high / low) ** 0.25);
-      if (chart.x.log) Object.assign(out.xaxis, decades(low / 3, most), { range: [Math.log10(low / 3), Math.log10(most)] });
+      if (chart.x_log) Object.assign(out.xaxis, decades(low / 3, most), { range: [Math.log10(low / 3), Math.log10(most)] });
     }
     return out;
   }
@@ -159,13 +160,13 @@
   function peaks(number) {
     const chart = charts[number], out = place(number).parentElement.querySelector(".peaks");
     if (!chart.peaks) return;
-    const range = place(number).layout.xaxis.range.map((v) => (chart.x.log ? 10 ** v : v));
+    const range = place(number).layout.xaxis.range.map((v) => (chart.x_log ? 10 ** v : v));
     const said = [], unit = chart.panels[0].label.split("\n")[1] || "";
     for (const t of chart.traces) {
       if (t.panel !== 0) continue;
       let top = -1;
       t.x.forEach((x, i) => { if (x >= range[0] && x <= range[1] && !(t.y[i] <= t.y[top])) top = Number.isFinite(t.y[i]) ? i : top; });
-      if (top >= 0) said.push(`${t.name}: ${Number(t.y[top].toPrecision(3))} ${unit} at ${Number(t.x[top].toPrecision(4))} ${chart.x.unit}`);
+      if (top >= 0) said.push(`${t.name}: ${Number(t.y[top].toPrecision(3))} ${unit} at ${Number(t.x[top].toPrecision(4))} ${chart.x_label.split(", ").at(-1)}`);
     }
     out.textContent = said.length ? `Largest in view: ${said.join("; ")}.` : "";
   }

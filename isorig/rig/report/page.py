@@ -6,15 +6,18 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import jinja2
 import msgspec
+import numpy as np
 from markupsafe import Markup, escape
 
-from isorig.rig.report.charts import Chart
+from isorig.analysis.campaign import FloatArray
+from isorig.rig.report.charts import Chart, encoded
 
 HERE = Path(__file__).parent
+#: Size of a sparkline in pixels and its margin; number of latest values that it shows: more cannot be resolved at this width.
+WIDTH, HEIGHT, EDGE, MOST = 64.0, 20.0, 2.0, 60
 #: Paths of parameters; dates, and values with their uncertainty.
 _PATH = re.compile(r"[A-Za-z]\w*(?:\.\w+)+")
 _WHOLE = re.compile(r"\d{4}-\d{2}-\d{2}|[-+]?\d[\w.+-]* ± \d[\w.+-]*(?: %)?")
@@ -30,11 +33,35 @@ class PageLink:
 
 @dataclass(frozen=True, kw_only=True)
 class Sparkline:
-    """A cell with a small line chart (`sparkline`): the points of its line, and of its markers."""
+    """A cell with a small line chart of the latest of some values, shape (n,); those at the indices `marked` get a dot.
 
-    points: str
-    marks: Sequence[tuple[float, float]]
+    `description` describes the content in words.
+    """
+
+    values: FloatArray
     description: str
+    marked: Sequence[int] = ()
+
+    @property
+    def places(self) -> list[tuple[float, float]]:
+        """Coordinates of its points in pixels."""
+        y = self.values[-MOST:]
+        n, span = len(y), float(np.ptp(y))
+        across = np.linspace(EDGE, WIDTH - EDGE, n) if n > 1 else np.full(1, 0.5 * WIDTH)
+        share = (y - y.min()) / span if span > 0.0 else np.full(n, 0.5)
+        down = HEIGHT - EDGE - (HEIGHT - 2.0 * EDGE) * share
+        return [(round(a, 1), round(b, 1)) for a, b in zip(across.tolist(), down.tolist(), strict=True)]
+
+    @property
+    def points(self) -> str:
+        """The points of its line, as SVG has them."""
+        return " ".join(f"{x:g},{y:g}" for x, y in self.places)
+
+    @property
+    def dots(self) -> list[tuple[float, float]]:
+        """Coordinates of its dots in pixels."""
+        places, hidden = self.places, max(len(self.values) - MOST, 0)
+        return [places[k - hidden] for k in self.marked if k >= hidden]
 
 
 Cell = str | PageLink | Sparkline
@@ -147,16 +174,12 @@ def build_report(report: Report) -> str:
     environment.tests["sparkline"] = lambda cell: isinstance(cell, Sparkline)
     return environment.get_template("page.html").render(
         report=report,
-        data=_embedded([chart.to_tree() for chart in charts]),
+        # Within a script element only "<" can end it.
+        data=msgspec.json.encode(charts, enc_hook=encoded).decode().replace("<", "\\u003c"),
         library=_text("vendor/plotly-basic.min.js") if charts else "",
         script=_text("page.js"),
         style=_text("page.css"),
     )
-
-
-def _embedded(tree: Any) -> str:
-    # Within a script element only "<" can end it.
-    return msgspec.json.encode(tree).decode().replace("<", "\\u003c")
 
 
 def _text(name: str) -> str:

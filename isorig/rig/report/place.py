@@ -66,7 +66,7 @@ def joint_of(model: RigModel, step: Step) -> Link | None:
 
 
 def place_force(
-    link: Link, trials: Sequence[Trial], baseline: tuple[RigModel, Simulated], extended: tuple[RigModel, Simulated] | None
+    link: Link, trials: Sequence[Trial], models: Mapping[tuple[str, Role], tuple[RigModel, Simulated]]
 ) -> PlaceForce | None:
     """The force in a link on held-out data of the run in which the extension improves it most.
 
@@ -78,47 +78,49 @@ def place_force(
         The link.
     trials
         The runs.
-    baseline, extended
-        Models, and their simulations of all runs.
+    models
+        Models by name and role, the baseline first, and their simulations of all runs.
     """
+    (baseline, _), *_ = models.values()
     free = [
         trial
         for trial in trials
-        if trial.motion is None and link.name not in baseline[0].configurations[trial.run.configuration].rigid
+        if trial.motion is None and link.name not in baseline.configurations[trial.run.configuration].rigid
     ]
-    found = [at for trial in free if (at := _in_run(link, trial, baseline, extended)) is not None]
+    found = [at for trial in free if (at := _in_run(link, trial, models)) is not None]
     return max(found, key=lambda at: at.improvement, default=None)
 
 
 def _in_run(
-    link: Link, trial: Trial, baseline: tuple[RigModel, Simulated], extended: tuple[RigModel, Simulated] | None
+    link: Link, trial: Trial, models: Mapping[tuple[str, Role], tuple[RigModel, Simulated]]
 ) -> PlaceForce | None:  # fmt: skip
-    end = link.a if link.a != GROUND else link.b
-    model = baseline[0]
-    records = _record(trial, trial.measured)
-    # The masses of the better model, unless it has bodies that no sensor measures.
-    measured = (passed(extended[0], link, records) if extended is not None else None) or passed(model, link, records)
-    simulated = [
-        passed(owner, link, run) or passed(model, link, run)
-        for owner, responses in (baseline, *((extended,) if extended is not None else ()))
-        for run in (_record(trial, np.stack([responses[trial.run.id][name] for name in trial.channels])),)
-    ]
+    owners = [owner for owner, _ in models.values()]
     edge = round(EDGE * trial.sample_rate)
     first = max(trial.fitted - edge, 0)
-    if measured is None or simulated[0] is None or len(measured[0]) - first < FEWEST:
-        return None
+    # The deflection of a link is that of its first end relative to its second.
+    end, sign = (link.b, -1.0) if link.a == GROUND else (link.a, 1.0)
 
-    def held_out(one: tuple[FloatArray, FloatArray, FloatArray]) -> Force:
-        d, v, force = (values[first:] for values in one)
-        # The deflection of a link is that of its first end relative to its second.
-        sign = -1.0 if link.a == GROUND else 1.0
+    def held_out(rows: FloatArray, *by: RigModel) -> Force | None:
+        # By the masses of the first of the models whose bodies beyond the link are all measured.
+        record = _record(trial, rows)
+        known = next((seen for model in by if (seen := passed(model, link, record)) is not None), None)
+        if known is None:
+            return None
+        d, v, force = (values[first:] for values in known)
         return Force(deflection=sign * d, velocity=sign * v, force=force)
 
-    after = simulated[1] if len(simulated) > 1 else None
+    measured = held_out(trial.measured, *reversed(owners))
+    forces = {
+        key: force
+        for key, (owner, responses) in models.items()
+        if (force := held_out(np.stack([responses[trial.run.id][name] for name in trial.channels]), owner, owners[0])) is not None
+    }
+    if measured is None or next(iter(models)) not in forces or len(measured.force) < FEWEST:
+        return None
     return PlaceForce(
-        place=link.name, run=trial.run.id, time=(edge + first + np.arange(len(measured[0]) - first)) / trial.sample_rate,
-        measured=held_out(measured), baseline=held_out(simulated[0]), extended=None if after is None else held_out(after),
-        spring=(extended or baseline)[0].link(link.name).stiffness, rotary=model.body(end).motion == "rotation",
+        place=link.name, run=trial.run.id, time=(edge + first + np.arange(len(measured.force))) / trial.sample_rate,
+        measured=measured, models=forces, spring=owners[-1].link(link.name).stiffness,
+        rotary=owners[0].body(end).motion == "rotation",
     )  # fmt: skip
 
 

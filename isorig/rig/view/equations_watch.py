@@ -47,25 +47,27 @@ def equations_watched(
     closes, lines = process.stdin, process.stdout
     assert closes is not None
     assert lines is not None
-    current = _Current()
+    current, known = "", False  # the run that is measured, and whether its equations have given a certain answer
 
     def listen() -> None:
+        nonlocal known
         with suppress(OSError, ValueError, msgspec.DecodeError):
             for line in lines:
                 message = msgspec.json.decode(line, type=EquationsReport)
-                if message.run == current.run and not current.known:
-                    current.known = message.known
+                if message.run == current and not known:
+                    known = message.known
                     tell(message)
 
     def decide(name: str) -> Decision:
+        nonlocal current, known
         decision = operator.decide(name)
         if decision == "take":
-            current.run, current.known = name, False
+            current, known = name, False
         return decision
 
     threading.Thread(target=listen, name="equations of motion", daemon=True).start()
     try:
-        yield replace(operator, decide=decide, answered=lambda: until_known and current.known)
+        yield replace(operator, decide=decide, answered=lambda: until_known and known)
     finally:
         with suppress(OSError):
             closes.close()
@@ -74,9 +76,3 @@ def equations_watched(
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-
-
-class _Current:
-    # The run that is measured, and whether its equations have given a certain answer.
-    run = ""
-    known = False

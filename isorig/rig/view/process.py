@@ -11,7 +11,6 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from pathlib import Path
 from types import TracebackType
 
 import msgspec
@@ -20,7 +19,6 @@ from isorig.rig.errors import OutputError
 from isorig.rig.process.interpreter import python
 from isorig.rig.view.messages import PageRequest, SessionBegin, SessionState
 from isorig.rig.view.requests import Desk
-from isorig.rig.view.run_list import Planned
 
 #: Seconds that the screen has to end; seconds between two messages with the session's state.
 END, PACE = 5.0, 0.1
@@ -33,10 +31,6 @@ class SessionScreen:
     ----------
     desk
         Decides which requests are allowed.
-    planned
-        The session's runs.
-    output
-        Its recording.
 
     Attributes
     ----------
@@ -46,9 +40,8 @@ class SessionScreen:
 
     address = ""
 
-    def __init__(self, desk: Desk, planned: tuple[Planned, ...], output: Path) -> None:
+    def __init__(self, desk: Desk) -> None:
         self._desk = desk
-        self._begin = SessionBegin(output=str(output.absolute()), planned=planned)
         self._newest: SessionState | None = desk.standing
         self._changed = threading.Condition()
         self._ended = False
@@ -61,7 +54,7 @@ class SessionScreen:
         assert self._process.stdout is not None
         self._input, self._output = self._process.stdin, self._process.stdout
         try:
-            self._write(self._begin)
+            self._write(SessionBegin(output=str(self._desk.output.absolute()), planned=tuple(self._desk.planned.values())))
             self.address = msgspec.json.decode(self._output.readline(), type=str)
         except (OSError, msgspec.DecodeError):
             self._process.kill()

@@ -41,13 +41,15 @@ class Desk:
 
     Attributes
     ----------
+    planned
+        The session's runs by name.
     listeners
         Called with the state of the session at each change; they must not block.
     """
 
     def __init__(self, planned: tuple[Planned, ...], output: Path, *, asks: bool) -> None:
-        self._planned = {item.id: item for item in planned}
-        self._output, self._asks = output, asks
+        self.planned = {item.id: item for item in planned}
+        self.output, self._asks = output, asks
         self.listeners: list[Callable[[SessionState], None]] = []
         self._changed = threading.Condition()
         # The runs that this session has measured; in a resumed session, earlier runs are repeated on request only.
@@ -96,7 +98,7 @@ class Desk:
             self._again = ""
         elif self._asks and self._must_ask(name) and self._wait("asks", name, self._question(name)) == "again":
             return "end"
-        self._set_up = self._planned[name].configuration
+        self._set_up = self.planned[name].configuration
         with self._changed:
             self._stop, self._begun = False, name
             now = self._standing
@@ -156,10 +158,10 @@ class Desk:
 
     def _must_ask(self, name: str) -> bool:
         last = self._standing.judged.get(self._last)
-        return last is None or not last.good or self._planned[name].configuration != self._set_up
+        return last is None or not last.good or self.planned[name].configuration != self._set_up
 
     def _question(self, name: str) -> str:
-        run = self._planned[name]
+        run = self.planned[name]
         same = run.configuration == self._set_up
         begin = "Start" if same else f"Bring the rig into the configuration {run.configuration!r}, then start"
         otherwise = f", or repeat {self._last}." if self._last else "."
@@ -200,7 +202,7 @@ class Desk:
                 return False
         try:
             # Outside of the lock: the session does not wait for the disk.
-            note = add_note(self._output, now.last if now.phase == "asks" else now.run, text)
+            note = add_note(self.output, now.last if now.phase == "asks" else now.run, text)
         except OutputError:
             return False
         with self._changed:

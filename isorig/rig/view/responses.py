@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -79,28 +79,29 @@ class AveragedRuns:
 
     configuration: str
     gain: float
+    drive: str
     band: tuple[float, float]
     spectra: Spectra
     planned: float | None
 
-    def frfs(self, drive: str) -> dict[str, Frf]:
+    def frfs(self) -> dict[str, Frf]:
         """The transfer function of each response relative to the drive."""
-        return {name: self.spectra.frf(name, drive) for name in self.spectra.channels if name != drive}
+        return {name: self.spectra.frf(name, self.drive) for name in self.spectra.channels if name != self.drive}
 
     def lines(self) -> np.ndarray:
         """Indices of the frequency bins within the band."""
         f = self.spectra.frequency
         return np.flatnonzero((f >= max(self.band[0], f[1])) & (f <= self.band[1]))
 
-    def error(self, drive: str) -> float:
+    def error(self) -> float:
         """Relative standard deviation of the magnitude, median over the band's bins and all responses; NaN if there are none."""
         kept = self.lines()
-        shares = [(frf.magnitude_std / np.maximum(np.abs(frf.value), 1e-300))[kept] for frf in self.frfs(drive).values()]
+        shares = [(frf.magnitude_std / np.maximum(np.abs(frf.value), 1e-300))[kept] for frf in self.frfs().values()]
         return float(np.median(np.concatenate(shares))) if shares and len(kept) else float("nan")
 
-    def text(self, drive: str, alone: bool = False) -> str:
+    def text(self, alone: bool) -> str:
         """Progress of the averaging, in words; `alone` states that the rig has one configuration, which needs no name."""
-        error, n = self.error(drive), self.spectra.averages
+        error, n = self.error(), self.spectra.averages
         set_up = f"gain {self.gain:g}" if alone else f"{self.configuration}, gain {self.gain:g}"
         phrase = f"{set_up}: averages {n:.0f}"
         if self.planned is None or self.planned <= n:
@@ -114,7 +115,8 @@ def groups_of(
 ) -> dict[tuple[str, float], AveragedRuns]:
     """Runs of a configuration and gain, averaged; the keys are (configuration, gain)."""
     found = {}
-    for key, names in _alike(responses):
+    for key in dict.fromkeys((item.configuration, item.gain) for item in responses.values()):
+        names = [name for name, item in responses.items() if (item.configuration, item.gain) == key]
         parts = [part for name in names if (part := responses[name].spectra()) is not None]
         if not parts:
             continue
@@ -126,21 +128,17 @@ def groups_of(
         except DataError:  # runs with different rates or bands: use the last one
             spectra = parts[-1]
         found[key] = AveragedRuns(
-            configuration=key[0], gain=key[1], spectra=spectra,
+            configuration=key[0], gain=key[1], drive=drive, spectra=spectra,
             band=(max(b[0] for b in bands), min(b[1] for b in bands)) if bands else spectra.extent(drive),
             planned=sum(responses[names[0]].averages_in(item.seconds) for item in coming) if with_plan else None,
         )  # fmt: skip
     return found
 
 
-def _alike(responses: Mapping[str, GrowingSpectra]) -> Iterator[tuple[tuple[str, float], list[str]]]:
-    for key in dict.fromkeys((item.configuration, item.gain) for item in responses.values()):
-        yield key, [name for name, item in responses.items() if (item.configuration, item.gain) == key]
-
-
-def transfer_rows(group: AveragedRuns, drive: str) -> tuple[list[str], FloatArray]:
+def transfer_rows(group: AveragedRuns) -> tuple[list[str], FloatArray]:
     """Names of the responses, and rows to plot: Hz, then for each response magnitude, std, phase, std (deg), coherence."""
-    frfs, kept = group.frfs(drive), _spread(group)
+    frfs, kept = group.frfs(), group.lines()
+    kept = kept[_even(group.spectra.frequency[kept])]
     rows = [group.spectra.frequency[kept]]
     for frf in frfs.values():
         value = frf.value[kept]
@@ -156,37 +154,29 @@ def ratio_rows(
     """The ratio |response / drive| of two configurations (thesis, Eq. 6).
 
     Names of the gains measured in both configurations, and rows to plot: Hz, then each ratio and its std; None without one."""
-    pairs = {}
+    curves: dict[float, tuple[FloatArray, list[FloatArray]]] = {}
     for gain in sorted({gain for _, gain in groups}, reverse=True):
         upper, lower = (groups.get((configuration, gain)) for configuration in over)
         if upper is None or lower is None or not {response, drive} <= set(upper.spectra.channels) & set(lower.spectra.channels):
             continue
         n = min(len(upper.spectra.frequency), len(lower.spectra.frequency))
-        if np.array_equal(upper.spectra.frequency[:n], lower.spectra.frequency[:n]):
-            pairs[gain] = upper, lower
-    if not pairs:
+        frequency = upper.spectra.frequency[:n]
+        if np.array_equal(frequency, lower.spectra.frequency[:n]):
+            found = magnitude_ratio(*(_cut(group.spectra.frf(response, drive), n) for group in (upper, lower)))
+            inside = np.isin(np.arange(n), np.intersect1d(upper.lines(), lower.lines()))
+            curves[gain] = frequency, [np.where(inside, values, np.nan) for values in found]
+    if not curves:
         return None
-    longest = max((min(pair, key=lambda g: len(g.spectra.frequency)) for pair in pairs.values()), key=lambda g: g.band[1])
-    frequency = longest.spectra.frequency
-    rows = [frequency]
-    for upper, lower in pairs.values():
-        n = min(len(upper.spectra.frequency), len(lower.spectra.frequency))
-        if not np.array_equal(frequency[:n], upper.spectra.frequency[:n]):
-            return None
-        found = magnitude_ratio(*(_cut(group.spectra.frf(response, drive), n) for group in (upper, lower)))
-        inside = np.isin(np.arange(len(frequency)), np.intersect1d(upper.lines(), lower.lines()))
-        rows += [np.where(inside, np.pad(values, (0, len(frequency) - n)), np.nan) for values in found]
-    kept = np.flatnonzero(np.isfinite(rows[1:]).any(axis=0))
-    return [f"gain {gain:g}" for gain in pairs], np.stack(rows)[:, kept[_even(frequency[kept])]]
+    longest = max((frequency for frequency, _ in curves.values()), key=len)
+    if not all(np.array_equal(longest[: len(frequency)], frequency) for frequency, _ in curves.values()):
+        return None
+    rows = [np.pad(row, (0, len(longest) - len(row)), constant_values=np.nan) for _, pair in curves.values() for row in pair]
+    kept = np.flatnonzero(np.isfinite(rows).any(axis=0))
+    return [f"gain {gain:g}" for gain in curves], np.stack([longest, *rows])[:, kept[_even(longest[kept])]]
 
 
 def _cut(frf: Frf, n: int) -> Frf:
     return replace(frf, value=frf.value[:n], magnitude_std=frf.magnitude_std[:n])
-
-
-def _spread(group: AveragedRuns) -> np.ndarray:
-    kept = group.lines()
-    return kept[_even(group.spectra.frequency[kept])]
 
 
 def _even(frequency: FloatArray) -> np.ndarray | slice:

@@ -97,6 +97,12 @@ class _Track:
     def seconds(self) -> float:
         return (self.n + self.lost) / self.rate
 
+    def shown(self) -> ShownRun:
+        return ShownRun(
+            planned=self.planned, seconds=self.seconds, lost=self.lost, levels=self.levels.levels(), whole=self.whole,
+            judged=self.judged,
+        )  # fmt: skip
+
 
 class Board:
     """Follows a session and creates its displayed content.
@@ -121,7 +127,6 @@ class Board:
     def see(self, reading: Reading, publish: Callable[[Snapshot], None]) -> None:
         """Process a reading; a picture is published after each new part of a run."""
         self._rig = _rig(reading.campaign)
-        drive = self._rig.drive.channel
         self._whole = tuple(run for run in reading.campaign.runs if run.id in reading.whole)
         if not self._tracks:
             self._picture = replace(self._picture, isolated=_missing_ratio(self._rig))
@@ -130,16 +135,16 @@ class Board:
             if track is None or track.started != run.started or len(run) < track.n:
                 for earlier in self._tracks.values():
                     earlier.levels.close()
-                track = self._tracks[run.id] = _Track(run, drive)
+                track = self._tracks[run.id] = _Track(run, self._rig.drive.channel)
             whole = run.id in reading.whole
             for stop in range(track.n + PART, len(run), PART):
-                self._add(track, beginning_of(run, stop), drive, whole=False)
+                self._add(track, beginning_of(run, stop), whole=False)
                 publish(self._picture)
             if len(run) > track.n or whole > track.whole:
-                self._add(track, run, drive, whole=whole)
+                self._add(track, run, whole=whole)
                 publish(self._picture)
 
-    def _add(self, track: _Track, run: Run, drive: str, *, whole: bool) -> None:
+    def _add(self, track: _Track, run: Run, *, whole: bool) -> None:
         track.levels.add(run)
         track.response.add(run)
         # Not added to the previous data: a reading that failed halfway may have added some.
@@ -155,29 +160,26 @@ class Board:
         plots = dict(self._picture.plots)
         if new or self._picture.shown != run.id:
             plots["time"] = self._plot(track.levels.recent().keys(), track.levels.trace())
-        texts: dict[str, str] = {}
-        if averaged or run.id != self._picture.shown:
-            plots, texts = self._averages(plots, track, drive)
-        self._picture = Snapshot(
-            runs={name: _shown_run(item) for name, item in self._tracks.items()}, shown=run.id,
-            grown=time.monotonic() if new else self._picture.grown, plots=plots, advice=tuple(_advice(track, run, self._rig)),
-            averaged=texts.get("averaged", self._picture.averaged), isolated=texts.get("isolated", self._picture.isolated),
+        texts = self._averages(plots, track) if averaged or run.id != self._picture.shown else {}
+        self._picture = replace(
+            self._picture, runs={name: item.shown() for name, item in self._tracks.items()}, shown=run.id, plots=plots,
+            grown=time.monotonic() if new else self._picture.grown, advice=tuple(_advice(track, run, self._rig)), **texts,
         )  # fmt: skip
 
-    def _averages(self, plots: dict[str, Plot], track: _Track, drive: str) -> tuple[dict[str, Plot], dict[str, str]]:
+    def _averages(self, plots: dict[str, Plot], track: _Track) -> dict[str, str]:
+        # Adds the plots of averages; the texts about them.
+        response, drive, over = self._rig.usual_ratio
         groups = groups_of({name: item.response for name, item in self._tracks.items()}, self._planned, drive)
         texts: dict[str, str] = {}
         here = groups.get((track.response.configuration, track.response.gain))
         if here is not None:
-            names, rows = transfer_rows(here, drive)
-            plots["frf"] = self._plot(names, rows)
-            texts["averaged"] = here.text(drive, alone=len(self._rig.configurations) == 1)
-        response, _, over = self._rig.usual_ratio
+            plots["frf"] = self._plot(*transfer_rows(here))
+            texts["averaged"] = here.text(alone=len(self._rig.configurations) == 1)
         ratio = ratio_rows(groups, response, drive, (over[0], over[1])) if len(over) == 2 else None
         if ratio is not None:
             plots["isolation"] = self._plot(*ratio)
             texts["isolated"] = f"|{response} / {drive}|, {over[0]} divided by {over[1]}, at {', '.join(ratio[0])}."
-        return plots, texts
+        return texts
 
     def _plot(self, names: Iterable[str], rows: FloatArray) -> Plot:
         self._version += 1
@@ -194,13 +196,6 @@ class Board:
             rig=self._rig, others=[other for other in self._whole if other.id != run.id],
         )  # fmt: skip
         return Judgement(good=verdict.good, advice=verdict.advice)
-
-
-def _shown_run(track: _Track) -> ShownRun:
-    return ShownRun(
-        planned=track.planned, seconds=track.seconds, lost=track.lost, levels=track.levels.levels(), whole=track.whole,
-        judged=track.judged,
-    )  # fmt: skip
 
 
 def _rig(campaign: Campaign) -> RigModel:
@@ -224,13 +219,11 @@ def _advice(track: _Track, run: Run, rig: RigModel) -> Iterator[str]:
     for level in levels:
         if level.over:
             yield f"{level.name} reached the end of its range; choose a larger range or a lower gain."
-    if track.seconds >= EARLY:
-        inside = [level for level in levels if not level.over]
-        full_scale = {level.name: level.full for level in inside if level.full is not None}
-        yield from advice({level.name: level.held for level in inside if level.full is not None}, full_scale)
-    recent = track.levels.recent()
     if track.seconds < EARLY:
         return
+    inside = {level.name: level.held for level in levels if not level.over}
+    yield from advice(inside, {level.name: level.full for level in levels if level.full is not None})
+    recent = track.levels.recent()
 
     def parts(one: str, other: str) -> list[tuple[FloatArray, FloatArray]] | None:
         return [(recent[one], recent[other])] if {one, other} <= set(recent) else None

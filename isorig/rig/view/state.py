@@ -13,7 +13,7 @@ from isorig.rig.acquire.equations import EquationsReport
 from isorig.rig.acquire.notes import Note
 from isorig.rig.acquire.policy import LARGE_SHARE, SMALL_SHARE
 from isorig.rig.view.levels import ChannelLevel
-from isorig.rig.view.messages import SessionState
+from isorig.rig.view.messages import Judgement, SessionState
 from isorig.rig.view.run_list import Planned
 from isorig.rig.view.snapshot import ShownRun, Snapshot
 
@@ -34,27 +34,28 @@ class Subject:
 
 
 def state_of(subject: Subject, picture: Snapshot, standing: SessionState | None) -> dict[str, Any]:
-    """All that the page shows except its plots, as plain values."""
+    """All that the page shows except its plots, as plain values; `standing` is None where another process has the session."""
+    told = standing or SessionState(notes=tuple(subject.notes))
     age = time.monotonic() - picture.grown if picture.grown else None
-    runs = _runs(subject, picture, standing)
+    phase = told.phase if standing is not None else _phase(subject, picture, age)
+    # The results of this session's own checks come first.
+    judged = {name: run.judged for name, run in picture.runs.items() if run.judged is not None} | told.judged
+    runs = _runs(subject, picture, standing, judged)
     shown = picture.runs.get(picture.shown)
-    asked = standing.run if standing is not None and standing.run else picture.shown
-    lasting = _phase(subject, picture, standing, age) == "measures"
+    lasting = phase == "measures"
     return {
-        "title": subject.title, "mode": subject.mode, "phase": _phase(subject, picture, standing, age),
-        "text": "" if standing is None else standing.text,
-        "may": [] if standing is None else list(standing.may),
-        "run": _about(asked, runs, known=bool(subject.planned)), "asked": "" if standing is None else standing.run,
-        "last": "" if standing is None else standing.last,
+        "title": subject.title, "mode": subject.mode, "phase": phase, "text": told.text, "may": list(told.may),
+        "run": _about(told.run or picture.shown, runs, known=bool(subject.planned)), "asked": told.run, "last": told.last,
         "session_left": sum(max(run["of"] - run["seconds"], 0.0) for run in runs if run["state"] in ("planned", "now"))
         if subject.planned else None,
         "shown": picture.shown, "lost": 0 if shown is None else shown.lost, "age": age if lasting else None,
-        "damaged": 0 if standing is None else standing.damaged, "overloads": 0 if standing is None else standing.overloads,
+        "damaged": told.damaged, "overloads": told.overloads,
         "channels": [] if shown is None else [_channel(level, picture.runs) for level in shown.levels],
         "limits": [SMALL_SHARE, LARGE_SHARE], "averaged": picture.averaged, "isolated": picture.isolated,
-        "advice": _advice(picture, standing, lasting), "verdict": _verdict(subject, picture, standing), "runs": runs,
-        "equations": None if standing is None or standing.equations is None else _equations(standing.equations),
-        "notes": msgspec.to_builtins(subject.notes if standing is None else standing.notes),
+        "advice": list(picture.advice) if lasting and picture.advice else _advice(picture, judged),
+        "verdict": _verdict(subject, {name: judged[name] for name in picture.runs if name in judged}), "runs": runs,
+        "equations": None if told.equations is None else _equations(told.equations),
+        "notes": msgspec.to_builtins(told.notes),
     }  # fmt: skip
 
 
@@ -63,9 +64,7 @@ def _equations(told: EquationsReport) -> dict[str, Any]:
     return {"text": told.sentence, "limit": told.limit, "bars": bars}
 
 
-def _phase(subject: Subject, picture: Snapshot, standing: SessionState | None, age: float | None) -> str:
-    if standing is not None:
-        return standing.phase
+def _phase(subject: Subject, picture: Snapshot, age: float | None) -> str:
     if not picture.runs:
         return "begins"
     if all(run.whole for run in picture.runs.values()) and all(item.id in picture.runs for item in subject.planned):
@@ -73,30 +72,32 @@ def _phase(subject: Subject, picture: Snapshot, standing: SessionState | None, a
     return "measures" if age is not None and age < QUIET else "quiet"
 
 
-def _runs(subject: Subject, picture: Snapshot, standing: SessionState | None) -> list[dict[str, Any]]:
+def _runs(
+    subject: Subject, picture: Snapshot, standing: SessionState | None, judged: Mapping[str, Judgement]
+) -> list[dict[str, Any]]:
     planned = {item.id: item for item in subject.planned}
     planned |= {name: run.planned for name, run in picture.runs.items() if name not in planned}
     now = standing.run if standing is not None and standing.phase == "measures" else ""
     alone = len({about.configuration for about in planned.values()}) == 1
     rows = []
     for name, about in planned.items():
-        run, judged = picture.runs.get(name), _judged(name, picture, standing)
-        if name == now or (standing is None and run is not None and not run.whole):
+        run = picture.runs.get(name)
+        whole = run is not None and run.whole
+        if name == now or (standing is None and run is not None and not whole):
             state = "now"
         elif standing is not None and name in standing.stopped:
             state = "stopped"
-        elif judged is not None or (run is not None and run.whole):
-            state = "taken"
         else:
-            state = "planned"
-        good, advice = judged if judged is not None else (True, ())
+            state = "taken" if whole or name in judged else "planned"
+        found = judged.get(name, Judgement(good=True, advice=()))
         seconds = 0.0 if run is None else run.seconds
         if standing is not None and name == now:
             seconds = standing.seconds
         rows.append(
             {
                 "id": name, "set_up": "" if alone else about.configuration, "gain": about.gain, "of": about.seconds or seconds,
-                "seconds": seconds, "lost": 0 if run is None else run.lost, "state": state, "good": good, "advice": list(advice),
+                "seconds": seconds, "lost": 0 if run is None else run.lost, "state": state, "good": found.good,
+                "advice": list(found.advice),
             }
         )  # fmt: skip
     return rows
@@ -107,39 +108,26 @@ def _about(name: str, runs: list[dict[str, Any]], *, known: bool) -> dict[str, A
     return None if number is None else {**runs[number], "number": number + 1, "count": len(runs) if known else None}
 
 
-def _judged(name: str, picture: Snapshot, standing: SessionState | None) -> tuple[bool, Sequence[str]] | None:
-    if standing is not None and name in standing.judged:
-        return standing.judged[name].good, standing.judged[name].advice
-    run = picture.runs.get(name)
-    return None if run is None or run.judged is None else (run.judged.good, run.judged.advice)
-
-
 def _channel(level: ChannelLevel, runs: Mapping[str, ShownRun]) -> dict[str, Any]:
     over = [name for name, run in runs.items() if any(item.over for item in run.levels if item.name == level.name)]
-    return {
-        "name": level.name, "unit": level.unit, "rms": level.rms, "peak": level.peak, "held": level.held, "full": level.full,
-        "over": over,
-    }  # fmt: skip
+    return {**msgspec.structs.asdict(level), "over": over}
 
 
-def _advice(picture: Snapshot, standing: SessionState | None, lasting: bool) -> list[str]:
-    if lasting and picture.advice:
-        return list(picture.advice)
+def _advice(picture: Snapshot, judged: Mapping[str, Judgement]) -> list[str]:
+    # Of the last run that has any.
     for name in reversed(list(picture.runs)):
-        judged = _judged(name, picture, standing)
-        if judged is not None and judged[1]:
-            return [f"{name}: {sentence}" for sentence in judged[1]]
+        if name in judged and judged[name].advice:
+            return [f"{name}: {sentence}" for sentence in judged[name].advice]
     return []
 
 
-def _verdict(subject: Subject, picture: Snapshot, standing: SessionState | None) -> str:
+def _verdict(subject: Subject, judged: Mapping[str, Judgement]) -> str:
     # Only the post-run checks: a diagnosis is another command.
-    judged = {name: found for name in picture.runs if (found := _judged(name, picture, standing)) is not None}
     if not judged:
         return "Provisional: no run has been measured yet."
     taken = f"{len(judged)} of {len(subject.planned)} runs" if subject.planned else f"{len(judged)} runs"
-    bad = [name for name, (good, _) in judged.items() if not good]
-    with_advice = [name for name, (good, advice) in judged.items() if good and advice]
+    bad = [name for name, found in judged.items() if not found.good]
+    with_advice = [name for name, found in judged.items() if found.good and found.advice]
     result = f"repeat {', '.join(bad)}" if bad else "no run needs to be repeated"
     findings = f"; findings in {', '.join(with_advice)}" if with_advice else ""
     rest = "" if bad or with_advice else ", no findings"

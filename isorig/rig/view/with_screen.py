@@ -42,35 +42,29 @@ def viewed(plan: Plan, output: Path, operator: Operator, terminal: Terminal, *, 
     OutputError
         The screen does not start.
     """
-    planned = planned_by(plan)
-    desk = Desk(planned, output, asks=asks)
+    desk = Desk(planned_by(plan), output, asks=asks)
     display = DisplayThread()
+    question = ""
+
+    def ask(standing: SessionState) -> None:
+        # What the session waits for, once for each change.
+        nonlocal question
+        asked = standing.text if standing.phase in ("asks", "finishes") and standing.may else ""
+        if asked and asked != question:
+            display.each(lambda: terminal.asked(standing.run, asked))
+        question = asked
 
     def answer() -> None:
         while answer_line():
             desk.ask(PageRequest(do="next", run=desk.standing.run))
 
     try:
-        with SessionScreen(desk, planned, output) as screen:
+        with SessionScreen(desk) as screen:
             display.each(lambda: terminal.shown(screen.address))
-            desk.listeners.append(_Questions(terminal, display).stands)
+            desk.listeners.append(ask)
             if asks:
                 threading.Thread(target=answer, name="standard input", daemon=True).start()
             yield desk, desk.operator(decoupled_operator(operator, display))
         display.settle()
     finally:
         display.end()
-
-
-class _Questions:
-    """Prints what a session waits for in the terminal, once for each change."""
-
-    def __init__(self, terminal: Terminal, display: DisplayThread) -> None:
-        self._terminal, self._display = terminal, display
-        self._asked = ""
-
-    def stands(self, standing: SessionState) -> None:
-        asked = standing.text if standing.phase in ("asks", "finishes") and standing.may else ""
-        if asked and asked != self._asked:
-            self._display.each(lambda: self._terminal.asked(standing.run, asked))
-        self._asked = asked

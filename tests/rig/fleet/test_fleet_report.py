@@ -15,7 +15,7 @@ from isorig.rig.fleet.catalogue import Catalogue
 from isorig.rig.fleet.change_causes import name_of
 from isorig.rig.fleet.history import followed
 from isorig.rig.fleet.report import fleet_page
-from isorig.rig.report.sparkline import MOST, sparkline
+from isorig.rig.report.page import MOST, Sparkline
 
 PROBE = """<script>
 addEventListener("load", () => setTimeout(async () => {
@@ -101,11 +101,11 @@ def test_page_says_what_changed_when_by_how_much_and_why(page: str) -> None:
 
 
 def test_sparklines_stay_small() -> None:
-    many = sparkline(np.arange(500.0), "rising", [3, 499])
+    many = Sparkline(values=np.arange(500.0), description="rising", marked=[3, 499])
     assert len(many.points.split()) == MOST
-    assert len(many.marks) == 1
-    assert sparkline(np.array([2.0]), "one", [0]).points == "32,10"
-    assert {p.split(",")[1] for p in sparkline(np.full(5, 1.0), "level").points.split()} == {"10"}
+    assert len(many.dots) == 1
+    assert Sparkline(values=np.array([2.0]), description="one", marked=[0]).points == "32,10"
+    assert {p.split(",")[1] for p in Sparkline(values=np.full(5, 1.0), description="level").points.split()} == {"10"}
 
 
 def test_a_cause_that_the_diagnosis_names_is_the_cause_of_the_change(tmp_path: Path) -> None:

@@ -62,7 +62,7 @@ def test_nothing_is_lost_at_the_full_rate(tmp_path: Path, trouble: str) -> None:
     desk = Desk(planned_by(plan), output, asks=False)
     frames: list[int] = []
     with ramp_instrument(speed=1.0, rows=64, inputs=INPUTS) as (port, instrument):
-        with SessionScreen(desk, planned_by(plan), output) as screen:
+        with SessionScreen(desk) as screen:
             beside = screen_process()
             quick, *still = (Socket(screen.address) for _ in range(6))
             thread = threading.Thread(target=answering, args=(quick, frames), daemon=True)
