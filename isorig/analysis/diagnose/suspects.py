@@ -339,6 +339,9 @@ class Suspects:
         explanation = next((e for e in self.chosen if self._is(e, candidate.cause, candidate.location)), None)
         if explanation is None:
             return _Begun(models=[(None, start) for start in candidate.starts], explanation=None)
+        if (kind_of(candidate.cause), explanation.kind) == ("friction_shape", "memory"):
+            # The friction that holds a body at rest does not follow from its motion.
+            return _Begun(models=[(None, start) for start in candidate.starts], explanation=explanation)
         kept = {free.path for free in candidate.parameters(candidate.starts[0], current)} - {f.path for f in candidate.free}
         values, force = self._solved(explanation)
         element = self._element(candidate.location)

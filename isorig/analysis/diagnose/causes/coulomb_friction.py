@@ -23,6 +23,8 @@ class CoulombFriction(Cause):
     rank = 0
     phrase = "dry friction of {friction_force} at the {place}"
     signs = frozenset({"amplitude", "blocked by the lock"})
+    # Slip elements that give little imitate it, and where a body often rests they follow its force better.
+    found_as = frozenset({"slip"})
 
     def places(self, model: RigModel) -> tuple[str, ...]:
         taken = {contact.name for contact in model.contacts}

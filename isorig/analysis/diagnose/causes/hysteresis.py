@@ -36,6 +36,7 @@ class Hysteresis(Cause):
     rank = 4
     phrase = "hysteresis in the {place}: {friction_force} that build up with {initial_stiffness} after every reversal"
     signs = frozenset({"amplitude", "blocked by the lock", "softens"})
+    found_as = frozenset({"slip"})
 
     def places(self, model: RigModel) -> tuple[str, ...]:
         taken = {contact.name for contact in model.contacts if not isinstance(contact.law, Coulomb)}

@@ -32,6 +32,7 @@ class PlayAndFriction(LinkCause):
     law = ElastoSlip
     sliding = True
     names: ClassVar[Mapping[str, str]] = {"slip_force": "friction_force"}
+    found_as = frozenset({"slip"})
     phrase = "play of {play} with friction of {friction_force} behind it in the {place}"
 
     def can_be_at(self, model: RigModel, link: Link) -> bool:

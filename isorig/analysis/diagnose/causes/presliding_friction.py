@@ -18,6 +18,7 @@ class PreslidingFriction(ContactCause):
     law = Dahl
     phrase = "friction at the {place} that is elastic before it slides, with {bristle_stiffness}"
     signs = frozenset({"amplitude", "blocked by the lock", "softens", "less at low and high velocity"})
+    found_as = frozenset({"slip"})
 
     def starts(self, contact: ContactInRuns) -> Iterable[RigModel]:
         force = contact.likely_friction
