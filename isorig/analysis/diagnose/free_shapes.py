@@ -308,9 +308,12 @@ def _drift_of(
         Free(path=f"{path}.values.{k}", low=-0.95 * constant, log=False, step=1e-3 * constant) for k in range(1, len(at))
     )
     shape = Shape(over="time", unit="s", value_unit=unit, path=path, tables=("values",))
+    # Where it takes the place of a law, the other laws have other places.
+    dropped = (f"links.{place}.laws",) if any(isinstance(each, law) for each in link.laws) else ()
     return Candidate(
-        cause="drift", location=place, family="drift curve", starts=(start,), free=free, reported=(), rank=9, shape=shape
-    )
+        cause="drift", location=place, family="drift curve", starts=(start,), free=free, reported=(), dropped=dropped, rank=9,
+        shape=shape,
+    )  # fmt: skip
 
 
 def _bend(model: RigModel, evidence: Evidence, channel: str) -> Candidate | None:

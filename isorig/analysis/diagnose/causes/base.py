@@ -92,6 +92,10 @@ class Evidence(Amplitudes):
     guess: RigModel
     pitches: Mapping[str, float] = field(default_factory=dict)
 
+    def is_silent(self, channel: str) -> bool:
+        """Whether a channel records nothing but zeros."""
+        return self.peak.get(channel) == 0.0
+
     def before(self, link: Link) -> Link:
         """A link before any fit; the link itself if a step has added it."""
         return _known(link, self.guess)

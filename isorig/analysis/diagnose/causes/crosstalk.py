@@ -25,7 +25,7 @@ class Crosstalk(ChannelCause):
         return sensor_channels(model)
 
     def proposed(self, model: RigModel, evidence: Evidence, place: str) -> Iterator[Candidate]:
-        for source in _sources(model, place):
+        for source in (name for name in _sources(model, place) if not evidence.is_silent(name)):
             path = f"{chain_of(model, place)[1]}.crosstalk.{source}"
             yield Candidate(
                 cause=self.name, location=place, family=self.family, rank=self.rank, starts=(_mixed(model, place, source, 0.0),),

@@ -6,7 +6,8 @@ from typing import Any
 
 import msgspec
 
-from isorig.analysis.diagnose.causes.base import Cause, exchange
+from isorig.analysis.diagnose.causes.base import Cause, Evidence, exchange
+from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.model.rig_model import Chain, RigModel
 
 
@@ -39,3 +40,7 @@ class ChannelCause(Cause):
     def places(self, model: RigModel) -> tuple[str, ...]:
         """The drive's channel and the sensors'."""
         return (model.drive.channel, *sensor_channels(model))
+
+    def candidates(self, model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
+        """Every channel that records anything: a rig that is only released has a drive of zeros."""
+        return tuple(c for c in super().candidates(model, evidence) if not evidence.is_silent(c.location))
