@@ -180,8 +180,10 @@ def sized(value: float, unit: str, std: float | None = None, digits: int = 3) ->
 
 
 def sized_unit(value: float, unit: str) -> tuple[float, str]:
-    """SI value and name of the unit in which a value of an SI unit is written."""
+    """SI value and name of the unit in which a value of an SI unit is written; zero is in the SI unit."""
     sizes = SIZED.get(unit)
     if sizes is None:
         return 1.0, unit.replace("^2", "²").replace("^3", "³")
-    return next((scale, name) for least, scale, name in sizes if abs(value) >= least or not value)
+    if not value:
+        return next((scale, name) for _, scale, name in sizes if scale == 1.0)
+    return next((scale, name) for least, scale, name in sizes if abs(value) >= least)
