@@ -66,6 +66,14 @@ def test_a_cause_to_which_the_equations_point_is_not_ruled_out() -> None:
     )
 
 
+def test_an_error_of_many_times_the_signal_loses_the_motion() -> None:
+    first, *others = findings().candidates
+    lost = findings(candidates=[msgspec.structs.replace(first, holdout_error=5e11), *others])
+    assert conclude(lost).ruled_out.endswith("stiffness drift at the coupling (34 %), and 1 more.")
+    lost = findings(candidates=[msgspec.structs.replace(first, holdout_error=5e11)])
+    assert conclude(lost).ruled_out == "Ruled out, with the error each leaves: end stop at the coupling (loses the motion)."
+
+
 def test_a_numbered_place_has_no_article_and_an_error_below_the_noise_floor_is_stated() -> None:
     found = findings(steps=[named(location="l2")])
     found = msgspec.structs.replace(found, holdout=msgspec.structs.replace(found.holdout, extended=0.006))
