@@ -29,8 +29,10 @@ ASKED = {
 
 
 def cause(variant: Variant) -> str:
-    """A cause at its place."""
-    return f"{words(variant.cause)} at {variant.location}" if variant.cause else "the model without a further cause"
+    """A cause at its place, with what distinguishes it from others of the same cause there."""
+    if not variant.cause:
+        return "the model without a further cause"
+    return f"{words(variant.cause)} at {variant.location} {variant.detail}".rstrip()
 
 
 def reasons(item: Proposed, proposal: Proposal, now: Situation) -> list[str]:
