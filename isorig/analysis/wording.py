@@ -160,8 +160,8 @@ def sized(value: float, unit: str, std: float | None = None, digits: int = 3) ->
     --------
     >>> sized(0.0005, "m", 3e-7), sized(2871.5, "N/m", 60.0), sized(0.0005, "m")
     ('0.5000 ± 0.0003 mm', '2.87 ± 0.06 kN/m', '0.5 mm')
-    >>> sized(0.795, "1", 0.001), sized(4.2, "N s/m")
-    ('79.50 ± 0.10 %', '4.2 N s/m')
+    >>> sized(0.795, "1", 0.001), sized(4.2, "N s/m"), sized(1.783e6, "N/m", 5e8)
+    ('79.50 ± 0.10 %', '4.2 N s/m', '1800 ± 500000 kN/m')
     """
     scale, name = sized_unit(value or std or 0.0, unit)
     of = f" {name}" if name else ""
@@ -175,13 +175,16 @@ def sized(value: float, unit: str, std: float | None = None, digits: int = 3) ->
     order = int(np.floor(np.log10(abs(number)))) if number else first
     if not LEAST_ORDER <= order < MOST_DIGITS:
         return f"{number:.{digits}g} ± {spread:.1g}{of}"
-    shown = min(places, MOST_DIGITS - 1 - order)
+    # An uncertainty above the value must not round it to zero: it keeps two digits.
+    shown = min(places, MOST_DIGITS - 1 - order) if places >= -order else 1 - order
     return f"{round(number, shown):.{max(shown, 0)}f} ± {round(spread, places):.{max(places, 0)}f}{of}"
 
 
 def sized_unit(value: float, unit: str) -> tuple[float, str]:
-    """SI value and name of the unit in which a value of an SI unit is written."""
+    """SI value and name of the unit in which a value of an SI unit is written; zero is in the SI unit."""
     sizes = SIZED.get(unit)
     if sizes is None:
         return 1.0, unit.replace("^2", "²").replace("^3", "³")
-    return next((scale, name) for least, scale, name in sizes if abs(value) >= least or not value)
+    if not value:
+        return next((scale, name) for _, scale, name in sizes if scale == 1.0)
+    return next((scale, name) for least, scale, name in sizes if abs(value) >= least)

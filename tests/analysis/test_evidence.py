@@ -1,5 +1,8 @@
 """What the records say before any fit: each hidden effect leaves its sign beside the sound rig's simulation, a sound rig none."""
 
+import re
+from dataclasses import replace
+
 import msgspec
 import numpy as np
 import pytest
@@ -89,6 +92,20 @@ def test_sound_rig_leaves_none() -> None:
     assert starts == {"Rigid bodies", "Configurations", "Homogeneity", "Repeatability", "Periods"}
     assert all("agree" in s.text for s in found if s.text.startswith(("Rigid", "Repeat")))
     assert wrong(SOUND) == ()
+
+
+def test_a_discrepancy_names_its_run_first() -> None:
+    found = wrong(linked(laws.Cubic(cubic_stiffness=2e9)))
+    assert any(re.match(r"In run 'u70b' \(unlocked at gain 70\) the \w+ is simulated between \S+ and", d.text) for d in found)
+
+
+def test_released_runs_have_no_period_to_miss() -> None:
+    campaign = played(SOUND)
+    trials = trials_of(campaign)
+    released = tuple(replace(trial, run=replace(trial.run, excitation="free")) for trial in trials)
+    mixed = (*released[1:], trials[0])
+    for some, expected in ((released, False), (mixed, True)):
+        assert any(sign.text.startswith("Periods") for sign in signs(campaign, SOUND, some, doubles(SOUND, some))) is expected
 
 
 def test_the_surface_gives_the_stiffness_over_deflection() -> None:

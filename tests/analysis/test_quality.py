@@ -57,6 +57,15 @@ def test_a_sound_session_has_none(friction: float) -> None:
     assert not faults(virtual_campaign(wire_bonder({**THESIS, "friction_force": friction}), TAKES, seed=3), reference="head")
 
 
+def test_the_silent_drive_of_a_released_run_is_no_fault(session: Campaign) -> None:
+    silent = changed(session, "u70b", "head", np.zeros_like)
+    assert ("u70b", "head", "dead") in named(silent)
+    released = replace(silent, runs=tuple(replace(r, excitation="free") if r.id == "u70b" else r for r in silent.runs))
+    assert not named(released)
+    # A sensor that does not follow a released rig is dead as in any other run.
+    assert ("u70b", "motor", "dead") in named(changed(released, "u70b", "motor", np.zeros_like))
+
+
 def test_a_plug_that_loses_the_signal(session: Campaign) -> None:
     def lost(values: FloatArray) -> FloatArray:
         out = values.copy()

@@ -66,6 +66,14 @@ def test_a_cause_to_which_the_equations_point_is_not_ruled_out() -> None:
     )
 
 
+def test_an_error_of_many_times_the_signal_loses_the_motion() -> None:
+    first, *others = findings().candidates
+    lost = findings(candidates=[msgspec.structs.replace(first, holdout_error=5e11), *others])
+    assert conclude(lost).ruled_out.endswith("stiffness drift at the coupling (34 %), and 1 more.")
+    lost = findings(candidates=[msgspec.structs.replace(first, holdout_error=5e11)])
+    assert conclude(lost).ruled_out == "Ruled out, with the error each leaves: end stop at the coupling (loses the motion)."
+
+
 def test_a_numbered_place_has_no_article_and_an_error_below_the_noise_floor_is_stated() -> None:
     found = findings(steps=[named(location="l2")])
     found = msgspec.structs.replace(found, holdout=msgspec.structs.replace(found.holdout, extended=0.006))
@@ -146,8 +154,8 @@ def runs(levels: list[float], seconds: float = 60.0, **more: Any) -> Campaign:
     def channels(level: float) -> dict[str, Channel]:
         return {name: Channel(name=name, samples=level * rng.normal(size=round(256 * seconds))) for name in names}
 
-    common: dict[str, Any] = {"configuration": "unlocked", "sample_rate": 256.0, "gain": 1.0, "excitation": "random"}
-    return Campaign(runs=tuple(Run(id=f"r{k}", channels=channels(level), **common, **more) for k, level in enumerate(levels)))
+    common: dict[str, Any] = {"configuration": "unlocked", "sample_rate": 256.0, "gain": 1.0, "excitation": "random", **more}
+    return Campaign(runs=tuple(Run(id=f"r{k}", channels=channels(level), **common) for k, level in enumerate(levels)))
 
 
 def test_what_a_recording_lacks_is_said() -> None:
@@ -161,6 +169,16 @@ def test_what_a_recording_lacks_is_said() -> None:
     assert missing(runs([1.0, 1.0], long_enough, repeat_of="r0"), model) == []
     (said,) = missing(runs([1.0, 1.0], too_short, repeat_of="r0"), model)
     assert "run 'r0' and 1 more; record at least" in said
+
+
+def test_a_released_run_lacks_neither_length_nor_a_repeated_drive() -> None:
+    model = wire_bonder()
+    released = runs([1.0, 1.0], seconds=1.0, excitation="free")
+    assert missing(released, model) == []
+    driven = runs([1.0])
+    assert [said.split(" (")[0] for said in missing(Campaign(runs=(*released.runs, *driven.runs)), model)] == [
+        "No drive was played twice"
+    ]
 
 
 def test_runs_of_one_gain_with_several_levels_are_not_averaged_and_that_is_said() -> None:

@@ -201,6 +201,13 @@ def test_bars_of_equations_show_the_place() -> None:
     assert alone is not None
     assert len(alone.traces) == 1
     assert residual_chart({}) is None
+    # No equation is left for a force at a body without a sensor.
+    without = residual_chart({"motor": 40.0, "motor + load": 20.0}, {})
+    assert without is not None
+    assert [trace.name for trace in without.traces] == ["baseline"]
+    assert "The extended model has no bars" in without.caption
+    assert "The extended model has no bars" not in chart.caption
+    assert "is its place" not in chart.caption
 
 
 def test_the_tall_bar_is_the_place_and_the_extension_brings_it_down(answered: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -183,6 +184,12 @@ def test_limits_of_a_narrow_peak_are_corrected_for_leakage(tmp_path: Path, capsy
     said = capsys.readouterr().out
     assert "Leakage lowers" in said
     assert f"({peak['magnitude_limits'][0]:.3g}" in said
+    # The printed peak is corrected as its limits are.
+    shown = re.search(r"(\S+) \((\S+)–(\S+)\) ", said)
+    assert shown is not None
+    value, low, high = (float(each) for each in shown.groups())
+    assert low < value < high
+    assert value == pytest.approx(peak["magnitude"] - peak["leakage"], rel=2e-3)
     rows = np.genfromtxt(tmp_path / "out" / "block-over-force-gain1.csv", delimiter=",", names=True)
     near = np.abs(rows["frequency_hz"] - FREQUENCY) < 2.0
     curve = np.abs(accelerance(rows["frequency_hz"][near]))

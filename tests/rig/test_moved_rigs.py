@@ -26,6 +26,8 @@ from isorig.rig.files.rigtext import description_text
 
 #: Rate of the carts' records in Hz, their encoder's step in m, and the force in N of each run.
 RATE, COUNT, LEVELS = 400.0, 2.27e-5, (4.0, 7.0, 5.5)
+#: Rate of the records of a released cart in Hz.
+RELEASED_RATE = 250.0
 #: Masses in kg, springs in N/m and dampers in N s/m of the carts, from the ground on.
 MASSES, SPRINGS, DAMPERS = (0.8, 0.6), (480.0, 390.0), (2.2, 1.6)
 #: Rate of the damper's records in Hz, its damping in N s/m, and amplitude (m) and frequency (Hz) of each run.
@@ -125,6 +127,26 @@ def cart(late: float, seed: int, start: float = 0.0) -> tuple[list[Run], dict[st
         "sensors": [{"channel": "x", "body": "cart", "quantity": "displacement"}],
         "free": ["links.spring.stiffness", "links.spring.damping", *(f"configurations.normal.{key}.cart" for key in released)],
         "configurations": {"normal": released},
+    }  # fmt: skip
+    return runs, tree
+
+
+def releases(gain: float, late: float, seed: int) -> tuple[list[Run], dict[str, Any]]:
+    """A cart with dry friction, released from four places, its position read with a gain or late, and its description."""
+    draw, time, runs = np.random.default_rng(seed), np.arange(int(9 * RELEASED_RATE)) / RELEASED_RATE, []
+    starts = (0.11, 0.08, -0.06, 0.04)
+    for k, start in enumerate(starts):
+        x = np.interp(time - late, time, rubbed(time, lambda t: 0.0, [], start))
+        noisy = gain * x + draw.normal(0.0, 0.003 * float(np.std(x)), len(x))
+        made = run(f"r{k}", RELEASED_RATE, 1.0, {"push": ("force", np.zeros(len(x))), "x": ("displacement", noisy)})
+        runs.append(replace(made, configuration=f"release {k}", excitation="free"))
+    tree = {
+        "name": "cart", "bodies": [{"name": "cart", "mass": MASS}],
+        "links": [{"name": "spring", "a": "cart", "b": "ground", "stiffness": 1.12 * SPRING, "damping": 0.9 * DAMPER}],
+        "drive": {"channel": "push", "quantity": "force", "pushes": {"cart": 1.0}},
+        "sensors": [{"channel": "x", "body": "cart", "quantity": "displacement"}],
+        "free": ["links.spring.stiffness", "links.spring.damping"],
+        "configurations": {f"release {k}": {"initial_position": {"cart": start}} for k, start in enumerate(starts)},
     }  # fmt: skip
     return runs, tree
 
@@ -276,6 +298,23 @@ def test_a_cart_with_dry_friction_that_is_released(tmp_path: Path) -> None:
     (step,) = found["steps"]
     assert (found["verdict"], step["cause"], step["location"]) == ("explained", "coulomb_friction", "spring")
     assert near(step, "friction_force", DRY, 0.02)
+
+
+@pytest.mark.parametrize(
+    ("gain", "late", "second", "name", "size"),
+    [(1.0, 0.0, None, "", 0.0), (1.07, 0.0, "sensor_gain", "factor", 1.07), (1.0, 0.008, "channel_delay", "delay", 0.008)],
+)
+def test_noisy_releases_from_several_places(
+    gain: float, late: float, second: str | None, name: str, size: float, tmp_path: Path
+) -> None:  # fmt: skip
+    """The cart rests for most of each run, and its position is too noisy for the equations to show a reversal."""
+    found = diagnosed(releases(gain, late, 11), tmp_path)
+    steps = {(step["cause"], step["location"]): step for step in found["steps"]}
+    assert found["verdict"] == "explained"
+    assert set(steps) == {("coulomb_friction", "spring"), *([(second, "x")] if second else [])}
+    assert near(steps["coulomb_friction", "spring"], "friction_force", DRY, 0.02)
+    if second:
+        assert near(steps[second, "x"], name, size, 0.02)
 
 
 def test_a_stop_at_one_end(tmp_path: Path) -> None:

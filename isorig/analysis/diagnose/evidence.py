@@ -467,6 +467,8 @@ def _rubs(surface: Surface) -> list[Sign]:
 def _periods(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
     runs = [p.measured for p in pairs if p.trial.run.period is not None]
     if not runs:
+        if pairs and all(p.trial.run.excitation == "free" for p in pairs):
+            return []
         return [
             Sign(
                 text="Periods: no run has a periodic drive, so distortion cannot be separated from noise; the cause is "

@@ -87,7 +87,7 @@ def at_first(judged: Sequence[Trial], error: FloatArray, quiet: FloatArray) -> t
             if size**2 < ABOVE_NOISE * noise**2:
                 continue
             text = (
-                f"{capitalized(state(run.configuration, run.gain, alone))} ({run.id}) the first {seconds:g} s of "
+                f"In run {run.id!r} ({state(run.configuration, run.gain, alone)}) the first {seconds:g} s of "
                 f"{with_article(name)} are simulated with an error of {of_signal(size)}, where noise alone would be "
                 f"{of_signal(noise)}; "
                 "the end of the run fits."
@@ -129,15 +129,15 @@ def _bands(model: RigModel, trials: Sequence[Trial]) -> list[Discrepancy]:
             size, noise = (float(np.sqrt(power[inside].sum() / heard)) for power in (e, quiet))
             band = (round(float(edges[low]), 2), round(float(edges[high + 1]), 2))
             text = (
-                f"{_at(model, trial.run.configuration, trial.run.gain)} ({trial.run.id}) {with_article(name)} between "
-                f"{band[0]:g} and {band[1]:g} Hz is simulated with an error of {of_signal(size)}, where noise alone would be "
-                f"{of_signal(noise)}."
+                f"In run {trial.run.id!r} ({_state(model, trial.run.configuration, trial.run.gain)}) {with_article(name)} is "
+                f"simulated between {band[0]:g} and {band[1]:g} Hz with an error of {of_signal(size)}, where noise alone would "
+                f"be {of_signal(noise)}."
             )
             found.append(
                 Discrepancy(
                     channel=name, configuration=trial.run.configuration, gain=trial.run.gain, run=trial.run.id,
                     band_hz=band, what="time" if trial.run.excitation == "moves" else "frf", size=size, noise=noise,
-                    text=capitalized(text),
+                    text=text,
                 )
             )  # fmt: skip
     found.sort(key=lambda d: -d.size / max(d.noise, 1e-6))
@@ -217,7 +217,7 @@ def _peaks(model: RigModel, compared: Doubles) -> list[Discrepancy]:
         others = sorted({c for c, _ in shifts if c != configuration})
         fit = [c for c in others if _agree([s for k, s in shifts.items() if k[0] == c])]
         text = (
-            f"{_at(model, configuration, gain)} {with_article(sensor.channel)}'s peak is {abs(by):.2g} ± {std:.1g} Hz "
+            f"{_at(model, configuration, gain)}, {with_article(sensor.channel)}'s peak is {abs(by):.2g} ± {std:.1g} Hz "
             f"{'higher' if by > 0 else 'lower'} than simulated, at {at:.4g} Hz, and its height is {height:.3g} times the "
             "simulated one"
         )
@@ -246,8 +246,12 @@ def _error_in(pair: Double, channel: str, band: tuple[float, float]) -> tuple[fl
     return float(np.sqrt((np.abs(error) ** 2).sum() / signal)), float(np.sqrt(quiet / signal))
 
 
+def _state(model: RigModel, configuration: str, gain: float) -> str:
+    return state(configuration, gain, alone=len(model.configurations) == 1)
+
+
 def _at(model: RigModel, configuration: str, gain: float) -> str:
-    return capitalized(state(configuration, gain, alone=len(model.configurations) == 1))
+    return capitalized(_state(model, configuration, gain))
 
 
 def _coherences(model: RigModel, compared: Doubles) -> list[Discrepancy]:
@@ -267,7 +271,7 @@ def _coherences(model: RigModel, compared: Doubles) -> list[Discrepancy]:
             whole = float(np.sqrt(np.mean(seen.coherence[bad] ** 2)))
             size, noise = float(np.sqrt(np.mean(off[bad] ** 2))) / whole, float(np.sqrt(np.mean(std[bad] ** 2))) / whole
             text = (
-                f"{_at(model, configuration, gain)} the coherence of {with_article(sensor.channel)} with the drive is "
+                f"{_at(model, configuration, gain)}, the coherence of {with_article(sensor.channel)} with the drive is "
                 f"{seen.coherence[bad].mean():.3f} in {int(bad.sum())} frequency bins between {low:g} and {high:g} Hz, "
                 f"where the simulation has {seen.simulated_coherence[bad].mean():.3f}."
             )

@@ -74,7 +74,8 @@ class Revision:
     Parameters
     ----------
     division, floors, enough, tolerance
-        Fitted and held-out runs, the error allowed in each of the latter, the adequacy threshold, and the user's tolerance.
+        Fitted and held-out runs, the error allowed in the latter, shape (runs, channels), the adequacy threshold, and the user's
+        tolerance.
     evidence_of
         What the records show of a model.
     progress

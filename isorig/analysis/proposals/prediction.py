@@ -47,6 +47,8 @@ class Variant:
         Of the fitted values, in their units, shape (k, k).
     hum
         Hum on a channel: (channel, amplitude in its unit, frequency in Hz); None for no hum.
+    detail
+        What distinguishes it from others of the same cause and place, in words; empty if it is the only one.
     """
 
     cause: str
@@ -55,6 +57,7 @@ class Variant:
     free: tuple[Free, ...] = ()
     covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     hum: tuple[str, float, float] | None = None
+    detail: str = ""
 
     @property
     def key(self) -> Key:

@@ -23,6 +23,8 @@ ATTENUATION = 80.0
 PART = 512
 #: Largest corner frequency of a high-pass, as a share of the sample rate: a digital filter has none from one half on.
 HIGHEST_CORNER = 0.49
+#: Samples, besides the delay, for which a delayed signal keeps its values beyond its ends: the interpolation has died away then.
+HELD = 32
 #: Number of samples kept after the end of a shortened drive.
 AFTER = 256
 #: Linear interpolation between values attenuates a spectrum by sinc^2; this filter compensates it to fourth order in the step.
@@ -265,10 +267,14 @@ def recharged(x: FloatArray, corner: float, rate: float) -> FloatArray:
 
 
 def shift(x: FloatArray, delay: float, rate: float) -> FloatArray:
-    """x(t - delay), band-limited, by a phase shift of the zero-padded spectrum."""
+    """x(t - delay), band-limited, by a phase shift of the spectrum; beyond its ends x keeps its first and last value."""
     if delay == 0.0:
         return x
     n = len(x)
-    size = 1 << int(np.ceil(np.log2(n + 2 * abs(delay) * rate + 64)))
+    held = int(np.ceil(abs(delay) * rate)) + HELD
+    size = 1 << int(np.ceil(np.log2(n + 3 * held)))
+    # Between the held values it changes without a jump, which would ring.
+    fade = np.concatenate([np.zeros(held), 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, size - n - 2 * held)), np.ones(held)])
+    whole = np.concatenate([x, x[-1] + (x[0] - x[-1]) * fade])
     f = np.fft.rfftfreq(size, 1.0 / rate)
-    return np.asarray(np.fft.irfft(np.fft.rfft(x, size) * np.exp(-2j * np.pi * f * delay), size)[:n])
+    return np.asarray(np.fft.irfft(np.fft.rfft(whole) * np.exp(-2j * np.pi * f * delay), size)[:n])

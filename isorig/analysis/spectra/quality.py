@@ -90,8 +90,11 @@ def faults(campaign: Campaign, *, reference: str) -> tuple[Fault, ...]:
     >>> [(fault.run, fault.channel, fault.kind) for fault in iso.faults(spoilt, reference="head")]
     [('u70', 'motor', 'dead')]
     """
+    # Nothing drives a released run: the record of its drive is silent, and says nothing about a sensor.
+    released = {(run.id, reference) for run in campaign.runs if run.excitation == "free"}
     found = [fault for run in campaign.runs for fault in (*_clipped(run), *_dead(run), *_short(run))]
-    hurt = {(fault.run, fault.channel) for fault in found if fault.kind == "dead"}
+    found = [fault for fault in found if fault.kind != "dead" or (fault.run, fault.channel) not in released]
+    hurt = released | {(fault.run, fault.channel) for fault in found if fault.kind == "dead"}
     found += [fault for run in campaign.runs for fault in _stuck(run, reference) if (run.id, fault.channel) not in hurt]
     found += _noisy(campaign, hurt)
     spectra_by_run = {run.id: _spectra_of(run, reference) for run in broad(campaign.runs) if (run.id, reference) not in hurt}

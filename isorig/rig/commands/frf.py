@@ -272,10 +272,10 @@ def _per(units: Sequence[str]) -> str:
 
 
 def _magnitude(peak: dict[str, Any]) -> str:
-    # To two or three digits of the width of its limits.
+    # Corrected for leakage as its limits are, to two or three digits of their width.
     if peak["magnitude_limits"] is None:
         return f"{peak['magnitude']:.3g} (none)"
     low, high = peak["magnitude_limits"]
     width = max(high - low, 1e-6 * high)
     digits = min(6, int(log10(high / width)) + 3) if width > 0.0 else 3
-    return f"{peak['magnitude']:.{digits}g} ({low:.{digits}g}–{high:.{digits}g})"
+    return f"{peak['magnitude'] - peak['leakage']:.{digits}g} ({low:.{digits}g}–{high:.{digits}g})"

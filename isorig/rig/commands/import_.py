@@ -46,6 +46,7 @@ def import_(
     from isorig.rig.exchange.reading import read_foreign
     from isorig.rig.files.inputs import import_first
     from isorig.rig.files.output import write_text
+    from isorig.rig.files.recording import open_recording
     from isorig.rig.files.rigfile import references_of
     from isorig.rig.model.baseline import doubts_in
 
@@ -68,7 +69,9 @@ def import_(
                 print(f"run {run.id!r}: the file has no value of {lost} samples; they are kept as {len(run.gaps)} gaps")
             if run.repeat_of is not None:
                 print(f"run {run.id!r} has the drive of run {run.repeat_of!r} and is stored as its repeat")
-        reasons = incoherences(campaign, references_of(campaign))
+        # The recording orders its runs; rig check reports the same one of them.
+        with open_recording(output) as written:
+            reasons = incoherences(written, references_of(written))
         for sentence in (*shortcomings(campaign), *(reason.text for reason in reasons if reason.kind != "noise")):
             print(sentence)
         units = {name: channel.unit for name, channel in read_mapping(files[0]).channels.items()}

@@ -20,15 +20,17 @@ def missing(campaign: Campaign, model: RigModel) -> list[str]:
         said.append(
             "There is only one run: whether an error depends on the level of the drive is not known; record a second level."
         )
+    # A released run ends when the rig stands still, and has no drive to repeat.
+    driven = [run for run in runs if run.excitation != "free"]
     slowest = _slowest(model)
-    short = [run for run in runs if slowest and run.duration * slowest < PERIODS]
+    short = [run for run in driven if slowest and run.duration * slowest < PERIODS]
     if short:
         which = f"run {short[0].id!r}" + (f" and {len(short) - 1} more" if len(short) > 1 else "")
         said.append(
             f"Shorter than {PERIODS:.0f} periods of the slowest mode ({slowest:.3g} Hz): {which}; "
             f"record at least {PERIODS / slowest:.0f} s."
         )
-    if not any(run.repeat_of or run.period for run in runs):
+    if driven and not any(run.repeat_of or run.period for run in driven):
         said.append("No drive was played twice (repeat_of), so the disturbance is not measured and counts as error.")
     return said + levels_in_words(campaign, model.drive.channel)
 

@@ -269,8 +269,8 @@ def limits_in_words(found: Sequence[Transfer]) -> tuple[str, ...]:
         f = min(item.limits.narrow, key=lambda f: abs(f - float(item.frequency[item.top])))
         said.append(
             f"Leakage lowers and widens peaks with few frequency bins ({_where(item, f)}: {100 * share:.2g} % too low"
-            f"{_more(corrected)}); the limits are corrected for it, the magnitudes are not: use a finer --resolution than "
-            f"{item.resolution:.3g} Hz."
+            f"{_more(corrected)}); the limits and the printed peaks are corrected for it, the magnitudes of curves and files are "
+            f"not: use a finer --resolution than {item.resolution:.3g} Hz."
         )
     unknown = [(f, item) for item in found for f in item.limits.unknown if item.band[0] <= f <= item.band[1]]
     if unknown:

@@ -35,8 +35,8 @@ def named(key: Key) -> str:
 
 
 def cause(variant: Variant) -> str:
-    """The cause that a model has."""
-    return named(variant.key) if variant.cause else "the model without a further cause"
+    """The cause that a model has, with what distinguishes it from others of the same cause at its place."""
+    return f"{named(variant.key)} {variant.detail}".rstrip() if variant.cause else "the model without a further cause"
 
 
 def reasons(item: Proposed, proposal: Proposal, now: Situation) -> list[str]:

@@ -217,14 +217,18 @@ def residual_chart(before: Mapping[str, float], after: Mapping[str, float] | Non
     if not before:
         return None
     sets = {BASELINE: np.array(list(before.values()))}
-    if after is not None:
-        sets[EXTENDED] = np.array([after.get(name, np.nan) for name in before])
-    return bars_chart(
-        "equations",
+    caption = (
         "Equations of motion in the records, without simulation: the residual of each divided by its noise. About 1 is noise "
-        "alone; a fault raises only the equations that contain it, so the longest bar is its place.",
-        "residual / noise", [_equation(name) for name in before], sets,
-    )  # fmt: skip
+        "alone; a fault raises every equation that contains its force, or a motion without a sensor that follows from it, so the "
+        "longest bar alone does not give its place."
+    )
+    if after is not None:
+        extended = np.array([after.get(name, np.nan) for name in before])
+        if np.isfinite(extended).any():
+            sets[EXTENDED] = extended
+        else:
+            caption += " The extended model has no bars: its equations need motions that were not recorded."
+    return bars_chart("equations", caption, "residual / noise", [_equation(name) for name in before], sets)
 
 
 def _equation(name: str) -> str:

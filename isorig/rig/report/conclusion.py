@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from isorig.analysis.diagnose.causes import CATALOGUE
 from isorig.analysis.diagnose.causes.base import Kind
-from isorig.analysis.wording import first_of, in_per_cent, noise_alone, sized, with_article
+from isorig.analysis.wording import MULTIPLE, first_of, in_per_cent, noise_alone, sized, with_article
 from isorig.rig.files.findings import Findings, HeldOut, NamedCause, TriedCause, Value
 from isorig.rig.report.sections import words
 
@@ -186,7 +186,12 @@ def _fitted(findings: Findings, standing: str) -> list[tuple[float, TriedCause]]
 
 
 def _listed(fitted: Sequence[tuple[float, TriedCause]]) -> str:
-    return first_of([f"{words(c.cause)} at {with_article(c.location)} ({in_per_cent(error)})" for error, c in fitted], NAMED)
+    return first_of([f"{words(c.cause)} at {with_article(c.location)} ({_left(error)})" for error, c in fitted], NAMED)
+
+
+def _left(error: float) -> str:
+    # A simulation that errs by many times the signal does not follow the motion at all; by how much says nothing.
+    return "loses the motion" if error >= MULTIPLE else in_per_cent(error)
 
 
 def _next(findings: Findings, folder: str | None) -> str:

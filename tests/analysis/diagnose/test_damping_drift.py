@@ -13,7 +13,7 @@ from isorig.analysis.diagnose.causes.damping_drift import DampingDrift
 from isorig.analysis.diagnose.free_shapes import free_shapes
 from isorig.analysis.diagnose.suspects import suspects
 from isorig.analysis.equations.system import equations_of
-from isorig.analysis.fitting.solve import Problem, fit
+from isorig.analysis.fitting.solve import Free, Problem, base_parameters, fit
 from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.model.rig_model import Body, Configuration, Drive, Link, RigModel, Sensor
 from isorig.analysis.simulate import Excitation, simulate
@@ -65,6 +65,33 @@ def test_a_fit_finds_the_hidden_rate_and_the_free_shape_its_course() -> None:
     curve = fit(shape.starts[0], shape.parameters(model), problem).model
     whole = [curve.get("links.rail.damping") + curve.get(f"{shape.shape.path}.values.{k}") for k in (1, 3)]
     assert whole[1] / whole[0] == pytest.approx((1 + 0.15 * 9.0) / (1 + 0.15 * 3.0), rel=0.1)
+
+
+@pytest.mark.parametrize("name", ["none", "cubic_stiffness", "quadratic_damping"])
+@pytest.mark.parametrize("first", [laws.Drift(drift_rate=0.1), laws.DampingDrift(drift_rate=0.1)])
+def test_free_shapes_beside_fitted_laws_have_all_their_parameters(first: laws.LinkLaw, name: str) -> None:
+    """A free shape takes the place of a law of its kind, so that neither its parameters nor the places of others remain."""
+    others = {
+        "cubic_stiffness": laws.Cubic(cubic_stiffness=5.0),
+        "quadratic_damping": laws.QuadraticDamping(quadratic_damping=1.0),
+    }
+    model = with_law(stage(), "rail", first)
+    model = with_law(model, "rail", others[name]) if name in others else model
+    free = tuple(
+        Free(path=f"links.rail.laws.{k}.{field}", low=-10.0, high=10.0, log=False)
+        for k, law in enumerate(model.link("rail").laws)
+        for field in law.parameters
+        if isinstance(getattr(law, field), float)
+    )
+    evidence = Evidence(
+        deflection={"rail": 1e-3}, speed={"rail": 0.05}, peak={}, sample_rate=400.0, end_time=12.0, flat_tops={}, mains={},
+        misfit_frequencies=(), forces={}, push=20.0, configurations=frozenset({"unlocked"}), described=model, guess=model,
+    )  # fmt: skip
+    shapes = free_shapes(model, evidence)
+    assert {shape.cause for shape in shapes} >= {"drift", "spring_shape", "damping_shape"}
+    for shape in shapes:
+        for start in shape.starts:
+            assert all(np.isfinite(start.get(item.path)) for item in shape.parameters(model, (*base_parameters(model), *free)))
 
 
 def test_a_diagnosis_names_it() -> None:

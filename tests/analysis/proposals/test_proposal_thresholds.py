@@ -28,6 +28,8 @@ from isorig.analysis.proposals.precision import KnownPrecision, PreciseRun, desi
 from isorig.analysis.proposals.prediction import Prospect, Variant
 from isorig.analysis.proposals.remedies import another_sensor, farther, further, watched
 from isorig.analysis.simulate.natural import HELD, natural_modes
+from isorig.rig.files.rigfile import SHIPPED, read_description
+from isorig.rig.next.sentences import cause
 from isorig.rig.wire_bonder.description import wire_bonder
 
 # The values of the policy, written once more: a test that imports them passes for every value.
@@ -446,3 +448,22 @@ def test_hidden_oscillators_are_supposed_at_these_frequencies() -> None:
     at = sorted(np.sqrt(m.link("motor_added").stiffness / m.body("motor_added").mass) / 2 / np.pi for m in found)
     assert at == pytest.approx([30.0, 110.0], rel=1e-6)
     assert [m.body("motor_added").mass / m.body("motor").mass for m in found] == pytest.approx([0.02 / 3.0] * 2, rel=1e-6)
+
+
+@pytest.mark.parametrize(("name", "there"), [("shaken-base", False), ("damper-test", True)])
+def test_the_inertia_of_an_imposed_body_is_supposed_only_where_its_force_is_measured(name: str, there: bool) -> None:
+    model = read_description(SHIPPED[name])[0]
+    (body,) = model.imposed
+    found = {v.key for v in hypotheses(model, NOTHING, {}, 512.0)}
+    assert {("extra_mode", body) in found, ("wrong_mass", body) in found} == {there}
+    others = [each.name for each in model.bodies if each.name != body]
+    assert all(("extra_mode", other) in found for other in others)
+
+
+def test_no_two_hypotheses_have_the_same_words() -> None:
+    for name in SHIPPED:
+        model = read_description(SHIPPED[name])[0]
+        names = [cause(v) for v in hypotheses(model, NOTHING, {}, 512.0)]
+        assert len(set(names)) == len(names), name
+    names = [cause(v) for v in hypotheses(wire_bonder(), NOTHING, {}, 1024.0)]
+    assert {"crosstalk at motor from head", "extra mode at motor with 30 Hz", "wrong mass at motor"} <= set(names)

@@ -173,4 +173,10 @@ def test_imported_records_of_a_nonlinear_rig(tmp_path: Path, capsys: pytest.Capt
     (tmp_path / "m.toml").write_text("\n".join(lines))
     (tmp_path / "rig.toml").write_text(description_text(LOOSE.description(), {}))
     assert main(["import", str(tmp_path / "m.toml"), "-o", str(tmp_path / "c.h5")]) == 0
-    assert "with the drive, but two runs with the same drive agree: the rig is nonlinear" in capsys.readouterr().out
+    imported = capsys.readouterr().out
+    assert "with the drive, but two runs with the same drive agree: the rig is nonlinear" in imported
+    # Check names the same run.
+    assert main(["check", str(tmp_path / "c.h5")]) == 0
+    said = [line for line in capsys.readouterr().out.splitlines() if "the rig is nonlinear" in line]
+    assert said
+    assert said == [line for line in imported.splitlines() if "the rig is nonlinear" in line]
