@@ -75,7 +75,7 @@ def read_rig(given: str | Path) -> GivenRig:
                 "description or a model.json"
             )
         model, origin, fitted = read_fitted(path)
-        return GivenRig(model=model, origin=origin, fitted=fitted)
+        return GivenRig(model=with_sensors(model, str(path)), origin=origin, fitted=fitted)
     model, text = read_description(path)
     return GivenRig(model=model, description=text)
 
@@ -116,7 +116,24 @@ def read_description(path: Path) -> tuple[RigModel, str]:
         text = content_of(path, TOML_MOST).decode()
     except (OSError, UnicodeDecodeError) as error:
         raise PlanError(f"{path} cannot be read ({error}); give the file of a rig's description") from None
-    return _described(text, str(path))
+    model, text = _described(text, str(path))
+    return with_sensors(model, str(path)), text
+
+
+def with_sensors(model: RigModel, where: str) -> RigModel:
+    """The same rig, if it has a sensor: without one, no simulation can be compared with a record.
+
+    Raises
+    ------
+    PlanError
+        It has none; `where` names the description.
+    """
+    if not model.sensors:
+        raise PlanError(
+            f"{where} describes the rig {model.name!r} without a sensor, but a rig needs at least one recorded response; "
+            "add it to sensors, with its channel and body"
+        )
+    return model
 
 
 def _described(text: str, what: str) -> tuple[RigModel, str]:

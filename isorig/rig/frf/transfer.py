@@ -124,7 +124,8 @@ def transfer_functions(
     Raises
     ------
     DataError
-        No run has a broad-band drive, a channel is missing, several drives cannot be separated, or no hammer hit is valid.
+        No run has a broad-band drive, a channel or every response is missing, several drives cannot be separated, or no hammer
+        hit is valid.
 
     Examples
     --------
@@ -175,6 +176,8 @@ def transfer_functions(
                     )
                     found_here = _averaged(averaged, drives, group, chosen, estimator, left_out)
                     transfers += [replace(item, level=level) for item in found_here]
+    if not transfers:
+        raise DataError(f"{campaign.source} has only the channel of the drive, {', '.join(drives)}; record at least one response")
     return sorted((replace(item, alone=campaign.alone) for item in transfers), key=lambda item: item.frf.response)
 
 

@@ -11,6 +11,7 @@ from isorig.analysis.errors import AnalysisError, ModelError
 from isorig.analysis.fitting.plausible import Doubt, doubts_of_records
 from isorig.analysis.model.rig_model import RigModel, from_tree
 from isorig.rig.errors import RecordingError, RigError
+from isorig.rig.files.rigfile import with_sensors
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 
 Baseline = Literal["coulomb", "linear"]
@@ -26,6 +27,8 @@ def baseline_model(campaign: Campaign, baseline: Baseline = "coulomb") -> RigMod
     ------
     RecordingError
         The campaign lacks a channel that the rig needs, or its description is unusable.
+    PlanError
+        The description has no sensor.
     """
     if campaign.description is not None:
         try:
@@ -47,22 +50,22 @@ def doubts_in(campaign: Campaign, units: Mapping[str, str] | None = None) -> tup
     if campaign.description is None and not campaign.known:
         return ()
     try:
-        model = baseline_model(campaign)
-        if not model.sensors:
-            return ()
-        return doubts_of_records(model, campaign, units)
+        return doubts_of_records(baseline_model(campaign), campaign, units)
     except (RigError, AnalysisError):
         return ()
 
 
 def recorded_in(model: RigModel, campaign: Campaign) -> RigModel:
-    """The same model, if every run has its channels and a configuration of it.
+    """The same model, if it has a sensor, and every run has its channels and a configuration of it.
 
     Raises
     ------
+    PlanError
+        The model has no sensor.
     RecordingError
         A channel is missing, or a configuration is unknown.
     """
+    with_sensors(model, campaign.source or "the campaign")
     for run in campaign.runs:
         for name in model.channels:
             if name not in run.channels:
