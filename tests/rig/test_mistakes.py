@@ -207,7 +207,8 @@ MISTAKES: dict[str, tuple[Mistake, str]] = {
     "no file": (mapped("first.csv", "frist.csv"), "frist.csv cannot be read"),
     "no sensor in the description": (
         described(
-            ('{ channel = "low", body = "table", quantity = "displacement" },', ""), ('{ channel = "top", body = "device" },', ""),
+            ('{ channel = "low", body = "table", quantity = "displacement" },', ""),
+            ('{ channel = "top", body = "device" },', ""),
         ),
         "describes the rig 'stage' without a sensor, but a rig needs at least one recorded response; add it to sensors",
     ),
