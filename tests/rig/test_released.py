@@ -10,6 +10,7 @@ import pytest
 from isorig.analysis.campaign import FloatArray
 from isorig.rig.cli import main
 from isorig.rig.files.recording import read
+from isorig.rig.files.rigfile import read_rig
 
 RATE, SECONDS = 100.0, 8.0
 MASS, STIFFNESS, DAMPING = 2.0, 300.0, 1.5
@@ -82,3 +83,45 @@ def test_a_driven_run_needs_its_drive(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "has no channel 'push', which the description rig.toml names" in line
     assert line.endswith('add the channel, or write excitation = "free" in every run if nothing drove the rig')
     assert not (tmp_path / "o.h5").exists()
+
+
+def test_the_draft_of_one_position_can_be_imported(tmp_path: Path) -> None:
+    files(tmp_path, "free", "free")
+    mapping = tmp_path / "d.toml"
+    assert main(["import", "--draft", str(tmp_path / "far.csv"), str(tmp_path / "near.csv"), "-o", str(mapping)]) == 0
+    model = read_rig(tmp_path / "d-rig.toml").model
+    assert [(sensor.channel, sensor.body, sensor.quantity) for sensor in model.sensors] == [
+        ("position_mm", "body_position_mm", "displacement")
+    ]  # fmt: skip
+    assert (model.drive.channel, model.drive.quantity) == ("push", "force")
+    note = (tmp_path / "d-rig.toml").read_text()
+    assert "# ? no column is a drive: if body_position_mm was pulled and let go" in note
+    assert "initial_position" in note
+    text = mapping.read_text().replace(
+        "# sample_rate = 1024.0    # ? not given by the file; required for the import", "sample_rate = 100.0"
+    )
+    mapping.write_text(text)
+    assert text.count('excitation = "free"') == 2
+    assert main(["import", str(mapping), "-o", str(tmp_path / "o.h5")]) == 0
+    assert sorted(read(tmp_path / "o.h5").runs[0].channels) == ["position_mm", "push"]
+
+
+@pytest.mark.parametrize(
+    ("head", "words"),
+    [
+        ("torque_Nm,motor_rad,load_rad", ["that it pushes body_load_rad is a guess"]),
+        (
+            "motor_rad,load_rad",
+            ["that it pushes body_load_rad is a guess", "if the rig was pulled and let go"],
+        ),
+        ("one [V],other [V]", ["that it pushes body_other is a guess", "no unit is that of a motion"]),
+    ],
+)
+def test_guesses_of_a_draft_are_marked(tmp_path: Path, head: str, words: list[str]) -> None:
+    rows = np.random.default_rng(1).normal(size=(300, head.count(",") + 1))
+    np.savetxt(tmp_path / "a.csv", rows, delimiter=",", header=head, comments="")
+    assert main(["import", "--draft", str(tmp_path / "a.csv"), "-o", str(tmp_path / "d.toml")]) == 0
+    text = (tmp_path / "d-rig.toml").read_text()
+    said = " ".join(line.removeprefix("# ") for line in text.splitlines())
+    assert all(word in said for word in words)
+    assert read_rig(tmp_path / "d-rig.toml").model.sensors
