@@ -9,6 +9,7 @@ import pytest
 
 from isorig.analysis.campaign import FloatArray
 from isorig.rig.cli import main
+from isorig.rig.files.findings import read_findings
 from isorig.rig.files.recording import read
 from isorig.rig.files.rigfile import read_rig
 
@@ -125,3 +126,12 @@ def test_guesses_of_a_draft_are_marked(tmp_path: Path, head: str, words: list[st
     said = " ".join(line.removeprefix("# ") for line in text.splitlines())
     assert all(word in said for word in words)
     assert read_rig(tmp_path / "d-rig.toml").model.sensors
+
+
+def test_the_findings_state_that_no_run_was_driven(tmp_path: Path) -> None:
+    out = tmp_path / "o.h5"
+    assert main(["import", str(files(tmp_path, "free", "free")), "-o", str(out)]) == 0
+    assert main(["diagnose", str(out), "-o", str(tmp_path / "d")]) == 0
+    found = read_findings(tmp_path / "d")
+    assert not found.driven
+    assert found.verdict == "adequate"
