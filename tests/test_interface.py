@@ -13,6 +13,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 import isorig as iso
 from isorig.names import __all__ as names
@@ -122,3 +123,26 @@ def test_the_tour_is_stored_with_its_outputs_on_a_rig_of_its_own() -> None:
     assert "hardening" in "".join(str(output.get("data", {}).get("text/html", "")) for output in outputs)
     first = next(cell for cell in cells if "read_rig" in "".join(cell["source"]))
     assert "two carts" in "".join(first["outputs"][0]["data"]["text/plain"])
+
+
+@pytest.mark.parametrize("given", ["rig.toml", {}, iso.read_rig("two-carts")])
+def test_another_type_than_a_rig_is_refused_in_one_sentence(given: object) -> None:
+    campaign = iso.virtual_campaign(iso.wire_bonder(), TAKES[:1], seed=1)
+    drive = iso.Excitation.prepare(campaign.runs[0].read("head"), 1024.0)
+    calls = [
+        lambda rig: iso.diagnose(campaign, rig), lambda rig: iso.predict(rig, campaign), lambda rig: iso.simulate(rig, drive),
+        lambda rig: iso.trace(rig, drive), iso.virtual_campaign,
+    ]  # fmt: skip
+    if isinstance(given, str | dict):
+        calls.append(lambda rig: iso.characterize(campaign, rig))
+    for call in calls:
+        with pytest.raises(iso.AnalysisError, match=rf"the rig is of type {type(given).__name__}, but must be an iso\.Rig; give"):
+            call(given)
+
+
+def test_a_rig_without_sensors_is_not_diagnosed() -> None:
+    campaign = iso.virtual_campaign(iso.wire_bonder(), TAKES[:1], seed=1)
+    blind = replace(iso.wire_bonder(), sensors=())
+    for call in (iso.diagnose, iso.characterize):
+        with pytest.raises(iso.RigError, match="without a sensor"):
+            call(campaign, blind)

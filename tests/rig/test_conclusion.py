@@ -86,6 +86,10 @@ def test_a_numbered_place_has_no_article_and_an_error_below_the_noise_floor_is_s
     [
         ({"verdict": "adequate", "steps": []}, ["adequate: the model explains", "is 35 %", "rig predict out/model.json"]),
         ({"verdict": "unexplained", "steps": []}, ["no place and kind of cause is certain", "rig next out"]),
+        (
+            {"verdict": "unexplained", "steps": [], "driven": False},
+            ["Next: no run was driven, so release the rig from another position, repeat one release"],
+        ),
         ({"verdict": "partly explained"}, ["partly explained: play of", "rig next out"]),
         ({"cut_short": True}, ["the time limit ended the search", "--seconds"]),
         ({"doubts": [DOUBT]}, ["given values first: Doubtful unit.", "diagnose again"]),

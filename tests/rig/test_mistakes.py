@@ -16,8 +16,9 @@ import numpy as np
 import pytest
 from strange_rigs import StrangeRig, noise
 
-from isorig.analysis.campaign import FloatArray
+from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
 from isorig.rig.cli import main
+from isorig.rig.files.recording import write
 
 RIG = StrangeRig(
     masses=(4.0, 2.0), joints=((0, -1, 4e3, 12.0), (1, 0, 3e3, 6.0)),
@@ -204,6 +205,13 @@ MISTAKES: dict[str, tuple[Mistake, str]] = {
     # missing
     "no description": (undescribed, "rig.toml cannot be read"),
     "no file": (mapped("first.csv", "frist.csv"), "frist.csv cannot be read"),
+    "no sensor in the description": (
+        described(
+            ('{ channel = "low", body = "table", quantity = "displacement" },', ""),
+            ('{ channel = "top", body = "device" },', ""),
+        ),
+        "describes the rig 'stage' without a sensor, but a rig needs at least one recorded response; add it to sensors",
+    ),
     "no sensor in the mapping": (mapped('[channels.low]\nsource = "x"\nunit = "mm"\n', ""), "no channel 'low'"),
     # short
     "too short": (cut(200), "Run 'first' has 200 samples, 0.781 s, but fits need at least 256: record longer runs"),
@@ -235,3 +243,32 @@ def test_one_sentence(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[s
 
 def test_no_mistake(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert imported(tmp_path, Files(), capsys) == []
+
+
+COMMANDS = {
+    "describe": ["describe", "rig.toml"],
+    "simulate": ["simulate", "--model", "rig.toml", "-o", "s.h5"],
+    "diagnose": ["diagnose", "o.h5", "-o", "d"],
+    "characterize": ["characterize", "o.h5", "-o", "c"],
+    "report": ["report", "o.h5", "-o", "r"],
+    "frf": ["frf", "o.h5", "-o", "f"],
+}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_rig_without_sensors(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Descriptions and recordings whose only channel is taken as the drive are refused in one sentence."""
+    files = MISTAKES["no sensor in the description"][0](Files())
+    files.write(tmp_path)
+    drive = Channel(name="force", samples=records()["F"], quantity="force", unit="N")
+    run = Run(
+        id="first", configuration="unlocked", sample_rate=RATE, gain=1.0, channels={"force": drive}, excitation="random",
+        band=(0.5, 40.0),
+    )  # fmt: skip
+    write(tmp_path / "o.h5", Campaign(runs=(run,), description=files.description))
+    monkeypatch.chdir(tmp_path)
+    assert main(COMMANDS[name]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert ("without a sensor" if name != "frf" else "has only the channel of the drive, force; record at least one") in line

@@ -640,6 +640,21 @@ def _grounded(names: list[str], joints: Sequence[Link | Contact], imposed: Seque
             )
 
 
+def given_rig(given: object) -> RigModel:
+    """The same rig, if it is one.
+
+    Raises
+    ------
+    ModelError
+        It is of another type.
+    """
+    if not isinstance(given, RigModel):
+        raise ModelError(
+            f"the rig is of type {type(given).__name__}, but must be an iso.Rig; give one, for example iso.read_rig(FILE).model"
+        )
+    return given
+
+
 def _unique(names: list[str], kind: str) -> None:
     for name in names:
         if names.count(name) > 1:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.model.rig_model import RigModel, given_rig
 from isorig.analysis.simulate.compiled import compile_rig
 from isorig.analysis.simulate.free_run import NOWHERE, Response, imposed_start, response_of, run_rig, sense_of, true_fine
 from isorig.analysis.simulate.sampling import TAPS, Excitation
@@ -44,6 +44,8 @@ def simulate(
 
     Raises
     ------
+    ModelError
+        The rig is of another type.
     SimulationError
         If the motion grows without bound.
 
@@ -56,6 +58,7 @@ def simulate(
     >>> sorted(response.channels), response.channels["table"].shape
     (['heatblock', 'motor', 'table'], (2048,))
     """
+    model = given_rig(model)
     configuration = next(iter(model.configurations)) if configuration is None else configuration
     rate, over = excitation.sample_rate, excitation.oversample
     n = len(excitation.recorded) if samples is None else samples

@@ -11,7 +11,7 @@ from isorig.analysis.campaign import FloatArray, IntArray
 from isorig.analysis.errors import SimulationError
 from isorig.analysis.laws.base import NO_LINK
 from isorig.analysis.model.linear import imposed_coordinates, linear_part
-from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel, direction
+from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel, direction, given_rig
 from isorig.analysis.simulate.compiled import Compiled, compile_rig
 from isorig.analysis.simulate.free_run import NOWHERE, Response, imposed_start, response_of, run_rig, sense_of, true_fine
 from isorig.analysis.simulate.sampling import Excitation, sampled
@@ -89,6 +89,7 @@ def trace(
     >>> bool(inside.held["isolation"].min() == 1.0)  # friction holds the motor all the time
     True
     """
+    model = given_rig(model)
     configuration = next(iter(model.configurations)) if configuration is None else configuration
     rate, over, n = excitation.sample_rate, excitation.oversample, len(excitation.recorded)
     h = 1.0 / (rate * over)

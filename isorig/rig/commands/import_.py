@@ -63,6 +63,10 @@ def import_(
         raise PlanError(f"{files[0]} is not a mapping; {import_first(files[0])}")
     else:
         campaign = import_campaign(files[0], output, data=data)
+        units = {name: channel.unit for name, channel in read_mapping(files[0]).channels.items()}
+        for channel in campaign.runs[0].channels.values():
+            if channel.name not in units:
+                print(f"no column is the drive {channel.name!r}, and all runs are free: a drive of 0 {channel.unit} is recorded")
         for run in campaign.runs:
             if run.gaps:
                 lost = sum(gap.count for gap in run.gaps)
@@ -74,7 +78,6 @@ def import_(
             reasons = incoherences(written, references_of(written))
         for sentence in (*shortcomings(campaign), *(reason.text for reason in reasons if reason.kind != "noise")):
             print(sentence)
-        units = {name: channel.unit for name, channel in read_mapping(files[0]).channels.items()}
         for doubt in doubts_in(campaign, units):
             print(f"CHECK UNITS, CHANNELS AND GIVEN VALUES FIRST. {doubt.text}")
     print(output)

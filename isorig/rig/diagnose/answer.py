@@ -15,6 +15,7 @@ from isorig.analysis.diagnose.step import Step
 from isorig.analysis.fitting.score import RESAMPLED
 from isorig.analysis.fitting.solve import Fit
 from isorig.analysis.model.parameter_units import physical_parameters, unit_of
+from isorig.analysis.model.rig_model import RigModel
 from isorig.rig.diagnose.coverage import missing
 from isorig.rig.files import findings as stored
 from isorig.rig.files.models import write_model
@@ -73,6 +74,7 @@ def findings_of(
             pointed=diagnosis.pointed
             and msgspec.convert({"kind": diagnosis.pointed[0], "location": diagnosis.pointed[1]}, stored.KindAt),
             time_limit_s=limit,
+            driven=_driven(campaign, diagnosis.baseline.model),
             steps=[_step(step, share, diagnosis.extended) for step, share in zip(diagnosis.steps, diagnosis.shares, strict=True)],
             candidates=[
                 msgspec.convert(candidate, stored.TriedCause, from_attributes=True) for candidate in diagnosis.considered
@@ -107,6 +109,12 @@ def parameters(fitted: Fit) -> dict[str, stored.Value]:
     return {
         path: stored.Value(value=value, std=std[path], unit=unit_of(path, fitted.model)) for path, value in fitted.values.items()
     }
+
+
+def _driven(campaign: Campaign, model: RigModel) -> bool:
+    return any(
+        run.excitation != "free" and any(run.read(drive.channel).std() > 0.0 for drive in model.drives) for run in campaign.runs
+    )
 
 
 def _rough(fitted: Fit) -> list[str]:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from isorig.analysis.campaign import MOTION, ROTARY, UNLOCKED
+from isorig.analysis.campaign import MOTION, ROTARY, UNLOCKED, Quantity
 from isorig.analysis.model.drafted import DAMPING, MASS, STIFFNESS
 from isorig.analysis.model.rig_model import GROUND, Body, Configuration, Drive, Link, RigModel, Sensor
 from isorig.rig.errors import RecordingError
@@ -37,6 +37,8 @@ QUANTITIES = (
 )  # fmt: skip
 #: Endings of names that are more often a letter than a unit: the axis of a sensor, a second channel.
 AMBIGUOUS = ("A", "V", "m", "1", "in")
+#: What a released rig needs in its mapping.
+FREE = 'write excitation = "free" in every run of the mapping'
 #: Columns with fewer values next to longer ones are settings, not records.
 SHORT = 16
 
@@ -95,11 +97,13 @@ def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file
     # A rig without locks has one configuration, which needs no name.
     named = bonder or setups != {UNLOCKED}
     ids: set[str] = set()
+    kinds = {} if bonder else _kinds({names[place]: first[place] for place in places})
+    excitation = "free" if _released(kinds) else "other"
     for part in parts:
         own = [names[place] for place in part.columns] if len(part.columns) < len(places) else []
         other = {names[p]: source for p, (source, _) in part.columns.items() if source != first[p][0]}
-        lines += _run(part, own, other, folder, ids, _configuration(part) if named else "")
-    return "\n".join(lines), "" if bonder else _rig({names[place]: first[place] for place in places}, setups)
+        lines += _run(part, own, other, folder, ids, _configuration(part) if named else "", excitation)
+    return "\n".join(lines), "" if bonder else _rig(kinds, setups)
 
 
 def _is_bonder(places: Iterable[str]) -> bool:
@@ -110,13 +114,28 @@ def _is_bonder(places: Iterable[str]) -> bool:
     return len(found) >= 2 and not other
 
 
-def _rig(channels: Mapping[str, tuple[str, Column]], setups: set[str]) -> str:
+def _kinds(channels: Mapping[str, tuple[str, Column]]) -> dict[str, Quantity]:
+    # What each channel measures, without the gain.
+    return {name: UNITS[_unit_of(name, column, place)].quantity for name, (place, column) in channels.items() if name != GAIN}
+
+
+def _released(kinds: Mapping[str, Quantity]) -> bool:
+    # A single motion is a response: no column is a drive.
+    return len(kinds) == 1 and all(kind in MOTION for kind in kinds.values())
+
+
+def _rig(kinds: Mapping[str, Quantity], setups: set[str]) -> str:
     # One body a motion sensor, in a row from the ground; the first channel that is no motion drives the last of them.
-    kinds = {name: UNITS[_unit_of(name, column, place)].quantity for name, (place, column) in channels.items() if name != GAIN}
+    released = _released(kinds)
     moved = next((name for name in kinds if any(word in name for word in BASES)), next(iter(kinds), "drive"))
     drive = next((name for name, kind in kinds.items() if kind not in MOTION), moved)
-    sensed = [name for name, kind in kinds.items() if name != drive and kind in MOTION] or ["first"]
-    quantity = kinds.get(drive, "force")
+    if released:
+        drive = "push" if "push" not in kinds else "push_2"
+    others = [name for name in kinds if name != drive]
+    # Where no unit is that of a motion, each record is proposed as one.
+    moving = [name for name in others if kinds[name] in MOTION]
+    sensed = moving or others or ["first"]
+    quantity = kinds.get(drive, "torque" if kinds.get(sensed[-1]) in ROTARY else "force")
     # A measured motion of a base is imposed.
     based = quantity in MOTION and any(word in drive for word in BASES)
     bodies = tuple(
@@ -128,21 +147,30 @@ def _rig(channels: Mapping[str, tuple[str, Column]], setups: set[str]) -> str:
         Link(name=f"link_{name}", a=f"body_{name}", b=support, stiffness=STIFFNESS, damping=DAMPING)
         for name, support in zip(sensed, below, strict=False)
     )
-    pushed = Drive(channel=drive, quantity=quantity, factor=1.0, pushes={f"body_{sensed[-1]}": 1.0})
+    driven = f"body_{sensed[-1]}"
+    pushed = Drive(channel=drive, quantity=quantity, factor=1.0, pushes={driven: 1.0})
     model = RigModel(
         name="rig", bodies=bodies, links=links,
         drive=Drive(channel=drive, quantity=quantity, imposes=f"body_{drive}") if based else pushed,
-        sensors=tuple(Sensor(channel=name, body=f"body_{name}", quantity=kinds[name]) for name in sensed if name in kinds),
+        sensors=tuple(
+            Sensor(channel=name, body=f"body_{name}", quantity=kinds[name] if moving else "acceleration")
+            for name in sensed if name in kinds
+        ),
         configurations={name: Configuration() for name in sorted(setups, reverse=True)},
         free=tuple(f"links.{link.name}.{key}" for link in links for key in ("stiffness", "damping")),
     )  # fmt: skip
-    drive_note = "? factor: force per unit of the channel"
+    drive_note = f"? that it pushes {driven} is a guess, and so is factor, the force per unit of the channel"
     if based:
         drive_note = "? the channel is the imposed motion of the base; if it is a force instead, give pushes and factor"
-    elif kinds.get(drive) in MOTION:
+    elif released:
         drive_note = (
-            '? factor: force per unit of the channel; if it is the motion of a base, add that body and write imposes = "BODY"\n'
-            "in place of pushes and factor"
+            f"? no column is a drive: if {driven} was pulled and let go, {FREE},\n"
+            "so that rig import records a drive of zero, and the position where it starts as initial_position in configurations"
+        )
+    elif kinds.get(drive) in MOTION:
+        drive_note += (
+            '; if it is\nthe motion of a base, add that body and write imposes = "BODY" in place of pushes and factor;\n'
+            "if the rig was pulled and let go, make this channel a sensor, name a drive without a column, and\n" + FREE
         )
     return description_text(model, {
         "": "Proposed from the columns of the files: how many bodies there are and how they are joined is a guess,\n"
@@ -150,6 +178,7 @@ def _rig(channels: Mapping[str, tuple[str, Column]], setups: set[str]) -> str:
         "bodies": "? kg, for a rotation kg m^2",
         "links": "? stiffness and damping: N/m and N s/m, for a rotation N m/rad and N m s/rad",
         "drive": drive_note,
+        "sensors": "" if moving else "? no unit is that of a motion: give unit and sensitivity in the mapping, and quantity here",
     })  # fmt: skip
 
 
@@ -267,7 +296,9 @@ def _configuration(part: _Part) -> str:
     return UNLOCKED if locked is None else "locked"
 
 
-def _run(part: _Part, own: Sequence[str], other: Mapping[str, str], folder: Path, ids: set[str], configuration: str) -> list[str]:
+def _run(
+    part: _Part, own: Sequence[str], other: Mapping[str, str], folder: Path, ids: set[str], configuration: str, excitation: str
+) -> list[str]:  # fmt: skip
     table, group, text = part.table, part.group, _run_text(part)
     name = text if text not in ids else f"{text}_{len(ids)}"
     ids.add(name)
@@ -280,7 +311,7 @@ def _run(part: _Part, own: Sequence[str], other: Mapping[str, str], folder: Path
         f"file = {value_text(Path(os.path.relpath(table.path.resolve(), folder.resolve())).as_posix())}",
         *([f'configuration = "{configuration}"    # ?'] if configuration else []),
         f"gain = {gain}    # ?",
-        'excitation = "other"    # ? random, multisine, sweep, moves, free or other',
+        f'excitation = "{excitation}"    # ? random, multisine, sweep, moves, free or other',
     ]
     if part.time is not None:
         lines.append(f"time = {value_text(part.time)}")

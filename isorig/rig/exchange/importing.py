@@ -14,7 +14,7 @@ import numpy as np
 from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, Gap, IntArray, Run, Samples
 from isorig.analysis.fitting.repeats import same_drive
 from isorig.analysis.fitting.trials import SHORTEST
-from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.model.rig_model import Drive, RigModel
 from isorig.analysis.wording import did_you_mean
 from isorig.rig.errors import PlanError, RecordingError
 from isorig.rig.exchange.clock import column_rate, is_time
@@ -34,6 +34,8 @@ SENSOR = ("sensor", "place", "direction")
 
 def import_campaign(mapping_path: Path, output: Path, *, data: Path | None = None) -> Campaign:
     """Read the files named in a mapping and write them as one recording, atomically.
+
+    If every run is `free` and no column is the description's drive, a drive of zero is recorded.
 
     Parameters
     ----------
@@ -76,9 +78,12 @@ def import_campaign(mapping_path: Path, output: Path, *, data: Path | None = Non
     mapping = read_mapping(mapping_path)
     folder = data if data is not None else mapping_path.parent
     model, description = wire_bonder(), None
+    absent: tuple[Drive, ...] = ()
     if mapping.description is not None:
         model, description = read_description(mapping_path.parent / mapping.description)
-        _has_channels(mapping, model, str(mapping_path))
+        if all(run.excitation == "free" for run in mapping.runs):
+            absent = tuple(drive for drive in model.drives if drive.channel not in mapping.channels)
+        _has_channels(mapping, model, [drive.channel for drive in absent], str(mapping_path))
     if len(model.configurations) == 1:
         (only,) = model.configurations
         named = tuple(msgspec.structs.replace(run, configuration=run.configuration or only) for run in mapping.runs)
@@ -93,22 +98,34 @@ def import_campaign(mapping_path: Path, output: Path, *, data: Path | None = Non
             )
     # A file with several runs is read once.
     table_in = cache(read_foreign)
-    runs = tuple(_run(wanted, mapping, table_in(folder / wanted.file)) for wanted in mapping.runs)
+    runs = tuple(_with_zero(_run(wanted, mapping, table_in(folder / wanted.file)), absent) for wanted in mapping.runs)
     campaign = Campaign(runs=runs, known=mapping.rig, description=description, source=str(output))
     campaign = repeats(campaign, tuple(drive.channel for drive in model.drives))
     write(output, campaign)
     return campaign
 
 
-def _has_channels(mapping: Mapping, model: RigModel, here: str) -> None:
-    absent = next((name for name in model.channels if name not in mapping.channels), None)
+def _has_channels(mapping: Mapping, model: RigModel, zero: Sequence[str], here: str) -> None:
+    absent = next((name for name in model.channels if name not in mapping.channels and name not in zero), None)
     if absent is not None:
         own = ", ".join(mapping.channels)
+        driving = any(drive.channel == absent for drive in model.drives)
+        last = 'write excitation = "free" in every run if nothing drove the rig' if driving else "remove it from the description"
         raise PlanError(
             f"{here} has no channel {absent!r}{did_you_mean(absent, mapping.channels)}, which the description "
-            f"{mapping.description} names; the mapping has {own}, so rename one of them, add the channel, or remove it from the "
-            "description"
+            f"{mapping.description} names; the mapping has {own}, so rename one of them, add the channel, or {last}"
         )
+
+
+def _with_zero(run: Run, drives: Sequence[Drive]) -> Run:
+    # The run with a record of zero for each of these drives.
+    zero = {
+        drive.channel: Channel(
+            name=drive.channel, samples=np.zeros(len(run), np.uint8), quantity=drive.quantity, unit=SI_UNIT[drive.quantity]
+        )
+        for drive in drives
+    }
+    return replace(run, channels={**run.channels, **zero})
 
 
 def _run(wanted: RunMap, mapping: Mapping, table: ForeignTable) -> Run:

@@ -228,6 +228,8 @@ class Findings(msgspec.Struct, frozen=True, kw_only=True, tag_field="format", ta
         none follows the records, or the time limit ended the search.
     time_limit_s
         The given time limit, s; None for none.
+    driven
+        Whether a drive is recorded in any run; otherwise the rig was only released.
     steps
         The named causes, largest first.
     candidates
@@ -254,6 +256,7 @@ class Findings(msgspec.Struct, frozen=True, kw_only=True, tag_field="format", ta
     cut_short: bool
     pointed: KindAt | None = None
     time_limit_s: float | None
+    driven: bool = True
     steps: list[NamedCause]
     candidates: list[TriedCause]
     budget: Budgets

@@ -14,6 +14,7 @@ from isorig.analysis.model.rig_model import RigModel, from_tree
 from isorig.rig.errors import PlanError
 from isorig.rig.files.inputs import TOML_MOST, content_of
 from isorig.rig.files.models import read_model
+from isorig.rig.model.baseline import with_sensors
 from isorig.rig.wire_bonder.description import BUILT_IN, wire_bonder
 
 if TYPE_CHECKING:
@@ -75,7 +76,7 @@ def read_rig(given: str | Path) -> GivenRig:
                 "description or a model.json"
             )
         model, origin, fitted = read_model(path)
-        return GivenRig(model=model, origin=origin, fitted=fitted)
+        return GivenRig(model=with_sensors(model, str(path)), origin=origin, fitted=fitted)
     model, text = read_description(path)
     return GivenRig(model=model, description=text)
 
@@ -116,7 +117,7 @@ def read_description(path: Path) -> tuple[RigModel, str]:
         text = content_of(path, TOML_MOST).decode()
     except (OSError, UnicodeDecodeError) as error:
         raise PlanError(f"{path} cannot be read ({error}); give the file of a rig's description") from None
-    return _described(text, str(path)), text
+    return with_sensors(_described(text, str(path)), str(path)), text
 
 
 def _described(text: str, what: str) -> RigModel:

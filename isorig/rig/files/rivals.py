@@ -44,6 +44,11 @@ class ExistingRun(msgspec.Struct, frozen=True, kw_only=True):
     period: float | None = None
     repeat_of: str | None = None
 
+    @property
+    def driven(self) -> bool:
+        """Whether a drive is recorded."""
+        return self.excitation != "free" and self.drive_rms > 0.0
+
 
 class FittedModel(msgspec.Struct, frozen=True, kw_only=True):
     """A cause as a fitted model; cause and location are empty for the model without one."""

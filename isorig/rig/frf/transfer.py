@@ -134,7 +134,8 @@ def transfer_functions(
     Raises
     ------
     DataError
-        No run has a broad-band drive, a channel is missing, several drives cannot be separated, or no hammer hit is valid.
+        No run has a broad-band drive, a channel or every response is missing, several drives cannot be separated, or no hammer
+        hit is valid.
 
     Examples
     --------
@@ -201,6 +202,8 @@ def transfer_functions(
                     for name in group
                     for frf in spectra.frfs(name, drives, estimator)
                 ]  # fmt: skip
+    if not transfers:
+        raise DataError(f"{campaign.source} has only the channel of the drive, {', '.join(drives)}; record at least one response")
     return sorted(transfers, key=lambda item: item.response)
 
 

@@ -10,7 +10,7 @@ from isorig.analysis.campaign import Campaign
 from isorig.analysis.errors import AnalysisError, ModelError
 from isorig.analysis.fitting.plausible import Doubt, doubts_of_records
 from isorig.analysis.model.rig_model import RigModel, from_tree
-from isorig.rig.errors import RecordingError, RigError
+from isorig.rig.errors import PlanError, RecordingError, RigError
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 
 Baseline = Literal["coulomb", "linear"]
@@ -26,6 +26,8 @@ def baseline_model(campaign: Campaign, baseline: Baseline = "coulomb") -> RigMod
     ------
     RecordingError
         The campaign lacks a channel that the rig needs, or its description is unusable.
+    PlanError
+        The description has no sensor.
     """
     if campaign.description is not None:
         try:
@@ -47,22 +49,38 @@ def doubts_in(campaign: Campaign, units: Mapping[str, str] | None = None) -> tup
     if campaign.description is None and not campaign.known:
         return ()
     try:
-        model = baseline_model(campaign)
-        if not model.sensors:
-            return ()
-        return doubts_of_records(model, campaign, units)
+        return doubts_of_records(baseline_model(campaign), campaign, units)
     except (RigError, AnalysisError):
         return ()
 
 
-def recorded_in(model: RigModel, campaign: Campaign) -> RigModel:
-    """The same model, if every run has its channels and a configuration of it.
+def with_sensors(model: RigModel, where: str) -> RigModel:
+    """The same rig, if it has a sensor: without one, no simulation can be compared with a record.
 
     Raises
     ------
+    PlanError
+        It has none; `where` names the description.
+    """
+    if not model.sensors:
+        raise PlanError(
+            f"{where} describes the rig {model.name!r} without a sensor, but a rig needs at least one recorded response; "
+            "add it to sensors, with its channel and body"
+        )
+    return model
+
+
+def recorded_in(model: RigModel, campaign: Campaign) -> RigModel:
+    """The same model, if it has a sensor, and every run has its channels and a configuration of it.
+
+    Raises
+    ------
+    PlanError
+        The model has no sensor.
     RecordingError
         A channel is missing, or a configuration is unknown.
     """
+    with_sensors(model, campaign.source or "the campaign")
     for run in campaign.runs:
         for name in model.channels:
             if name not in run.channels:

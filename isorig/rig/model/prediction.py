@@ -9,7 +9,7 @@ from datetime import datetime
 import numpy as np
 
 from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, Run
-from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.model.rig_model import RigModel, given_rig
 from isorig.analysis.simulate import simulate
 from isorig.analysis.simulate.free_run import excitation_of
 from isorig.rig.errors import RecordingError
@@ -31,6 +31,8 @@ def predicted(model: RigModel, campaign: Campaign, *, origin: datetime | None = 
 
     Raises
     ------
+    ModelError
+        The model is of another type.
     RecordingError
         A run lacks the drive or has a configuration that the model does not have.
 
@@ -44,6 +46,7 @@ def predicted(model: RigModel, campaign: Campaign, *, origin: datetime | None = 
     True
     """
     runs = []
+    model = given_rig(model)
     driving = [drive.channel for drive in model.drives]
     for run in campaign.runs:
         here = f"{campaign.source}: run {run.id!r}"

@@ -188,7 +188,7 @@ def situation(
     Raises
     ------
     PlanError
-        Where they are of different rigs, or of one that no spring holds.
+        Where they are of different rigs, of one that no spring holds, or of one that was never driven.
     """
     last = diagnoses[-1]
     model = last.explains.variant().model
@@ -210,6 +210,11 @@ def situation(
     ] + [one for one in last.open if one.why == "undecided"]
     earlier = [run for each in diagnoses[:-1] for run in each.runs]
     both = msgspec.structs.replace(last, open=open_, runs=[*earlier, *last.runs])
+    if both.runs and not any(run.driven for run in both.runs):
+        raise PlanError(
+            f"no run of {last.campaign} was driven, so no drive can be proposed; release the rig from another position, and "
+            "repeat one release"
+        )
     scale = drive_scale(both.runs)
     taken = in_hand(both.runs, plans, last.sample_rate, scale)
     return Situation(
@@ -219,7 +224,7 @@ def situation(
 
 def _complete(rivals: Rivals, model: RigModel, limits: Limits, taken: Sequence[Prospect]) -> Limits:
     # Limits that are not given are what the runs so far reached.
-    driven = [run for run in rivals.runs if run.drive_rms > 0.0 and run.excitation != "free"]
+    driven = [run for run in rivals.runs if run.driven]
     gains = limits.gains or ((0.0, max(run.gain for run in driven)) if driven else None)
     bands = [run.band for run in driven if run.band is not None]
     band = limits.band or ((min(b[0] for b in bands), max(b[1] for b in bands)) if bands else None)
@@ -340,6 +345,9 @@ def _stronger(now: Situation, budget: float) -> Proposed | None:
     # Where no candidate cause explains the error: the random drive, not measured yet, under which a link moves furthest beyond
     # what the runs so far reached, in the configuration of the largest error. What an unknown cause depends on is then seen over
     # the widest range.
+    if not now.taken:
+        # No drive of the runs so far can be generated again, so what they reached is unknown.
+        return None
     model = now.explains.model
     where = {run.configuration for run in now.rivals.runs if run.id == now.rivals.worst} or set(model.configurations)
     known = {(run.configuration, run.excitation, run.gain, run.band) for run in now.rivals.runs}

@@ -13,7 +13,7 @@ from isorig.analysis.campaign import Campaign
 from isorig.analysis.deadline import Deadline
 from isorig.analysis.diagnose import diagnosis as analysis
 from isorig.analysis.diagnose.diagnosis import Diagnosis
-from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.model.rig_model import RigModel, given_rig
 from isorig.analysis.parameters.joint_fit import Characterization
 from isorig.analysis.views import Viewed, shows
 from isorig.rig.diagnose.answer import findings_of, write_answer
@@ -22,6 +22,7 @@ from isorig.rig.files.findings import Findings
 from isorig.rig.files.parameter_table import characterize_campaign
 from isorig.rig.files.rigfile import GivenRig
 from isorig.rig.frf.figures import Figure
+from isorig.rig.model.baseline import with_sensors
 from isorig.rig.notebook.plots import second_figure
 from isorig.rig.report.before_after import BASELINE, EXTENDED, worst_second
 from isorig.rig.report.conclusion import Conclusion, conclude
@@ -87,6 +88,13 @@ def diagnose(
     progress
         Called with a line for each stage.
 
+    Raises
+    ------
+    ModelError
+        The model is of another type.
+    PlanError
+        The model has no sensor.
+
     Examples
     --------
     >>> import isorig as iso
@@ -94,8 +102,9 @@ def diagnose(
     >>> found.verdict, found.steps
     ('adequate', ())
     """
+    baseline = campaign.rig if model is None else with_sensors(given_rig(model), "the model")
     with Deadline(seconds):
-        found = analysis.diagnose(campaign, model or campaign.rig, tolerance=tolerance, progress=progress)
+        found = analysis.diagnose(campaign, baseline, tolerance=tolerance, progress=progress)
     return Answer(campaign=campaign, **{item.name: getattr(found, item.name) for item in fields(Diagnosis)})
 
 
@@ -114,6 +123,11 @@ def characterize(
     progress
         Called with a line for each stage.
 
+    Raises
+    ------
+    ModelError
+        The model is of another type.
+
     Examples
     --------
     >>> import isorig as iso
@@ -122,7 +136,7 @@ def characterize(
     >>> print(f"{entry.value:.2f} {entry.unit}")
     5.06 Hz
     """
-    given = GivenRig(model=model) if isinstance(model, RigModel) else model
+    given = model if model is None or isinstance(model, GivenRig) else GivenRig(model=given_rig(model))
     return characterize_campaign(campaign, progress, given)
 
 

@@ -201,7 +201,9 @@ def _next(findings: Findings, folder: str | None) -> str:
     if findings.cut_short:
         return "Next: repeat with more time (--seconds); causes may have been missed."
     if findings.indistinguishable or findings.verdict in ("unexplained", "partly explained"):
-        return f"Next: rig next {folder or 'on this folder'} proposes the run that decides what is open."
+        another = "no run was driven, so release the rig from another position, repeat one release, then diagnose again"
+        proposed = f"rig next {folder or 'on this folder'} proposes the run that decides what is open"
+        return f"Next: {proposed if findings.driven else another}."
     if findings.verdict == "adequate":
         return f"Next: use the model: rig predict {model} predicts other runs."
     if any(step.kind in ("sensor", "known_value") for step in findings.steps):

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run, Use
-from isorig.analysis.model.rig_model import Chain, RigModel
+from isorig.analysis.model.rig_model import Chain, RigModel, given_rig
 from isorig.analysis.simulate import Excitation, record, simulate
 from isorig.analysis.simulate.excitation import moves, random
 from isorig.rig.virtual.levels import BEGIN, BITS, FULL_SCALE, HEAD_PER_GAIN, VIRTUAL
@@ -107,6 +107,11 @@ def virtual_campaign(
     oversample
         Simulation steps per sample.
 
+    Raises
+    ------
+    ModelError
+        The rig is of another type.
+
     Examples
     --------
     >>> import isorig as iso
@@ -115,6 +120,7 @@ def virtual_campaign(
     >>> sorted(campaign.runs[0].channels)
     ['head', 'heatblock', 'motor', 'table']
     """
+    model = given_rig(model)
     generator = np.random.default_rng(seed)
     runs = []
     for take in takes:

@@ -78,7 +78,7 @@ def test_uneven_abscissa_is_not_taken_for_even(tmp_path: Path, capsys: pytest.Ca
     assert "uneven abscissa" in said
     both = uff(tmp_path / "both.uff", uneven, dataset(rsp_ent_name="table", abscissa_spacing=0, data=Y))
     (run,) = drafted(tmp_path, both)
-    assert list(run.channels) == ["table"]
+    assert list(run.channels) == ["push", "table"]
     np.testing.assert_allclose(run.read("table"), Y)
     assert run.sample_rate == pytest.approx(RATE, rel=1e-5)
     assert "uneven" in (tmp_path / "draft.toml").read_text()
@@ -263,10 +263,11 @@ def csv(path: Path, head: str, rows: FloatArray | list[str], sep: str = ",") -> 
 def test_clocks_and_rows_of_units(tmp_path: Path, head: str, scale: float) -> None:
     (run,) = drafted(tmp_path, csv(tmp_path / "a.csv", head, np.column_stack([scale * TIME, X])))
     assert run.sample_rate == pytest.approx(RATE, rel=1e-6)
-    assert len(run.channels) == 1
-    (channel,) = run.channels.values()
+    assert len(run.channels) == 2
+    response, drive = run.channels.values()
+    assert not drive.read().any()
     np.testing.assert_allclose(
-        channel.read(), X * (9.80665 if "g" in head.split("\n", 1)[0][-1:] + head[-4:] else 1.0), atol=2e-5
+        response.read(), X * (9.80665 if "g" in head.split("\n", 1)[0][-1:] + head[-4:] else 1.0), atol=2e-5
     )
 
 
@@ -435,7 +436,7 @@ def test_tdms_without_samples(tmp_path: Path, capsys: pytest.CaptureFixture[str]
         writer.write_segment([ChannelObject("daq", "x", np.array([])), ChannelObject("daq", "y", Y, {"wf_increment": 0.001}),
                               ChannelObject("daq", "word", ["a", "b"])])  # fmt: skip
     (run,) = drafted(tmp_path, tmp_path / "b.tdms")
-    assert (run.sample_rate, list(run.channels)) == (1000.0, ["y"])
+    assert (run.sample_rate, list(run.channels)) == (1000.0, ["push", "y"])
 
 
 @pytest.mark.parametrize("bits", [16, 24, 32])
@@ -484,10 +485,10 @@ def test_numpy_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     (run,) = drafted(tmp_path, tmp_path / "a.npz")
     assert (run.sample_rate, run.channels["force"].unit) == (RATE, "N")
     np.testing.assert_array_equal(run.read("table"), Y)
-    table = np.rec.fromarrays([TIME, X], names="time,force")
+    table = np.rec.fromarrays([TIME, X], names="time,top")
     np.save(tmp_path / "b.npy", np.asarray(table))
     (run,) = drafted(tmp_path, tmp_path / "b.npy")
-    np.testing.assert_array_equal(run.read("force"), X)
+    np.testing.assert_array_equal(run.read("top"), X)
     np.save(tmp_path / "c.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
     assert "plain numbers" in refused_draft(capsys, tmp_path / "c.npy")
 
@@ -545,12 +546,14 @@ def test_configurations_of_the_description(tmp_path: Path, capsys: pytest.Captur
     (tmp_path / "rig.toml").write_text(
         'name = "pendulum"\nfree = []\nbodies = [{ name = "bob", mass = 1.0 }]\n'
         'links = [{ name = "rod", a = "bob", b = "ground", stiffness = 100.0 }]\n'
-        'drive = { channel = "force", quantity = "force", factor = 1.0, pushes = { bob = 1.0 } }\n'
+        'drive = { channel = "push", quantity = "force", factor = 1.0, pushes = { bob = 1.0 } }\n'
+        'sensors = [{ channel = "force", force_in = "links.rod", quantity = "force" }]\n'
         '[configurations.free]\n[configurations.clamped]\nrigid = ["rod"]\n'
     )
-    said = refused(capsys, *mapped(tmp_path, top='description = "rig.toml"', configuration="unlocked"))
+    top, run = 'description = "rig.toml"', 'time = "t"\nexcitation = "free"'
+    said = refused(capsys, *mapped(tmp_path, top=top, run=run, configuration="unlocked"))
     assert "pendulum has free, clamped" in said
-    assert main(mapped(tmp_path, top='description = "rig.toml"', configuration="clamped")) == 0
+    assert main(mapped(tmp_path, top=top, run=run, configuration="clamped")) == 0
 
 
 def test_units_of_time_in_a_mapping(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

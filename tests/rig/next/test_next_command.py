@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from headless_page import CHROMIUM, EXTENT, told_by
@@ -155,3 +156,25 @@ def test_hidden_effects_of_the_virtual_rig(tmp_path: Path, capsys: pytest.Captur
     assert "there is no effect 'nonsense'" in capsys.readouterr().err
     assert main(["virtual", "instrument", "--kind", "sr785", "--hide", "end_stop"]) == 2
     assert "--hide needs an instrument that plays a drive" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("limits", [[], ["--limits"]])
+def test_a_rig_that_was_only_released(tmp_path: Path, capsys: pytest.CaptureFixture[str], limits: list[str]) -> None:
+    released = [msgspec.structs.replace(run, excitation="free", drive_rms=0.0, drive_peak=0.0) for run in rivals().runs]
+    folder = written(tmp_path / "diagnosis", rivals(verdict="unexplained", runs=released))
+    more = [*limits, str(limited(tmp_path, 0.008))] if limits else []
+    assert main(["next", str(folder), "-o", str(tmp_path / "next.toml"), *more]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line == (
+        "rig: no run of lab.h5 was driven, so no drive can be proposed; release the rig from another position, and repeat one "
+        "release"
+    )
+
+
+def test_runs_whose_drives_cannot_be_generated_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nothing is known of what they reached, so no stronger run is sought; another question is answered instead."""
+    other = [msgspec.structs.replace(run, excitation="other") for run in rivals().runs]
+    folder = written(tmp_path / "diagnosis", rivals(verdict="unexplained", runs=other))
+    call = ["next", str(folder), "-o", str(tmp_path / "next.toml"), "--limits", str(limited(tmp_path, 0.008))]
+    assert main(call) == 0
+    assert capsys.readouterr().out

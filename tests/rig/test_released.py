@@ -1,0 +1,137 @@
+"""A rig that is pulled and let go, recorded by its position alone: draft, import, diagnosis and what to measure next."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from isorig.analysis.campaign import FloatArray
+from isorig.rig.cli import main
+from isorig.rig.files.findings import read_findings
+from isorig.rig.files.recording import read
+from isorig.rig.files.rigfile import read_rig
+
+RATE, SECONDS = 100.0, 8.0
+MASS, STIFFNESS, DAMPING = 2.0, 300.0, 1.5
+STARTS = {"far": 0.1, "near": 0.04}
+DESCRIPTION = """
+name = "cart"
+free = ["links.spring.stiffness", "links.spring.damping"]
+bodies = [{ name = "cart", mass = 2.0 }]
+links = [{ name = "spring", a = "cart", stiffness = 280.0, damping = 1.0 }]
+drive = { channel = "push", quantity = "force", pushes = { cart = 1.0 } }
+sensors = [{ channel = "position_mm", body = "cart", quantity = "displacement" }]
+[configurations.far]
+initial_position = { cart = 0.1 }
+[configurations.near]
+initial_position = { cart = 0.04 }
+"""
+CHANNELS = """
+description = "rig.toml"
+[channels.position_mm]
+source = "position_mm"
+unit = "mm"
+"""
+RUN = """
+[[runs]]
+id = "{name}"
+file = "{name}.csv"
+configuration = "{name}"
+gain = 1.0
+excitation = "{excitation}"
+sample_rate = 100.0
+"""
+
+
+def decay(start: float) -> FloatArray:
+    """Position in mm of a damped oscillator that is let go, in closed form."""
+    t = np.arange(round(RATE * SECONDS)) / RATE
+    rate = DAMPING / (2.0 * MASS)
+    turn = np.sqrt(STIFFNESS / MASS - rate**2)
+    x = start * np.exp(-rate * t) * (np.cos(turn * t) + rate / turn * np.sin(turn * t))
+    return 1e3 * x + np.random.default_rng(round(1e3 * start)).normal(0.0, 0.02, len(t))
+
+
+def files(folder: Path, *excitations: str) -> Path:
+    """Records, description and mapping; the mapping's path."""
+    text = CHANNELS
+    for (name, start), excitation in zip(STARTS.items(), excitations, strict=True):
+        (folder / f"{name}.csv").write_text("position_mm\n" + "\n".join(f"{x:.6g}" for x in decay(start)) + "\n")
+        text += RUN.format(name=name, excitation=excitation)
+    (folder / "rig.toml").write_text(DESCRIPTION)
+    (folder / "m.toml").write_text(text)
+    return folder / "m.toml"
+
+
+def test_a_drive_of_zero_is_recorded(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "o.h5"
+    assert main(["import", str(files(tmp_path, "free", "free")), "-o", str(out)]) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "no column is the drive 'push', and all runs are free: a drive of 0 N is recorded", str(out)
+    ]  # fmt: skip
+    for run in read(out).runs:
+        assert run.repeat_of is None
+        assert run.channels["push"].unit == "N"
+        assert len(run.read("push")) == len(run)
+        assert not run.read("push").any()
+
+
+def test_a_driven_run_needs_its_drive(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["import", str(files(tmp_path, "free", "other")), "-o", str(tmp_path / "o.h5")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "has no channel 'push', which the description rig.toml names" in line
+    assert line.endswith('add the channel, or write excitation = "free" in every run if nothing drove the rig')
+    assert not (tmp_path / "o.h5").exists()
+
+
+def test_the_draft_of_one_position_can_be_imported(tmp_path: Path) -> None:
+    files(tmp_path, "free", "free")
+    mapping = tmp_path / "d.toml"
+    assert main(["import", "--draft", str(tmp_path / "far.csv"), str(tmp_path / "near.csv"), "-o", str(mapping)]) == 0
+    model = read_rig(tmp_path / "d-rig.toml").model
+    assert [(sensor.channel, sensor.body, sensor.quantity) for sensor in model.sensors] == [
+        ("position_mm", "body_position_mm", "displacement")
+    ]  # fmt: skip
+    assert (model.drive.channel, model.drive.quantity) == ("push", "force")
+    note = (tmp_path / "d-rig.toml").read_text()
+    assert "# ? no column is a drive: if body_position_mm was pulled and let go" in note
+    assert "initial_position" in note
+    text = mapping.read_text().replace(
+        "# sample_rate = 1024.0    # ? not given by the file; required for the import", "sample_rate = 100.0"
+    )
+    mapping.write_text(text)
+    assert text.count('excitation = "free"') == 2
+    assert main(["import", str(mapping), "-o", str(tmp_path / "o.h5")]) == 0
+    assert sorted(read(tmp_path / "o.h5").runs[0].channels) == ["position_mm", "push"]
+
+
+@pytest.mark.parametrize(
+    ("head", "words"),
+    [
+        ("torque_Nm,motor_rad,load_rad", ["that it pushes body_load_rad is a guess"]),
+        (
+            "motor_rad,load_rad",
+            ["that it pushes body_load_rad is a guess", "if the rig was pulled and let go"],
+        ),
+        ("one [V],other [V]", ["that it pushes body_other is a guess", "no unit is that of a motion"]),
+    ],
+)
+def test_guesses_of_a_draft_are_marked(tmp_path: Path, head: str, words: list[str]) -> None:
+    rows = np.random.default_rng(1).normal(size=(300, head.count(",") + 1))
+    np.savetxt(tmp_path / "a.csv", rows, delimiter=",", header=head, comments="")
+    assert main(["import", "--draft", str(tmp_path / "a.csv"), "-o", str(tmp_path / "d.toml")]) == 0
+    text = (tmp_path / "d-rig.toml").read_text()
+    said = " ".join(line.removeprefix("# ") for line in text.splitlines())
+    assert all(word in said for word in words)
+    assert read_rig(tmp_path / "d-rig.toml").model.sensors
+
+
+def test_the_findings_state_that_no_run_was_driven(tmp_path: Path) -> None:
+    out = tmp_path / "o.h5"
+    assert main(["import", str(files(tmp_path, "free", "free")), "-o", str(out)]) == 0
+    assert main(["diagnose", str(out), "-o", str(tmp_path / "d")]) == 0
+    found = read_findings(tmp_path / "d")
+    assert not found.driven
+    assert found.verdict == "adequate"
