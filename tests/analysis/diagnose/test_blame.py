@@ -40,7 +40,7 @@ from isorig.analysis.fitting.trials import prepare
 def blaming(*scores: tuple[str, str, float], worst: float = 20.0, after: float = 2.0) -> Suspects:
     """Suspects of explanations (kind, place, score) of an equation with the residual `worst`, `after` with the best."""
     explanations = tuple(
-        Explanation(kind=kind, place=place, what="slip", score=score, residuals={"table": after}, values={})
+        Explanation(kind=kind, place=place, what="force over deflection", score=score, residuals={"table": after}, values={})
         for kind, place, score in scores
     )
     ranking = Ranking(residuals={"table": worst}, explanations=explanations)
@@ -129,13 +129,16 @@ def test_a_form_explains_by_eight_tenths_of_the_whole_error_or_all_of_the_rest(
 
 def test_what_the_equations_show_and_no_simulation_confirms_is_a_sentence() -> None:
     clear = blaming(("sensor", "motor", SHOWN + 0.1))
-    assert clear.clearly == "slip (motor) reduces the largest residual, that of table, from 20 to 2 times the noise."
+    assert (
+        clear.clearly
+        == "force over deflection (motor) reduces the largest residual, that of table, from 20 to 2 times the noise."
+    )
     assert clear.clear == ("sensor", "motor")
     best = replace(clear.chosen[0], residuals={"lock": 1.5, "table": 19.0})
     partly = replace(
         clear, chosen=(best,), ranking=replace(clear.ranking, residuals={"lock": 15.0, "table": 20.0}, explanations=(best,))
     )
-    assert partly.clearly == "slip (motor) reduces the residual of lock, from 15 to 1.5 times the noise."
+    assert partly.clearly == "force over deflection (motor) reduces the residual of lock, from 15 to 1.5 times the noise."
     assert blaming(("sensor", "motor", SHOWN - 1e-9), after=19.0).clearly == ""
     assert blaming(("sensor", "motor", SHOWN - 1e-9), after=19.0).clear is None
     assert blaming(("sensor", "motor", 0.6), ("memory", "rail", 0.5)).clearly == ""
@@ -229,7 +232,7 @@ def test_the_best_explanation_of_a_place_gives_its_motion() -> None:
 @pytest.mark.parametrize(
     ("share", "worst", "score", "said"),
     [
-        (CONTRIBUTES + 1e-9, 21.0, SHOWN - 1e-9, "the largest contributions: slip (motor) 10 %."),
+        (CONTRIBUTES + 1e-9, 21.0, SHOWN - 1e-9, "the largest contributions: force over deflection (motor) 10 %."),
         (CONTRIBUTES - 1e-9, 21.0, SHOWN - 1e-9, ""),
         (CONTRIBUTES + 1e-9, BROKEN - 1e-9, SHOWN - 1e-9, ""),
         (CONTRIBUTES + 1e-9, 21.0, SHOWN, ""),

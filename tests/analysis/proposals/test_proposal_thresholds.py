@@ -454,7 +454,7 @@ def test_hidden_oscillators_are_supposed_at_these_frequencies() -> None:
 def test_the_inertia_of_an_imposed_body_is_supposed_only_where_its_force_is_measured(name: str, there: bool) -> None:
     model = read_description(SHIPPED[name])[0]
     (body,) = model.imposed
-    found = {v.key for v in hypotheses(model, NOTHING, {}, 512.0)}
+    found = {v.key for v in hypotheses(model, NOTHING, 512.0)}
     assert {("extra_mode", body) in found, ("wrong_mass", body) in found} == {there}
     others = [each.name for each in model.bodies if each.name != body]
     assert all(("extra_mode", other) in found for other in others)
@@ -463,7 +463,7 @@ def test_the_inertia_of_an_imposed_body_is_supposed_only_where_its_force_is_meas
 def test_no_two_hypotheses_have_the_same_words() -> None:
     for name in SHIPPED:
         model = read_description(SHIPPED[name])[0]
-        names = [cause(v) for v in hypotheses(model, NOTHING, {}, 512.0)]
+        names = [cause(v) for v in hypotheses(model, NOTHING, 512.0)]
         assert len(set(names)) == len(names), name
-    names = [cause(v) for v in hypotheses(wire_bonder(), NOTHING, {}, 1024.0)]
+    names = [cause(v) for v in hypotheses(wire_bonder(), NOTHING, 1024.0)]
     assert {"crosstalk at motor from head", "extra mode at motor with 30 Hz", "wrong mass at motor"} <= set(names)
