@@ -200,6 +200,18 @@ def test_runs_of_one_gain_with_several_levels_are_not_averaged_and_that_is_said(
     assert len(transfer_functions(mixed, responses=["table"], resolution=4.0)) == 1
 
 
+@pytest.mark.parametrize("as_recorded", [False, True])
+def test_predict_says_whether_the_file_has_the_faults_of_the_sensors(
+    as_recorded: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = read_rig("two-carts")
+    write(tmp_path / "c.h5", described_campaign(given, seed=1, seconds=2.0))
+    write_model(tmp_path / "model.json", given.model.replace({"sensors.x2.chain.gain": 1.07}))
+    call = ["predict", str(tmp_path / "model.json"), str(tmp_path / "c.h5"), "-o", str(tmp_path / "p.h5")]
+    assert main([*call, *(["--as-recorded"] if as_recorded else [])]) == 0
+    assert ("the true response of x2" in capsys.readouterr().out) == (not as_recorded)
+
+
 def test_predict_says_the_error_by_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     given = read_rig("two-carts")
     campaign = described_campaign(given, seed=1, seconds=6.0, noise=0.02)

@@ -41,11 +41,16 @@ def predict(
     found = predicted(rig, measured, origin=origin, as_recorded=as_recorded)
     write(output, found)
     # Records contain the faults of their chain, so they are compared with records.
-    faulty = any(sensor.chain != Chain() for sensor in rig.sensors)
-    compared = predicted(rig, measured, origin=origin, as_recorded=True) if faulty and not as_recorded else found
+    faulty = [] if as_recorded else [sensor.channel for sensor in rig.sensors if sensor.chain != Chain()]
+    compared = predicted(rig, measured, origin=origin, as_recorded=True) if faulty else found
     by_run = errors(measured, compared)
     channels = list(dict.fromkeys(name for row in by_run.values() for name in row))
     if channels:
         rows = [(run, *(in_per_cent(row[name]) if name in row else "–" for name in channels)) for run, row in by_run.items()]
         show_table("Prediction error, rms relative to measured", ("run", *channels), rows)
+    if faulty:
+        print(
+            f"The file has the true response of {', '.join(faulty)}, without the faults of the measurement chain; the table "
+            "compares with them, as --as-recorded writes it."
+        )
     print(output)
