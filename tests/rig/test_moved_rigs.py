@@ -110,6 +110,19 @@ def rubbed(time: FloatArray, push: Callable[[float], float], changes: Sequence[f
     return found
 
 
+def cart_tree(
+    drive: str, off: Sequence[float], configurations: Mapping[str, Any], free: Sequence[str] = ()
+) -> dict[str, Any]:  # fmt: skip
+    """The description of the single cart, whose spring and damper are off by these factors, with further free parameters."""
+    return {
+        "name": "cart", "bodies": [{"name": "cart", "mass": MASS}],
+        "links": [{"name": "spring", "a": "cart", "b": "ground", "stiffness": SPRING * off[0], "damping": DAMPER * off[1]}],
+        "drive": {"channel": drive, "quantity": "force", "pushes": {"cart": 1.0}},
+        "sensors": [{"channel": "x", "body": "cart", "quantity": "displacement"}],
+        "free": ["links.spring.stiffness", "links.spring.damping", *free], "configurations": configurations,
+    }  # fmt: skip
+
+
 def cart(late: float, seed: int, start: float = 0.0) -> tuple[list[Run], dict[str, Any]]:
     """A cart with dry friction behind a late drive, or released from `start`, and its description with spring and damper off."""
     draw, time, runs = np.random.default_rng(seed), np.arange(int(9 * RATE)) / RATE, []
@@ -120,15 +133,8 @@ def cart(late: float, seed: int, start: float = 0.0) -> tuple[list[Run], dict[st
         runs.append(run(f"r{k}", RATE, level, {"motor": ("force", command(time, level)), "x": ("displacement", counted)}))
     off = (1.0 + 0.2 * draw.uniform(-1.0, 1.0, 2)).tolist()
     released = {"initial_position": {"cart": 0.95 * start}} if start else {}
-    tree = {
-        "name": "cart", "bodies": [{"name": "cart", "mass": MASS}],
-        "links": [{"name": "spring", "a": "cart", "b": "ground", "stiffness": SPRING * off[0], "damping": DAMPER * off[1]}],
-        "drive": {"channel": "motor", "quantity": "force", "pushes": {"cart": 1.0}},
-        "sensors": [{"channel": "x", "body": "cart", "quantity": "displacement"}],
-        "free": ["links.spring.stiffness", "links.spring.damping", *(f"configurations.normal.{key}.cart" for key in released)],
-        "configurations": {"normal": released},
-    }  # fmt: skip
-    return runs, tree
+    free = [f"configurations.normal.{key}.cart" for key in released]
+    return runs, cart_tree("motor", off, {"normal": released}, free)
 
 
 def releases(gain: float, late: float, seed: int) -> tuple[list[Run], dict[str, Any]]:
@@ -140,15 +146,8 @@ def releases(gain: float, late: float, seed: int) -> tuple[list[Run], dict[str, 
         noisy = gain * x + draw.normal(0.0, 0.003 * float(np.std(x)), len(x))
         made = run(f"r{k}", RELEASED_RATE, 1.0, {"push": ("force", np.zeros(len(x))), "x": ("displacement", noisy)})
         runs.append(replace(made, configuration=f"release {k}", excitation="free"))
-    tree = {
-        "name": "cart", "bodies": [{"name": "cart", "mass": MASS}],
-        "links": [{"name": "spring", "a": "cart", "b": "ground", "stiffness": 1.12 * SPRING, "damping": 0.9 * DAMPER}],
-        "drive": {"channel": "push", "quantity": "force", "pushes": {"cart": 1.0}},
-        "sensors": [{"channel": "x", "body": "cart", "quantity": "displacement"}],
-        "free": ["links.spring.stiffness", "links.spring.damping"],
-        "configurations": {f"release {k}": {"initial_position": {"cart": start}} for k, start in enumerate(starts)},
-    }  # fmt: skip
-    return runs, tree
+    configurations = {f"release {k}": {"initial_position": {"cart": start}} for k, start in enumerate(starts)}
+    return runs, cart_tree("push", (1.12, 0.9), configurations)
 
 
 def floor(seed: int) -> tuple[list[Run], dict[str, Any]]:

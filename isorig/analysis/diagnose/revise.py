@@ -122,12 +122,6 @@ class Revision:
             return stages
         for rival in near_rivals(gone, self.floors):
             last = self._refitted(stages, k, now, rival)
-            print(
-                rival.candidate.key,
-                last and (last.score.error / now.score.error).mean(),
-                last and last.score.figure,
-                now.score.figure,
-            )
             if last is None or not explains_better(last.score.error, now.score.error, self.floors, self.enough, self.tolerance):
                 continue
             later = self._later(stages, k, rival.score, last, rival)

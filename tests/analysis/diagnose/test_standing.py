@@ -200,7 +200,7 @@ def fitted_as(monkeypatch: pytest.MonkeyPatch, fit: Fit, *errors: float) -> Fit:
     ],
 )
 def test_a_cause_is_exchanged_for_a_rival_that_explains_more_with_the_later_ones(
-    with_rival: float, named: str, monkeypatch: pytest.MonkeyPatch
+    with_rival: float, named: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:  # fmt: skip
     """While the relaxation was missing, the mass was closer than the gain."""
     rival = entry("sensor_gain", "x", 0.21)
@@ -221,6 +221,7 @@ def test_a_cause_is_exchanged_for_a_rival_that_explains_more_with_the_later_ones
         assert two.step.after == pytest.approx(with_rival)
     else:
         assert not changed.exchanged
+    assert capsys.readouterr().out == "", "what is said goes to progress"
 
 
 def test_an_adequate_model_keeps_its_causes(monkeypatch: pytest.MonkeyPatch) -> None:
