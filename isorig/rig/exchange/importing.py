@@ -22,7 +22,7 @@ from isorig.rig.exchange.mapping import ChannelMap, Mapping, RunMap, read_mappin
 from isorig.rig.exchange.reading import read_foreign
 from isorig.rig.exchange.table import Column, ForeignTable
 from isorig.rig.exchange.units import UNITS, known_unit, unit
-from isorig.rig.files.recording import write
+from isorig.rig.files.recording import GAIN, write
 from isorig.rig.files.rigfile import read_description
 from isorig.rig.wire_bonder.description import wire_bonder
 
@@ -134,6 +134,13 @@ def _run(wanted: RunMap, mapping: Mapping, table: ForeignTable) -> Run:
         name: wanted.sources.get(name, channel.source) for name, channel in mapping.channels.items()
         if not wanted.channels or name in wanted.channels
     }  # fmt: skip
+    for name, source in sources.items():
+        other = next(one for one, column in sources.items() if column == source)
+        if other != name:
+            raise PlanError(
+                f"{here} gives column {source!r} to the channels {other!r} and {name!r}, but a column is the record of one "
+                "channel; correct the source of one of them, or remove it"
+            )
     columns = {name: _column(table, source, f"{here}: channel {name!r}") for name, source in sources.items()}
     lengths = {name: len(column.values) for name, column in columns.items()}
     if len(set(lengths.values())) > 1:
@@ -149,8 +156,14 @@ def _run(wanted: RunMap, mapping: Mapping, table: ForeignTable) -> Run:
     lost = np.unique(np.concatenate([np.empty(0, np.int64), *(c.lost for c in columns.values() if c.lost is not None)]))
     lost = lost[(lost >= first) & (lost < last)]
     kept = np.setdiff1d(np.arange(first, last), lost, assume_unique=True) if len(lost) else slice(first, last)
+    rate = _rate(wanted, columns, table, here)
+    if wanted.band is not None and wanted.band[0] >= rate / 2.0:
+        raise PlanError(
+            f"{here} has a band from {wanted.band[0]:g} Hz, but {rate:g} samples per second contain at most {rate / 2.0:g} Hz; "
+            "correct the sample rate, time_unit or band"
+        )
     return Run(
-        id=wanted.id, configuration=wanted.configuration, sample_rate=_rate(wanted, columns, table, here), gain=wanted.gain,
+        id=wanted.id, configuration=wanted.configuration, sample_rate=rate, gain=wanted.gain,
         channels={
             name: channel_of(name, mapping.channels[name], column, kept, f"{here}: channels.{name}")
             for name, column in columns.items()
@@ -279,9 +292,23 @@ def _unused_clocks(wanted: RunMap, columns: dict[str, Column], table: ForeignTab
 
 
 def shortcomings(campaign: Campaign) -> list[str]:
-    """Runs that are too short for fits, or for their band, in sentences."""
+    """Runs that are too short for fits or for their band, are copies of another, or have a constant channel, in sentences."""
     found = []
-    for run in campaign.runs:
+    for at, run in enumerate(campaign.runs):
+        original = next((other.id for other in campaign.runs[:at] if _is_copy(other, run)), None)
+        if original is not None:
+            found.append(
+                f"Run {run.id!r} has exactly the samples of run {original!r}: it is a copy and not a repeat, so correct its file "
+                "or remove it."
+            )
+        for channel in run.channels.values():
+            value = _constant(channel)
+            # A streamed gain may stay the same, and a drive that was not played is zero in a free run.
+            if value is not None and channel.quantity != GAIN and not (run.excitation == "free" and value == 0.0):
+                found.append(
+                    f"Run {run.id!r} has the constant value {value:.4g} {channel.unit} in channel {channel.name!r}: check the "
+                    "sensor, its cable and the column."
+                )
         begin = f"Run {run.id!r} has {len(run)} samples, {run.duration:.3g} s"
         if run.band is not None and run.duration * run.band[1] < 1.0:
             found.append(
@@ -293,8 +320,21 @@ def shortcomings(campaign: Campaign) -> list[str]:
     return found
 
 
+def _constant(channel: Channel) -> float | None:
+    # The only value of a channel in SI; None if it has several.
+    values = channel.read()
+    return float(values[0]) if np.ptp(values) == 0.0 else None
+
+
+def _is_copy(one: Run, other: Run) -> bool:
+    # Whether two runs have the same samples in every channel: noise differs between two measurements.
+    if one.channels.keys() != other.channels.keys() or len(one) != len(other):
+        return False
+    return all(np.array_equal(one.read(name), other.read(name)) for name in one.channels)
+
+
 def repeats(campaign: Campaign, references: Sequence[str]) -> Campaign:
-    """The same campaign with `repeat_of` of every run that has the drive of an earlier one, to `SAME_DRIVE`.
+    """The same campaign with `repeat_of` of every run that has the drive of an earlier one, to `SAME_DRIVE`, and is no copy.
 
     Parameters
     ----------
@@ -315,4 +355,6 @@ def _same_drive(one: Run, other: Run, references: Sequence[str]) -> bool:
         return False
     if not all(name in run.channels for run in (one, other) for name in references):
         return False
-    return bool(references) and all(same_drive(one.read(name), other.read(name)) for name in references)
+    return (
+        bool(references) and all(same_drive(one.read(name), other.read(name)) for name in references) and not _is_copy(one, other)
+    )

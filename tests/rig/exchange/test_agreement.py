@@ -43,9 +43,11 @@ def run(text: str = "", name: str = "a", file: str = "a.csv") -> str:
     return f'[[runs]]\nid = "{name}"\nfile = "{file}"\nconfiguration = "unlocked"\ngain = 1.0\n{text}\n'
 
 
-def written(folder: Path, *, rate: float = RATE, head: str = "", name: str = "a.csv", time: str = "t") -> None:
+def written(
+    folder: Path, *, rate: float = RATE, head: str = "", name: str = "a.csv", time: str = "t", response: float = 0.1
+) -> None:
     (folder / "rig.toml").write_text(RIG)
-    rows = [f"{k / rate!r},{x!r},{0.1 * x!r}" for k, x in enumerate(X.tolist())]
+    rows = [f"{k / rate!r},{x!r},{response * x!r}" for k, x in enumerate(X.tolist())]
     (folder / name).write_text(head + f"{time},force,block\n" + "\n".join(rows) + "\n")
 
 
@@ -115,7 +117,7 @@ def test_missing_channels_and_typing_errors(tmp_path: Path, capsys: pytest.Captu
 def test_repeats(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A run with the same drive is a repeat by the mapping or by itself, and reported."""
     written(tmp_path)
-    written(tmp_path, name="b.csv")
+    written(tmp_path, name="b.csv", response=0.1001)
     assert imported(tmp_path, MAPPING + run('time = "t"') + run('time = "t"', "b", "b.csv")) == 0
     assert "run 'b' has the drive of run 'a' and is stored as its repeat" in capsys.readouterr().out
     assert [each.repeat_of for each in read(tmp_path / "o.h5").runs] == [None, "a"]
@@ -124,6 +126,57 @@ def test_repeats(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert [each.repeat_of for each in read(tmp_path / "o.h5").runs] == [None, None]
     assert imported(tmp_path, MAPPING + run('time = "t"') + run('time = "t"\nrepeat_of = "a"', "b", "b.csv")) == 0
     assert [each.repeat_of for each in read(tmp_path / "o.h5").runs] == [None, "a"]
+
+
+def test_a_copy_of_a_run_is_no_repeat(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    written(tmp_path)
+    assert imported(tmp_path, MAPPING + run('time = "t"') + run('time = "t"', "b")) == 0
+    text = capsys.readouterr().out
+    assert "Run 'b' has exactly the samples of run 'a': it is a copy and not a repeat" in text
+    assert "stored as its repeat" not in text
+    assert read(tmp_path / "o.h5").runs[1].repeat_of is None
+
+
+def test_one_column_for_two_channels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    written(tmp_path)
+    assert imported(tmp_path, MAPPING.replace('source = "block"', 'source = "force"') + run('time = "t"')) == 2
+    text = capsys.readouterr().err
+    assert "column 'force' to the channels 'force' and 'block', but a column is the record of one channel" in text
+    assert text.count("\n") == 1
+    assert not (tmp_path / "o.h5").exists()
+
+
+@pytest.mark.parametrize(("lowest", "status"), [(RATE / 2.0 - 0.1, 0), (RATE / 2.0, 2)])
+def test_boundary_of_a_band(tmp_path: Path, capsys: pytest.CaptureFixture[str], lowest: float, status: int) -> None:
+    written(tmp_path)
+    assert imported(tmp_path, MAPPING + run(f'time = "t"\nband = [{lowest!r}, 600.0]')) == status
+    assert ("1024 samples per second contain at most 512 Hz" in capsys.readouterr().err) == (status == 2)
+
+
+def test_clock_in_milliseconds_that_is_read_as_seconds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    written(tmp_path, rate=RATE / 1000.0)
+    assert imported(tmp_path, MAPPING + run('time = "t"\nband = [1.0, 200.0]')) == 2
+    assert "correct the sample rate, time_unit or band" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("excitation", "response", "said"), [("random", 0.0, True), ("random", 1e-9, False), ("free", 0.0, False)]
+)
+def test_constant_channels(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], excitation: str, response: float, said: bool
+) -> None:
+    written(tmp_path, response=response)
+    assert imported(tmp_path, MAPPING + run(f'time = "t"\nexcitation = "{excitation}"')) == 0
+    assert ("Run 'a' has the constant value 0 m/s^2 in channel 'block'" in capsys.readouterr().out) == said
+
+
+def test_a_streamed_gain_may_be_constant(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    written(tmp_path)
+    rows = (tmp_path / "a.csv").read_text().splitlines()
+    (tmp_path / "a.csv").write_text("\n".join([rows[0] + ",setting", *(row + ",0.7" for row in rows[1:])]) + "\n")
+    gain = '[channels.gain]\nsource = "setting"\nunit = "1"\nquantity = "gain"\n'
+    assert imported(tmp_path, MAPPING + gain + run('time = "t"')) == 0
+    assert "constant value" not in capsys.readouterr().out
 
 
 def drafted(folder: Path, name: str) -> str:
