@@ -28,6 +28,9 @@ from isorig.rig.wire_bonder.description import wire_bonder
 
 #: Sample rates that differ by less than this share are one rate: headers round it, and clocks are accurate to 1e-4.
 RATE_AGREES = 5e-3
+#: A record is clipped if its extreme value is this many times as frequent as the next one. At a peak of a sine that is rounded to
+#: steps, the highest step has at most 1 / (sqrt(2) - 1) = 2.4 times the samples of the one below.
+CLIPPED = 10
 #: Attributes of a sensor in a mapping.
 SENSOR = ("sensor", "place", "direction")
 
@@ -292,7 +295,7 @@ def _unused_clocks(wanted: RunMap, columns: dict[str, Column], table: ForeignTab
 
 
 def shortcomings(campaign: Campaign) -> list[str]:
-    """Runs that are too short for fits or for their band, are copies of another, or have a constant channel, in sentences."""
+    """Runs that are too short for fits or for their band, are copies of another, constant or clipped, in sentences."""
     found = []
     for at, run in enumerate(campaign.runs):
         original = next((other.id for other in campaign.runs[:at] if _is_copy(other, run)), None)
@@ -309,6 +312,12 @@ def shortcomings(campaign: Campaign) -> list[str]:
                     f"Run {run.id!r} has the constant value {value:.4g} {channel.unit} in channel {channel.name!r}: check the "
                     "sensor, its cable and the column."
                 )
+            elif value is None and channel.quantity == "acceleration" and channel.full_scale is None:
+                found.extend(
+                    f"Run {run.id!r} has {count} samples of {extreme:.4g} {channel.unit}, its {which} value, in channel "
+                    f"{channel.name!r}, as a clipped record has: give its range in the mapping, or measure with a larger one."
+                    for which, extreme, count in _clipped(channel)
+                )
         begin = f"Run {run.id!r} has {len(run)} samples, {run.duration:.3g} s"
         if run.band is not None and run.duration * run.band[1] < 1.0:
             found.append(
@@ -324,6 +333,19 @@ def _constant(channel: Channel) -> float | None:
     # The only value of a channel in SI; None if it has several.
     values = channel.read()
     return float(values[0]) if np.ptp(values) == 0.0 else None
+
+
+def _clipped(channel: Channel) -> list[tuple[str, float, int]]:
+    # The highest and lowest values of a channel that are far more frequent than the next ones: name, value in SI, samples.
+    record = channel.read()
+    values, counts = np.unique(record, return_counts=True)
+    # An extreme value that most samples have is that of a sensor at rest.
+    rest = float(np.median(record))
+    return [
+        (which, float(values[last]), int(counts[last]))
+        for which, last, inner in (("highest", -1, -2), ("lowest", 0, 1))
+        if values[last] != rest and counts[last] >= CLIPPED * counts[inner]
+    ]
 
 
 def _is_copy(one: Run, other: Run) -> bool:

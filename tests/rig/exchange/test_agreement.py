@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,10 @@ from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 from strange_rigs import noise
 
+from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.fitting.trials import SHORTEST
 from isorig.rig.cli import main
-from isorig.rig.exchange.importing import RATE_AGREES
+from isorig.rig.exchange.importing import CLIPPED, RATE_AGREES, shortcomings
 from isorig.rig.files.recording import read
 from isorig.rig.help import COMMANDS
 
@@ -168,6 +170,42 @@ def test_constant_channels(
     written(tmp_path, response=response)
     assert imported(tmp_path, MAPPING + run(f'time = "t"\nexcitation = "{excitation}"')) == 0
     assert ("Run 'a' has the constant value 0 m/s^2 in channel 'block'" in capsys.readouterr().out) == said
+
+
+@pytest.mark.parametrize(("samples", "said"), [(CLIPPED, True), (CLIPPED - 1, False)])
+def test_boundary_of_a_clipped_record(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, samples: int, said: bool
+) -> None:
+    clipped = X.copy()
+    clipped[np.argsort(X)[-samples:]] = 2.0
+    clipped[X < -2.0] = -2.0 + 1e-3 * X[X < -2.0]
+    monkeypatch.setattr(sys.modules[__name__], "X", np.where(clipped > 2.0, 1.9 + 1e-3 * X, clipped))
+    written(tmp_path)
+    assert imported(tmp_path, MAPPING + run('time = "t"')) == 0
+    text = capsys.readouterr().out
+    assert (
+        f"Run 'a' has {samples} samples of 0.2 m/s^2, its highest value, in channel 'block', as a clipped record" in text
+    ) == said
+    assert "lowest" not in text
+
+
+@pytest.mark.parametrize("steps", [3.0, 40.0, 2000.0])
+def test_rounded_sine_is_not_clipped(steps: float) -> None:
+    for phase in np.linspace(0.0, 1.0, 11):
+        sine = np.round((steps + phase) * np.sin(2.0 * np.pi * 7.3 / 51200.0 * np.arange(51200)))
+        channel = Channel(name="block", samples=sine, quantity="acceleration")
+        campaign = Campaign(
+            runs=(Run(id="a", configuration="unlocked", sample_rate=51200.0, gain=1.0, channels={"block": channel}),)
+        )
+        assert shortcomings(campaign) == []
+
+
+def test_sensor_that_mostly_rests_is_not_clipped() -> None:
+    rest = np.concatenate([np.zeros(1000), [1.0, 3.0, 2.0, 1.0]])
+    channels = {"block": Channel(name="block", samples=rest, quantity="acceleration")}
+    assert (
+        shortcomings(Campaign(runs=(Run(id="a", configuration="unlocked", sample_rate=1e3, gain=1.0, channels=channels),))) == []
+    )
 
 
 def test_a_streamed_gain_may_be_constant(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
