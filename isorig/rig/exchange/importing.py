@@ -337,15 +337,17 @@ def _constant(channel: Channel) -> float | None:
 
 def _clipped(channel: Channel) -> list[tuple[str, float, int]]:
     # The highest and lowest values of a channel that are far more frequent than the next ones: name, value in SI, samples.
-    record = channel.read()
-    values, counts = np.unique(record, return_counts=True)
-    # An extreme value that most samples have is that of a sensor at rest.
-    rest = float(np.median(record))
-    return [
-        (which, float(values[last]), int(counts[last]))
-        for which, last, inner in (("highest", -1, -2), ("lowest", 0, 1))
-        if values[last] != rest and counts[last] >= CLIPPED * counts[inner]
-    ]
+    values = channel.read()
+    found = []
+    for which, extreme, inner in (
+        ("highest", values.max(), values.max(where=values < values.max(), initial=-np.inf)),
+        ("lowest", values.min(), values.min(where=values > values.min(), initial=np.inf)),
+    ):
+        count = int(np.count_nonzero(values == extreme))
+        # An extreme value that most samples have is that of a sensor at rest.
+        if CLIPPED * np.count_nonzero(values == inner) <= count <= len(values) // 2:
+            found.append((which, float(extreme), count))
+    return found
 
 
 def _is_copy(one: Run, other: Run) -> bool:
