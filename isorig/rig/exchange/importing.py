@@ -15,6 +15,7 @@ from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, Gap, IntArray, 
 from isorig.analysis.fitting.repeats import same_drive
 from isorig.analysis.fitting.trials import SHORTEST
 from isorig.analysis.model.rig_model import Drive, RigModel
+from isorig.analysis.spectra.overload import extremes
 from isorig.analysis.wording import did_you_mean
 from isorig.rig.errors import PlanError, RecordingError
 from isorig.rig.exchange.clock import column_rate, is_time
@@ -305,14 +306,14 @@ def shortcomings(campaign: Campaign) -> list[str]:
                 "or remove it."
             )
         for channel in run.channels.values():
-            value = _constant(channel)
-            # A streamed gain may stay the same, and a drive that was not played is zero in a free run.
-            if value is not None and channel.quantity != GAIN and not (run.excitation == "free" and value == 0.0):
+            low, high = extremes(channel)
+            # A streamed gain may stay the same; a drive that was not played is zero in a free run. The sum makes -0.0 zero.
+            if low == high and channel.quantity != GAIN and not (run.excitation == "free" and low == 0.0):
                 found.append(
-                    f"Run {run.id!r} has the constant value {value:.4g} {channel.unit} in channel {channel.name!r}: check the "
-                    "sensor, its cable and the column."
+                    f"Run {run.id!r} has the constant value {low + 0.0:.4g} {channel.unit} in channel {channel.name!r}: check "
+                    "the sensor, its cable and the column."
                 )
-            elif value is None and channel.quantity == "acceleration" and channel.full_scale is None:
+            elif low < high and channel.quantity == "acceleration" and channel.full_scale is None:
                 found.extend(
                     f"Run {run.id!r} has {count} samples of {extreme:.4g} {channel.unit}, its {which} value, in channel "
                     f"{channel.name!r}, as a clipped record has: give its range in the mapping, or measure with a larger one."
@@ -329,24 +330,18 @@ def shortcomings(campaign: Campaign) -> list[str]:
     return found
 
 
-def _constant(channel: Channel) -> float | None:
-    # The only value of a channel in SI; None if it has several.
-    values = channel.read()
-    return float(values[0]) if np.ptp(values) == 0.0 else None
-
-
 def _clipped(channel: Channel) -> list[tuple[str, float, int]]:
     # The highest and lowest values of a channel that are far more frequent than the next ones: name, value in SI, samples.
-    values = channel.read()
+    values, (low, high) = channel.read(), extremes(channel)
     found = []
     for which, extreme, inner in (
-        ("highest", values.max(), values.max(where=values < values.max(), initial=-np.inf)),
-        ("lowest", values.min(), values.min(where=values > values.min(), initial=np.inf)),
+        ("highest", high, values.max(where=values < high, initial=-np.inf)),
+        ("lowest", low, values.min(where=values > low, initial=np.inf)),
     ):
         count = int(np.count_nonzero(values == extreme))
         # An extreme value that most samples have is that of a sensor at rest.
         if CLIPPED * np.count_nonzero(values == inner) <= count <= len(values) // 2:
-            found.append((which, float(extreme), count))
+            found.append((which, extreme, count))
     return found
 
 
