@@ -11,6 +11,10 @@ from isorig.analysis.campaign import FloatArray
 #: Number of values that a record takes below which it is a command with levels, which is exact, and no signal rounded to counts.
 #: Chosen: steps and square waves have two to five levels, and a motion of fewer counts than this shows nothing but rounding.
 LEVELS = 8
+#: Samples for which a command with more levels holds each one on average, at least, and the share of its changes after which
+#: the record does not change again at once. Chosen: a converter's record holds its counts for a few samples, and one that is zero
+#: outside a hit changes in successive samples.
+DWELL, JUMPS = 20.0, 0.9
 #: Number of different steps, as a share of all steps of a record, above which it is not rounded visibly.
 STEPS_PER_SAMPLE = 0.25
 #: Share of the largest step by which two steps of the same number of counts may differ, as text has a few digits only.
@@ -20,7 +24,16 @@ SOME = 20_000
 
 
 def is_command(values: FloatArray) -> bool:
-    """Whether a record takes fewer than `LEVELS` values."""
+    """Whether a record is a command with levels: it takes fewer than `LEVELS` values, or holds each one and then jumps."""
+    if _has_few_levels(values):
+        return True
+    changes = np.diff(values) != 0.0
+    jumps = changes & ~np.append(changes[1:], False)
+    count = int(np.count_nonzero(changes))
+    return 0 < count <= min(len(values) / DWELL, int(np.count_nonzero(jumps)) / JUMPS)
+
+
+def _has_few_levels(values: FloatArray) -> bool:
     some = values[:: max(1, len(values) // SOME)]
     return len(np.unique(some)) < LEVELS and len(np.unique(values)) < LEVELS
 
@@ -30,7 +43,7 @@ def rounding(values: FloatArray) -> float:
 
     A step q of the counts rounds with a standard deviation of q / sqrt(12).
     """
-    if is_command(values):
+    if _has_few_levels(values):
         return 0.0
     steps = np.abs(np.diff(values[:: max(1, len(values) // SOME)]))
     rounded = np.round(steps / (SAME * steps.max()))

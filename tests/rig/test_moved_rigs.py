@@ -137,6 +137,31 @@ def cart(late: float, seed: int, start: float = 0.0) -> tuple[list[Run], dict[st
     return runs, cart_tree("motor", off, {"normal": released}, free)
 
 
+def axis(spring: float, late: float, dry: float, sensor: Quantity, seed: int) -> tuple[list[Run], dict[str, Any]]:
+    """A mass behind a staircase of random levels that acts late, recorded by one sensor; its spring, if any, is off."""
+    draw, samples, fine, runs = np.random.default_rng(seed), int(10 * RATE), 40, []
+    step = 1.0 / (RATE * fine)
+    for k, level in enumerate(LEVELS):
+        push = level * np.repeat(draw.uniform(-1.0, 1.0, 25), samples // 25)
+        delayed = np.roll(np.repeat(push, fine), round(late / step))
+        delayed[: round(late / step)] = 0.0
+        x, v, moved = 0.0, 0.0, np.zeros((2, samples))
+        for j, force in enumerate(delayed.tolist()):
+            if j % fine == 0:
+                moved[:, j // fine] = x, v
+            ahead = v + step * (force - spring * x - DAMPER * v) / MASS
+            v = ahead - min(max(ahead, -step * dry / MASS), step * dry / MASS)  # dry friction stops it, and does not turn it
+            x += step * v
+        noisy = moved[int(sensor == "velocity")] + draw.normal(0.0, 2e-3 if sensor == "velocity" else 2e-5, samples)
+        runs.append(run(f"r{k}", RATE, level, {"motor": ("force", push), "x": (sensor, noisy)}))
+    tree = cart_tree("motor", (1.15, 0.85), {"normal": {}})
+    tree["sensors"] = [{"channel": "x", "body": "cart", "quantity": sensor}]
+    if not spring:
+        tree["links"][0]["stiffness"] = 0.0
+        tree["free"] = ["links.spring.damping"]
+    return runs, tree
+
+
 def releases(gain: float, late: float, seed: int) -> tuple[list[Run], dict[str, Any]]:
     """A cart with dry friction, released from four places, its position read with a gain or late, and its description."""
     draw, time, runs = np.random.default_rng(seed), np.arange(int(9 * RELEASED_RATE)) / RELEASED_RATE, []
@@ -290,6 +315,29 @@ def test_dry_friction_and_a_drive_that_acts_late(tmp_path: Path) -> None:
     assert (found["verdict"], set(steps)) == ("explained", {("coulomb_friction", "spring"), ("channel_delay", "motor")})
     assert near(steps["coulomb_friction", "spring"], "friction_force", DRY, 0.02)
     assert near(steps["channel_delay", "motor"], "delay", -0.016, 0.05)
+
+
+@pytest.mark.parametrize(
+    ("spring", "late", "dry", "sensor"),
+    [
+        (SPRING, 0.02, 0.0, "displacement"),
+        (SPRING, 0.02, 0.5, "displacement"),
+        (SPRING, 0.0, 0.0, "displacement"),
+        (0.0, 0.01, 1.2, "displacement"),
+        (0.0, 0.0, 0.8, "velocity"),
+        (0.0, 0.0, 0.0, "velocity"),
+    ],
+)
+def test_a_staircase_that_drives_a_mass(spring: float, late: float, dry: float, sensor: Quantity, tmp_path: Path) -> None:
+    """A drive's delay of many samples, also where no spring holds the mass, and with its velocity alone."""
+    found = diagnosed(axis(spring, late, dry, sensor, 3), tmp_path)
+    steps = {step["cause"]: step for step in found["steps"]}
+    assert found["verdict"] == ("explained" if late or dry else "adequate")
+    assert set(steps) == {*(["channel_delay"] if late else []), *(["coulomb_friction"] if dry else [])}
+    if late:
+        assert near(steps["channel_delay"], "delay", late, 0.02)
+    if dry:
+        assert near(steps["coulomb_friction"], "friction_force", dry, 0.02)
 
 
 def test_a_cart_with_dry_friction_that_is_released(tmp_path: Path) -> None:

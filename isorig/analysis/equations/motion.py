@@ -11,6 +11,7 @@ import numpy as np
 from isorig.analysis.campaign import MOTION, FloatArray, Run
 from isorig.analysis.lowpass import about_line, lowpass_gain, mirrored
 from isorig.analysis.model.rig_model import RigModel, direction
+from isorig.analysis.simulate.inverse import position_from
 
 #: Residual of a body's motion as a combination of sensors above which the sensors do not determine it (rounding).
 UNDETERMINED = 1e-9
@@ -44,14 +45,18 @@ def derivatives(values: FloatArray, order: int, rate: float, low: float, high: f
     rate
         Hz.
     low
-        Frequency in Hz below which integrals have no content: the constants of integration are unknown.
+        Frequency in Hz below which integrals have no content: the constants of integration are unknown. 0 for a displacement
+        that is counted from the start of the record of a velocity.
     high
         Frequency in Hz above which derivatives have no content: there they are noise. Infinite for no limit.
     """
-    found = {order: values - (values.mean() if order else 0.0)}
-    for below in range(order - 1, -1, -1):
+    counted = order == 1 and low == 0.0
+    found = {order: values - (values.mean() if order and not counted else 0.0)}
+    if counted:
+        found[0] = position_from(values, rate)
+    for below in range(order - 1, -1, -1) if not counted else ():
         found[below] = _integral(found[below + 1], rate)
-    if order:
+    if order and not counted:
         # The constants of integration are a ramp or a parabola. Both ends of the record differ by them, and a filter would spread
         # that over periods of `low`.
         n = len(values)

@@ -534,8 +534,8 @@ class Regressions:
         orders = self.on.combos.orders
         sources = [c for c in orders if c != channel and c in self.on.model.channels] if channel in orders else []
         # A drive acts later than its record tells; with one sensor that is the sensor's delay.
-        late = channel == self.on.model.drive.channel and len(self.on.model.sensors) > 1
-        delays = (LATE if late else DELAYS) / self.on.rate
+        alone, drives = len(self.on.model.sensors) == 1, channel == self.on.model.drive.channel
+        delays = ((DELAYS if alone else LATE) if drives else (-LATE[::-1] if alone else DELAYS)) / self.on.rate
         faults: list[tuple[str, FloatArray, str | None]] = [("gain", GAINS, None), ("delay", delays, None)]
         if channel == self.on.model.drive.channel and "drive.factor" in self.on.model.free:
             faults = faults[1:]

@@ -23,6 +23,7 @@ from isorig.analysis.equations.spectral import Prepared, Row, Solved, Spectra
 from isorig.analysis.laws import Coulomb
 from isorig.analysis.laws.base import NO_LINK
 from isorig.analysis.lowpass import force_edge, low_passed, signal_edge
+from isorig.analysis.model.linear import floats
 from isorig.analysis.model.rig_model import GROUND, RigModel
 from isorig.analysis.rounding import is_command
 from isorig.analysis.simulate.natural import natural_modes
@@ -88,6 +89,8 @@ class Equations:
     def __init__(self, campaign: Campaign, model: RigModel, noise: Mapping[str, float]) -> None:
         self.hidden = estimable(model)
         self.model, self.combos = model, Combinations(model, self.hidden)
+        # Where no spring holds a body, its position counts from the start of a run.
+        self.counted = floats(model) and max(self.combos.orders.values(), default=0) < 2
         self.balances = balances(model, self.combos)
         self.locks = locks(model, self.balances, self.combos)
         self.usable = min(run.usable for run in campaign.runs)
@@ -199,7 +202,7 @@ class Equations:
         signals: dict[tuple[str, int], FloatArray] = {}
         for channel, values in record.channels.items():
             if channel in orders:
-                found = derivatives(values, orders[channel], self.rate, CUT * self.lowest, np.inf)
+                found = derivatives(values, orders[channel], self.rate, 0.0 if self.counted else CUT * self.lowest, np.inf)
                 signals |= {(channel, order): part for order, part in found.orders.items()}
             else:
                 signals[channel, -1] = values
@@ -360,7 +363,7 @@ class Equations:
 
     def integrated(self, element: Element) -> bool:
         """Whether an element's deflection is an integral, so that its slow part is unknown."""
-        return all(self.combos.orders[channel] > 0 for channel in (self.combos.of(element.weights, 0) or {}))
+        return not self.counted and all(self.combos.orders[channel] > 0 for channel in (self.combos.of(element.weights, 0) or {}))
 
     def cut(self, balance: Balance, element: Element) -> float:
         """Frequency in Hz up to which the slow part of an element's integrated deflection is fitted.
@@ -478,7 +481,7 @@ class Equations:
         d, v = np.zeros(n), np.zeros(n)
         for channel, weight in combo.items():
             order = orders[channel]
-            found = derivatives(signals[channel, order], order, self.rate, low, self.edge)
+            found = derivatives(signals[channel, order], order, self.rate, 0.0 if self.counted else low, self.edge)
             d += weight * found.orders[0]
             v += weight * found.orders[1]
         if 0 in (orders[channel] for channel in combo):

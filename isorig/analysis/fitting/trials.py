@@ -15,11 +15,12 @@ from isorig.analysis.campaign import MOTION, Campaign, FloatArray, Run
 from isorig.analysis.errors import DataError
 from isorig.analysis.fitting.initial_state import MovingStart, PreparedRun, State, begins_in_motion, moving_start
 from isorig.analysis.model.linear import floats
-from isorig.analysis.model.rig_model import GROUND, RigModel
+from isorig.analysis.model.rig_model import GROUND, RigModel, Sensor
+from isorig.analysis.rounding import is_command
 from isorig.analysis.simulate import Excitation, record, simulate
 from isorig.analysis.simulate.free_run import NOWHERE, excitation_of, true_drives
-from isorig.analysis.simulate.inverse import DECIMATION, Motion, decimated, motion_from, required_drive
-from isorig.analysis.simulate.sampling import FLAT, TAPS, within
+from isorig.analysis.simulate.inverse import DECIMATION, Motion, decimated, motion_from, position_from, required_drive
+from isorig.analysis.simulate.sampling import FLAT, TAPS, as_held, within
 from isorig.analysis.spectra.hum import hum
 from isorig.analysis.spectra.noise import noise_levels, rests
 
@@ -354,27 +355,34 @@ def onset_of(drive: FloatArray) -> int:
 
 
 def _by_drive(campaign: Campaign, model: RigModel, run: Run, stop: int, noise: Mapping[str, float]) -> Trial:
-    sensors = {sensor.body: sensor for sensor in model.sensors}
-    other = next((s for s in model.sensors if MOTION[s.quantity] != 0 or s.relative_to != GROUND), None)
-    if other is not None or len(sensors) != len(model.bodies):
+    # A body's position is preferred to its velocity, whose integral counts from the start of the run.
+    absolute = [s for s in model.sensors if s.force_in is None and MOTION[s.quantity] < 2 and s.relative_to == GROUND]
+    sensors = {sensor.body: sensor for sensor in sorted(absolute, key=lambda s: -MOTION[s.quantity])}
+    if len(sensors) != len(model.bodies):
         raise DataError(
             f"the rig {model.name!r} has a body that no spring holds, so it is judged by the force of its drive; "
-            "that takes the absolute position of every body, so measure those or add the spring to the description"
+            "that takes the absolute position or velocity of every body, so measure those or add the spring to the description"
         )
-    generator = np.random.default_rng(5)
-    positions = {body: run.channel(sensor.channel).read(0, stop) for body, sensor in sensors.items()}
-    shaken = {
-        body: values + generator.normal(0.0, noise.get(sensors[body].channel, 0.0), stop) for body, values in positions.items()
-    }
+    rate, generator = run.sample_rate, np.random.default_rng(5)
+
+    def position(sensor: Sensor, values: FloatArray) -> FloatArray:
+        return position_from(values, rate) if MOTION[sensor.quantity] else values
+
+    clean, shaken = {}, {}
+    for body, sensor in sensors.items():
+        values = run.channel(sensor.channel).read(0, stop)
+        clean[body] = position(sensor, values)
+        shaken[body] = position(sensor, values + generator.normal(0.0, noise.get(sensor.channel, 0.0), stop))
     drive = run.channel(model.drive.channel).read(0, stop)
-    clean, noisy = motion_from(positions, run.sample_rate, drive), motion_from(shaken, run.sample_rate, drive)
-    blur = {body: float(np.std(noisy.velocity[body] - clean.velocity[body])) for body in positions}
+    drive = as_held(drive, 1) if is_command(drive) else drive
+    moved, noisy = motion_from(clean, rate, drive), motion_from(shaken, rate, drive)
+    blur = {body: float(np.std(noisy.velocity[body] - moved.velocity[body])) for body in clean}
+    channels = {body: sensor.channel for body, sensor in sensors.items()}
     force = decimated(drive)
-    rate = run.sample_rate / DECIMATION
     return Trial(
-        run=run, start_time=campaign.seconds_since_start(run), excitation=Excitation.prepare(force, rate, oversample=1),
-        channels=(model.drive.channel,), measured=force[None, :],
+        run=run, start_time=campaign.seconds_since_start(run), channels=(model.drive.channel,), measured=force[None, :],
+        excitation=Excitation.prepare(force, rate / DECIMATION, oversample=1),
         noise=np.array([noise.get(model.drive.channel, 0.0) / np.sqrt(DECIMATION)]),
-        fitted=0 if run.use == "holdout" else round(len(force) * FIT_SHARE), ceiling=rate / 2.0,
-        motion=replace(clean, blur=blur), shaken=replace(noisy, blur=blur),
+        fitted=0 if run.use == "holdout" else round(len(force) * FIT_SHARE), ceiling=rate / DECIMATION / 2.0,
+        motion=replace(moved, blur=blur, channels=channels), shaken=replace(noisy, blur=blur, channels=channels),
     )  # fmt: skip

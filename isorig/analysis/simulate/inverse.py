@@ -9,7 +9,7 @@ may stick: it transmits any force between those of slow sliding in both directio
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import SimulationError
 from isorig.analysis.laws.base import NO_LINK
 from isorig.analysis.model.rig_model import GROUND, Chain, Contact, Link, RigModel, single_drive
+from isorig.analysis.simulate.sampling import shift
 
 #: Corner frequency of the low-pass as a share of the sample rate, its order, and the decimation factor after it.
 CORNER = 0.08
@@ -42,6 +43,8 @@ class Motion:
         The drive channel's record.
     blur
         Standard deviation of the noise of each body's velocity, m/s.
+    channels
+        The channel that records each body.
     """
 
     position: Mapping[str, FloatArray]
@@ -50,6 +53,7 @@ class Motion:
     sample_rate: float
     drive: FloatArray
     blur: Mapping[str, float] = field(default_factory=dict)
+    channels: Mapping[str, str] = field(default_factory=dict)
 
 
 def motion_from(positions: Mapping[str, FloatArray], rate: float, drive: FloatArray) -> Motion:
@@ -61,6 +65,13 @@ def motion_from(positions: Mapping[str, FloatArray], rate: float, drive: FloatAr
     velocity = {body: np.gradient(values, 1.0 / rate) for body, values in position.items()}
     acceleration = {body: np.gradient(values, 1.0 / rate) for body, values in velocity.items()}
     return Motion(position=position, velocity=velocity, acceleration=acceleration, sample_rate=rate, drive=drive)
+
+
+def position_from(velocity: FloatArray, rate: float) -> FloatArray:
+    """Position in m, from that at the start of a record of a velocity in m/s at a rate in Hz, shape (n,)."""
+    from scipy.integrate import cumulative_trapezoid
+
+    return np.asarray(cumulative_trapezoid(velocity, dx=1.0 / rate, initial=0))
 
 
 def decimated(values: FloatArray) -> FloatArray:
@@ -76,16 +87,19 @@ def required_drive(model: RigModel, motion: Motion) -> FloatArray:
     Raises
     ------
     SimulationError
-        If the motion does not determine the drive: a body is not measured, a sensor has a fault, or several bodies are driven.
+        If the motion does not determine the drive: a body is not measured, a channel has a fault other than a gain, a delay or,
+        of the drive, an offset; or several bodies are driven.
     """
     single_drive(model, "a rig that is judged by its drive")
     pushed = [name for name, weight in model.drive.pushes.items() if weight]
     unseen = [body.name for body in model.bodies if body.name not in motion.position]
-    faults = [sensor.chain != Chain() for sensor in model.sensors]
-    # The drive's record itself is compared: of its channel's faults only an offset is identifiable.
-    faults.append(model.drive.chain != Chain(offset=model.drive.chain.offset))
-    if len(pushed) != 1 or unseen or any(faults):
+    faults = [sensor.chain != Chain(gain=sensor.chain.gain, delay=sensor.chain.delay) for sensor in model.sensors]
+    chain = model.drive.chain
+    faults.append(chain != Chain(gain=chain.gain, delay=chain.delay, offset=chain.offset))
+    unused = [sensor.chain != Chain() for sensor in model.sensors if sensor.channel not in motion.channels.values()]
+    if len(pushed) != 1 or unseen or any(faults) or any(unused):
         raise SimulationError(f"the rig {model.name!r} cannot be judged by its drive; every body must be measured, one be pushed")
+    motion = _without_faults(motion, {sensor.channel: sensor.chain for sensor in model.sensors})
     name = pushed[0]
     least = model.body(name).mass * motion.acceleration[name]
     most = least.copy()
@@ -97,8 +111,26 @@ def required_drive(model: RigModel, motion: Motion) -> FloatArray:
         ends = [sign * resistance for resistance in _resistances(model, motion, part)]
         least += np.minimum(*ends)
         most += np.maximum(*ends)
-    factor, offset = model.drive.factor * model.drive.pushes[name], model.drive.chain.offset
-    return decimated(np.clip(factor * (motion.drive - offset), least, most) / factor + offset)
+    scale, rate = chain.gain / (model.drive.factor * model.drive.pushes[name]), motion.sample_rate
+    acting = shift((motion.drive - chain.offset) / scale, -chain.delay, rate)
+    return decimated(shift(scale * np.clip(acting, least, most), chain.delay, rate) + chain.offset)
+
+
+def _without_faults(motion: Motion, chains: Mapping[str, Chain]) -> Motion:
+    # The true motion of bodies whose sensors have a gain or a delay.
+    faulty = {body: chains[channel] for body, channel in motion.channels.items() if chains[channel] != Chain()}
+    if not faulty:
+        return motion
+
+    def true(records: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        return {
+            body: shift(values, -faulty[body].delay, motion.sample_rate) / faulty[body].gain if body in faulty else values
+            for body, values in records.items()
+        }
+
+    return replace(
+        motion, position=true(motion.position), velocity=true(motion.velocity), acceleration=true(motion.acceleration)
+    )  # fmt: skip
 
 
 def _resistances(model: RigModel, motion: Motion, part: Link | Contact) -> tuple[FloatArray, FloatArray]:

@@ -24,7 +24,7 @@ from isorig.analysis.equations.system import HIGHEST_CUT, HOLDS, NOISY, SURE, eq
 from isorig.analysis.fitting.solve import Free
 from isorig.analysis.model.rig_model import Body, Chain, Link, RigModel
 from isorig.analysis.parameters.joint_fit import fit_baseline
-from isorig.analysis.rounding import rounding
+from isorig.analysis.rounding import DWELL, is_command, rounding
 from isorig.analysis.simulate.sampling import Excitation
 from isorig.analysis.simulate.simulation import simulate
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
@@ -291,6 +291,15 @@ def test_derivatives_and_integrals_of_a_sine() -> None:
     up = derivatives(np.sin(omega * t), 0, 1024.0, 0.5, np.inf).orders
     assert np.abs(down[0] - np.sin(omega * t))[inner].max() < 2e-3
     assert np.abs(up[2] + omega**2 * np.sin(omega * t))[inner].max() < 2e-3 * omega**2
+
+
+@pytest.mark.parametrize(("dwell", "command"), [(DWELL, True), (DWELL - 1.0, False)])
+def test_a_staircase_is_a_command_from_a_mean_dwell_on(dwell: float, command: bool) -> None:
+    levels = np.random.default_rng(2).normal(size=30)
+    assert is_command(np.repeat(levels, int(dwell))) is command
+    hits = np.zeros(4000)  # a hammer's record that is zero between hits
+    hits[1000:1030] = np.sin(np.linspace(0.1, 3.0, 30))
+    assert not is_command(hits)
 
 
 def test_counts_have_the_noise_of_their_rounding() -> None:
