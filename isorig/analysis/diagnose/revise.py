@@ -1,7 +1,8 @@
 """Earlier steps revised once later causes are in the model.
 
 A cause that was chosen while a later one was missing may have stood for some of that. With the later causes in place, it is left
-out if it explains nothing any more, or exchanged for a rival of its search that explains more. A contact has one friction law, so
+out if it explains nothing any more, or exchanged for a rival of its search that explains more, or for a simpler one at its place
+that explains as much. A contact has one friction law, so
 that a more general one there takes the earlier one's place.
 """
 
@@ -116,13 +117,20 @@ class Revision:
         return self._later(stages, k, stages[k - 1].score, last)
 
     def _with_best_rival(self, stages: list[SearchStage], k: int) -> list[SearchStage]:
-        # The stages with the cause of stage k exchanged for a rival that explains more together with the later ones.
+        # The stages with the cause of stage k exchanged for a rival that explains more together with the later ones, or for a
+        # simpler one at its place that explains as much.
         gone, before, now = stages[k], stages[k - 1], stages[-1]
-        if gone.step is None or gone.paired:
+        if gone.step is None:
             return stages
         for rival in near_rivals(gone, self.floors):
+            simpler = _simpler(rival, gone)
+            if gone.paired and not simpler:
+                continue
             last = self._refitted(stages, k, now, rival)
-            if last is None or not explains_better(last.score.error, now.score.error, self.floors, self.enough, self.tolerance):
+            if last is None or not (
+                explains_better(last.score.error, now.score.error, self.floors, self.enough, self.tolerance)
+                or (simpler and ratio(last.score.error, now.score.error, self.floors) < POLICY.matters)
+            ):
                 continue
             later = self._later(stages, k, rival.score, last, rival)
             if later is None:
@@ -131,7 +139,8 @@ class Revision:
             self.progress(f"with {' at '.join(rival.candidate.key)} in place of {' at '.join(key)}: {last.score.figure:.3g}")
             self.exchanged[key] = rival.candidate.key
             sure = confidence(last.score, [now.score])
-            return [*stages[:k], stage_of(before.score, found_step(rival, gone.entries, before.score, set(), sure)), *later]
+            found = stage_of(before.score, found_step(rival, gone.entries, before.score, set(), sure))
+            return [*stages[:k], replace(found, paired=gone.paired), *later]
         return stages
 
     def _later(
@@ -167,16 +176,24 @@ class Revision:
 
 
 def near_rivals(stage: SearchStage, floors: FloatArray) -> list[Entry]:
-    """The forms of other kinds or places that came close to a step (`Policy.form_close`), the closest first."""
+    """The forms of other kinds or places, or simpler ones, that came close to a step (`Policy.form_close`), the closest first."""
     step = stage.step
     assert step is not None
     near = [
         (apart, k, entry)
         for k, entry in enumerate(stage.entries)
-        if entry.place != (step.kind, step.location) and entry.candidate.shape is None
+        if entry.candidate.shape is None and (entry.place != (step.kind, step.location) or _simpler(entry, stage))
         if (apart := ratio(entry.score.error, stage.score.error, floors)) < POLICY.form_close
     ]
     return [entry for _, _, entry in sorted(near)[:RIVALS]]
+
+
+def _simpler(entry: Entry, stage: SearchStage) -> bool:
+    # Whether a form is at the place of a stage's cause and simpler than that.
+    candidate, own = entry.candidate, stage.candidate
+    if own is None or candidate.location != own.location:
+        return False
+    return (candidate.rank, len(candidate.free)) < (own.rank, len(own.free))
 
 
 def merged(stages: Sequence[SearchStage], floors: FloatArray) -> tuple[list[SearchStage], frozenset[tuple[str, str]]]:

@@ -70,7 +70,7 @@ PROMISING_LATER = 0.25
 #: Number of screened candidates that are fitted, in addition to the best of each family.
 SCREENED = 6
 #: Misfit, in allowed errors, above which even the best fit may have lost the motion. Chosen: a fifth of the signal.
-LOST = (0.2 / SIGNAL_SHARE) ** 2
+LOST = (0.05 / SIGNAL_SHARE) ** 2
 #: Kinds of causes whose force depends on more than the motion at its moment: regressions on the records do not show all of it.
 UNSEEN: frozenset[Kind] = frozenset({"memory", "friction_shape"})
 #: Families that can make bodies stick: no small step shows the effect of a larger force, so they count place by place.
@@ -308,7 +308,7 @@ def next_step(job: Job) -> Found | None:
         if more and not each.doubtful(forms):
             break
         shapes = _without_forms(job, each) if whole and each.leads and not more else shapes
-        if any(job.explains(entry) and each.shown(*entry.candidate.key) for entry in shapes or ()):
+        if any(job.nearly(entry) and each.shown(*entry.candidate.key) for entry in shapes or ()):
             break
     if source is None:
         return None
@@ -450,7 +450,7 @@ class Suspected:
                 run = again if again and (not run or again[0][1].cost < run[0][1].cost) else run
             behind = {id(start[0]): other for start, other in back}
             first = behind.get(id(run[0][0]), begun) if run else begun
-            if run and run[0][0].shape is not None and (forms := self._forms_for(*run[0], first)):
+            if run and run[0][0].shape is not None and (forms := self._forms_for(run[0][1], first)):
                 run, behind = forms, {id(candidate): first for candidate, _ in forms}
             if not job.stays(run):
                 continue
@@ -473,14 +473,11 @@ class Suspected:
         # The first cause started again with each of these in place, and which one that is.
         return [(start, other) for other in others for start in self._after(other)[0] if start[0].key == begun[0].key]
 
-    def _forms_for(self, shape: Candidate, curve: Fit, begun: Start) -> Running:
-        # Forms of a curve's kind at its place that come as close to the data, with the same other cause.
-        kinds = OVER_VELOCITY if kind_of(shape.cause) in OVER_VELOCITY else {kind_of(shape.cause)}
-        forms = [
-            start
-            for start in self._after(begun, curves=False)[0]
-            if kind_of(start[0].cause) in kinds and start[0].location == shape.location
-        ]
+    def _forms_for(self, curve: Fit, begun: Start) -> Running:
+        # Forms that come as close to the data as a curve does, with the same other cause: what the equations show with the values
+        # of that as they were fitted with the curve.
+        first, free, model = begun
+        forms, _ = self._after((first, free, model.replace(_values_at(curve.model, [f.path for f in free]))), curves=False)
         run = verified(forms, self.job.rungs[-1], self.job.progress) if forms else []
         return [pair for pair in run if pair[1].cost <= max(AGREES, POLICY.form_close**2 * curve.cost)]
 
