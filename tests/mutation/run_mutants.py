@@ -183,7 +183,7 @@ NAMED = (
     ),
     (
         "a fit is lost at half of the signal", "isorig/analysis/diagnose/search.py",
-        "LOST = (0.2 /", "LOST = (0.5 /",
+        "LOST = (0.05 /", "LOST = (0.5 /",
     ),
     (
         "any form replaces a pair's curve", "isorig/analysis/diagnose/search.py",

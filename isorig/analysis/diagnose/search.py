@@ -24,7 +24,7 @@ from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.places import Places, compared_places
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.diagnose.step import Entry, Found, best_form, best_kind, curve_of, found_step
-from isorig.analysis.diagnose.suspects import ALWAYS, OVER_VELOCITY, STANDS_ALIKE, Suspects, suspects
+from isorig.analysis.diagnose.suspects import ALWAYS, STANDS_ALIKE, Suspects, suspects
 from isorig.analysis.equations.system import HOLDS, Equations, equations_of
 from isorig.analysis.errors import FitError, ModelError, OutOfTimeError
 from isorig.analysis.fitting.candidate import Candidate
@@ -69,7 +69,8 @@ FINALISTS, CURVES, PAIRS = 4, 3, 2
 PROMISING_LATER = 0.25
 #: Number of screened candidates that are fitted, in addition to the best of each family.
 SCREENED = 6
-#: Misfit, in allowed errors, above which even the best fit may have lost the motion. Chosen: a fifth of the signal.
+#: Misfit, in allowed errors, above which even the best fit may have lost the motion. Chosen: a twentieth of the signal; after
+#: impacts a fit from close values ended at 7 % and one over growing lengths of the runs at the noise.
 LOST = (0.05 / SIGNAL_SHARE) ** 2
 #: Kinds of causes whose force depends on more than the motion at its moment: regressions on the records do not show all of it.
 UNSEEN: frozenset[Kind] = frozenset({"memory", "friction_shape"})
@@ -450,8 +451,9 @@ class Suspected:
                 run = again if again and (not run or again[0][1].cost < run[0][1].cost) else run
             behind = {id(start[0]): other for start, other in back}
             first = behind.get(id(run[0][0]), begun) if run else begun
-            if run and run[0][0].shape is not None and (forms := self._forms_for(run[0][1], first)):
-                run, behind = forms, {id(candidate): first for candidate, _ in forms}
+            if run and (forms := self._forms_for(run[0], first)):
+                run, first = forms
+                behind = {id(candidate): first for candidate, _ in run}
             if not job.stays(run):
                 continue
             # Others that agree with the data too are reported as indistinguishable.
@@ -473,13 +475,28 @@ class Suspected:
         # The first cause started again with each of these in place, and which one that is.
         return [(start, other) for other in others for start in self._after(other)[0] if start[0].key == begun[0].key]
 
-    def _forms_for(self, curve: Fit, begun: Start) -> Running:
-        # Forms that come as close to the data as a curve does, with the same other cause: what the equations show with the values
-        # of that as they were fitted with the curve.
-        first, free, model = begun
-        forms, _ = self._after((first, free, model.replace(_values_at(curve.model, [f.path for f in free]))), curves=False)
+    def _forms_for(self, pair: tuple[Candidate, Fit], begun: Start) -> tuple[Running, Start] | None:
+        # Forms that come as close to the data as the curve of a pair, and the other cause of that with the values as they were
+        # fitted with the curve: what the equations show then, and, of kinds that they do not see, the forms that were fitted
+        # alone at the curve's place. None without a curve, or without such a form.
+        (second, both), (first, _, _), current = pair, begun, self.job.current
+        shape, other = (second, first) if second.shape is not None else (first, second)
+        if shape.shape is None or other.shape is not None:
+            return None
+        free = other.parameters(current.model, current.free)
+        model = other.starts[0].replace(_values_at(both.model, [f.path for f in free]))
+        found: Start = (other, free, model)
+        forms, _ = self._after(found, curves=False)
+        if kind_of(shape.cause) in UNSEEN:
+            own = _values_at(both.model, [f.path for f in other.free])
+            for form, alone in self.forms:
+                if form.location == shape.location and kind_of(form.cause) in UNSEEN:
+                    with suppress(ModelError):  # the other cause is in a law that its model lacks
+                        start = alone.model.replace(own)
+                        forms.append((form, form.parameters(start, (*current.free, *other.free)), start))
         run = verified(forms, self.job.rungs[-1], self.job.progress) if forms else []
-        return [pair for pair in run if pair[1].cost <= max(AGREES, POLICY.form_close**2 * curve.cost)]
+        close = [one for one in run if one[1].cost <= max(AGREES, POLICY.form_close**2 * both.cost)]
+        return (close, found) if close else None
 
     def _after(self, begun: Start, *, curves: bool = True) -> tuple[Starts, Suspects | None]:
         # Starting points of a second cause by the equations with the first one in place, and what these point to; none if they

@@ -224,6 +224,25 @@ def test_a_cause_is_exchanged_for_a_rival_that_explains_more_with_the_later_ones
     assert capsys.readouterr().out == "", "what is said goes to progress"
 
 
+@pytest.mark.parametrize(("share", "named"), [(0.99, "coulomb_friction"), (1.01, "play_and_friction")])
+@pytest.mark.parametrize("paired", [True, False])
+def test_a_simpler_law_at_its_place_takes_the_place_of_a_cause(
+    share: float, named: str, paired: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While a gain was missing, play looked better than friction alone."""
+    simple = entry("sensor_gain", "x", 0.21)
+    simple = replace(simple, candidate=replace(simple.candidate, cause="coulomb_friction", location="rail"))
+    general = replace(simple.candidate, cause="play_and_friction", rank=3)
+    first = replace(step_to("play_and_friction", "memory", 0.3, 0.2), candidate=general, entries=(simple,), paired=paired)
+    last = step_to("sensor_gain", "sensor", 0.2, 0.1)
+    fitted_as(monkeypatch, last.fit, 0.2, 0.1 * POLICY.matters * share)  # without any of the two, and with the simpler one
+    monkeypatch.setattr(revise, "with_cause", lambda model, free, candidate, fit, evidence: (model, free))
+    stages = [replace(first, step=None, candidate=None, entries=(), score=scored(0.3)), first, last]
+    _, one, _ = revision().revised(stages)
+    assert one.step is not None
+    assert (one.step.cause, one.paired) == (named, paired)
+
+
 def test_an_adequate_model_keeps_its_causes(monkeypatch: pytest.MonkeyPatch) -> None:
     first = replace(step_to("wrong_mass", "known_value", 0.3, 0.2), entries=(entry("sensor_gain", "x", 0.2),))
     first = replace(first, candidate=entry("wrong_mass", "table", 0.2).candidate)
