@@ -6,16 +6,17 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from hashlib import blake2b
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
-from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, Gap, IntArray, Run, Samples
+from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, Gap, IntArray, Run, Samples, once
 from isorig.analysis.fitting.repeats import same_drive
 from isorig.analysis.fitting.trials import SHORTEST
 from isorig.analysis.model.rig_model import Drive, RigModel
-from isorig.analysis.spectra.overload import extremes
+from isorig.analysis.spectra.quality import clipped_or_dead, fault_sentences
 from isorig.analysis.wording import did_you_mean
 from isorig.rig.errors import PlanError, RecordingError
 from isorig.rig.exchange.clock import column_rate, is_time
@@ -23,15 +24,13 @@ from isorig.rig.exchange.mapping import ChannelMap, Mapping, RunMap, read_mappin
 from isorig.rig.exchange.reading import read_foreign
 from isorig.rig.exchange.table import Column, ForeignTable
 from isorig.rig.exchange.units import UNITS, known_unit, unit
-from isorig.rig.files.recording import GAIN, write
-from isorig.rig.files.rigfile import read_description
+from isorig.rig.files.recording import write
+from isorig.rig.files.rigfile import read_description, references_of
+from isorig.rig.frf.transfer import faults_in
 from isorig.rig.wire_bonder.description import wire_bonder
 
 #: Sample rates that differ by less than this share are one rate: headers round it, and clocks are accurate to 1e-4.
 RATE_AGREES = 5e-3
-#: A record is clipped if its extreme value is this many times as frequent as the next one. At a peak of a sine that is rounded to
-#: steps, the highest step has at most 1 / (sqrt(2) - 1) = 2.4 times the samples of the one below.
-CLIPPED = 10
 #: Attributes of a sensor in a mapping.
 SENSOR = ("sensor", "place", "direction")
 
@@ -296,8 +295,8 @@ def _unused_clocks(wanted: RunMap, columns: dict[str, Column], table: ForeignTab
 
 
 def shortcomings(campaign: Campaign) -> list[str]:
-    """Runs that are too short for fits or for their band, are copies of another, constant or clipped, in sentences."""
-    found = []
+    """Runs that are too short for fits or for their band, are copies of another, clipped or dead, in sentences."""
+    found = fault_sentences(faults_in(campaign, references_of(campaign)[0], clipped_or_dead))
     for at, run in enumerate(campaign.runs):
         original = next((other.id for other in campaign.runs[:at] if _is_copy(other, run)), None)
         if original is not None:
@@ -305,20 +304,6 @@ def shortcomings(campaign: Campaign) -> list[str]:
                 f"Run {run.id!r} has exactly the samples of run {original!r}: it is a copy and not a repeat, so correct its file "
                 "or remove it."
             )
-        for channel in run.channels.values():
-            low, high = extremes(channel)
-            # A streamed gain may stay the same; a drive that was not played is zero in a free run. The sum makes -0.0 zero.
-            if low == high and channel.quantity != GAIN and not (run.excitation == "free" and low == 0.0):
-                found.append(
-                    f"Run {run.id!r} has the constant value {low + 0.0:.4g} {channel.unit} in channel {channel.name!r}: check "
-                    "the sensor, its cable and the column."
-                )
-            elif low < high and channel.quantity == "acceleration" and channel.full_scale is None:
-                found.extend(
-                    f"Run {run.id!r} has {count} samples of {extreme:.4g} {channel.unit}, its {which} value, in channel "
-                    f"{channel.name!r}, as a clipped record has: give its range in the mapping, or measure with a larger one."
-                    for which, extreme, count in _clipped(channel)
-                )
         begin = f"Run {run.id!r} has {len(run)} samples, {run.duration:.3g} s"
         if run.band is not None and run.duration * run.band[1] < 1.0:
             found.append(
@@ -330,26 +315,17 @@ def shortcomings(campaign: Campaign) -> list[str]:
     return found
 
 
-def _clipped(channel: Channel) -> list[tuple[str, float, int]]:
-    # The highest and lowest values of a channel that are far more frequent than the next ones: name, value in SI, samples.
-    values, (low, high) = channel.read(), extremes(channel)
-    found = []
-    for which, extreme, inner in (
-        ("highest", high, values.max(where=values < high, initial=-np.inf)),
-        ("lowest", low, values.min(where=values > low, initial=np.inf)),
-    ):
-        count = int(np.count_nonzero(values == extreme))
-        # An extreme value that most samples have is that of a sensor at rest.
-        if CLIPPED * np.count_nonzero(values == inner) <= count <= len(values) // 2:
-            found.append((which, extreme, count))
-    return found
-
-
 def _is_copy(one: Run, other: Run) -> bool:
     # Whether two runs have the same samples in every channel: noise differs between two measurements.
     if one.channels.keys() != other.channels.keys() or len(one) != len(other):
         return False
-    return all(np.array_equal(one.read(name), other.read(name)) for name in one.channels)
+    return all(_digest(one.channels[name]) == _digest(other.channels[name]) for name in one.channels)
+
+
+@once
+def _digest(channel: Channel) -> bytes:
+    # Of the values: records are read once, with however many they are compared.
+    return blake2b(channel.read().tobytes()).digest()
 
 
 def repeats(campaign: Campaign, references: Sequence[str]) -> Campaign:

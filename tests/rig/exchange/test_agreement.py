@@ -14,8 +14,9 @@ from strange_rigs import noise
 
 from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.fitting.trials import SHORTEST
+from isorig.analysis.spectra.overload import FREQUENT
 from isorig.rig.cli import main
-from isorig.rig.exchange.importing import CLIPPED, RATE_AGREES, shortcomings
+from isorig.rig.exchange.importing import RATE_AGREES, shortcomings
 from isorig.rig.files.recording import read
 from isorig.rig.help import COMMANDS
 
@@ -162,31 +163,36 @@ def test_clock_in_milliseconds_that_is_read_as_seconds(tmp_path: Path, capsys: p
 
 
 @pytest.mark.parametrize(
-    ("excitation", "response", "said"), [("random", 0.0, True), ("random", 1e-9, False), ("free", 0.0, False)]
+    ("excitation", "response", "silent", "said"),
+    [("random", 0.0, "", "block"), ("random", 1e-9, "", ""), ("free", 0.1, "force", ""), ("other", 0.1, "force", "force")],
 )
 def test_constant_channels(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], excitation: str, response: float, said: bool
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], excitation: str, response: float, silent: str, said: str
 ) -> None:
+    """A sensor that is not connected; the silent drive of a released rig is none."""
     written(tmp_path, response=response)
-    assert imported(tmp_path, MAPPING + run(f'time = "t"\nexcitation = "{excitation}"')) == 0
-    assert ("Run 'a' has the constant value 0 m/s^2 in channel 'block'" in capsys.readouterr().out) == said
+    if silent:
+        rows = [line.split(",") for line in (tmp_path / "a.csv").read_text().splitlines()]
+        (tmp_path / "a.csv").write_text("\n".join([",".join(rows[0]), *(f"{t},0.1,{x}" for t, _, x in rows[1:])]) + "\n")
+    offset = 'unit = "N"\noffset = -0.1' if silent else 'unit = "N"'
+    assert imported(tmp_path, MAPPING.replace('unit = "N"', offset) + run(f'time = "t"\nexcitation = "{excitation}"')) == 0
+    text = capsys.readouterr().out
+    assert ("is dead" in text) == bool(said)
+    assert (f"Run 'a': {said} is dead (constant 0 " in text) == bool(said)
 
 
-@pytest.mark.parametrize(("samples", "said"), [(CLIPPED, True), (CLIPPED - 1, False)])
+@pytest.mark.parametrize(("samples", "said"), [(FREQUENT, True), (FREQUENT - 1, False)])
 def test_boundary_of_a_clipped_record(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, samples: int, said: bool
 ) -> None:
-    clipped = X.copy()
-    clipped[np.argsort(X)[-samples:]] = 2.0
-    clipped[X < -2.0] = -2.0 + 1e-3 * X[X < -2.0]
-    monkeypatch.setattr(sys.modules[__name__], "X", np.where(clipped > 2.0, 1.9 + 1e-3 * X, clipped))
+    # The limit is reached by single samples, as noise leaves it at once.
+    clipped = np.tanh(X)
+    clipped[10 : 10 + 20 * samples : 20] = 1.2
+    monkeypatch.setattr(sys.modules[__name__], "X", clipped)
     written(tmp_path)
     assert imported(tmp_path, MAPPING + run('time = "t"')) == 0
     text = capsys.readouterr().out
-    assert (
-        f"Run 'a' has {samples} samples of 0.2 m/s^2, its highest value, in channel 'block', as a clipped record" in text
-    ) == said
-    assert "lowest" not in text
+    assert [f"Run 'a': {name} seems clipped, " in text for name in ("force", "block")] == [said, said]
 
 
 @pytest.mark.parametrize("steps", [3.0, 40.0, 2000.0])
@@ -214,7 +220,7 @@ def test_a_streamed_gain_may_be_constant(tmp_path: Path, capsys: pytest.CaptureF
     (tmp_path / "a.csv").write_text("\n".join([rows[0] + ",setting", *(row + ",0.7" for row in rows[1:])]) + "\n")
     gain = '[channels.gain]\nsource = "setting"\nunit = "1"\nquantity = "gain"\n'
     assert imported(tmp_path, MAPPING + gain + run('time = "t"')) == 0
-    assert "constant value" not in capsys.readouterr().out
+    assert "is dead" not in capsys.readouterr().out
 
 
 def drafted(folder: Path, name: str) -> str:
