@@ -19,7 +19,7 @@ from isorig.analysis.model.rig_model import Drive, RigModel
 from isorig.analysis.spectra.quality import clipped_or_dead, fault_sentences
 from isorig.analysis.wording import did_you_mean
 from isorig.rig.errors import PlanError, RecordingError
-from isorig.rig.exchange.clock import column_rate, is_time
+from isorig.rig.exchange.clock import column_rate, is_time, is_uneven_time
 from isorig.rig.exchange.mapping import ChannelMap, Mapping, RunMap, read_mapping
 from isorig.rig.exchange.reading import read_foreign
 from isorig.rig.exchange.table import Column, ForeignTable
@@ -159,7 +159,7 @@ def _run(wanted: RunMap, mapping: Mapping, table: ForeignTable) -> Run:
     lost = np.unique(np.concatenate([np.empty(0, np.int64), *(c.lost for c in columns.values() if c.lost is not None)]))
     lost = lost[(lost >= first) & (lost < last)]
     kept = np.setdiff1d(np.arange(first, last), lost, assume_unique=True) if len(lost) else slice(first, last)
-    rate = _rate(wanted, columns, table, here)
+    rate = _rate(wanted, columns, table, (first, last), here)
     if wanted.band is not None and wanted.band[0] >= rate / 2.0:
         raise PlanError(
             f"{here} has a band from {wanted.band[0]:g} Hz, but {rate:g} samples per second contain at most {rate / 2.0:g} Hz; "
@@ -238,8 +238,8 @@ class _Rate:
     unused: str = ""
 
 
-def _rate(wanted: RunMap, columns: dict[str, Column], table: ForeignTable, here: str) -> float:
-    found = _rates(wanted, columns, table, here)
+def _rate(wanted: RunMap, columns: dict[str, Column], table: ForeignTable, part: tuple[int, int], here: str) -> float:
+    found = _rates(wanted, columns, table, part, here)
     if wanted.rate_from is None and all(rate.unused for rate in found):
         hint = f" = {found[0].unused!r}" if found else " = the time column"
         raise PlanError(f"{here} has no common sample rate; give sample_rate in Hz, or time{hint}")
@@ -256,8 +256,8 @@ def _rate(wanted: RunMap, columns: dict[str, Column], table: ForeignTable, here:
     return chosen[0].hertz
 
 
-def _rates(wanted: RunMap, columns: dict[str, Column], table: ForeignTable, here: str) -> list[_Rate]:
-    # All sample rates that the mapping, time columns of the same length and the file's header give.
+def _rates(wanted: RunMap, columns: dict[str, Column], table: ForeignTable, part: tuple[int, int], here: str) -> list[_Rate]:
+    # All sample rates that the mapping, time columns of the same length in this part and the file's header give.
     found = []
     if wanted.time is not None:
         column = _column(table, wanted.time, here)
@@ -267,7 +267,7 @@ def _rates(wanted: RunMap, columns: dict[str, Column], table: ForeignTable, here
                 f"{here}: column {wanted.time!r} has {len(column.values)} values but the channels have {length}; give "
                 "sample_rate, or the time column of these channels"
             )
-        hertz = column_rate(wanted.time, column, f"{here}: column {wanted.time!r}", wanted.time_unit)
+        hertz = column_rate(wanted.time, _cut(column, part), f"{here}: column {wanted.time!r}", wanted.time_unit, part[0])
         found.append(_Rate(hertz, "time", f"{hertz:.6g} Hz by its time column {wanted.time!r}"))
     if wanted.sample_rate is not None:
         found.insert(0, _Rate(wanted.sample_rate, "mapping", f"sample_rate = {wanted.sample_rate:.6g} Hz in the mapping"))
@@ -276,20 +276,35 @@ def _rates(wanted: RunMap, columns: dict[str, Column], table: ForeignTable, here
         hertz = rates.pop()
         found.append(_Rate(hertz, "file", f"{hertz:.6g} Hz by the file itself"))
     if wanted.time is None:
-        found += _unused_clocks(wanted, columns, table)
+        found += _unused_clocks(wanted, columns, table, part, here)
     return found
 
 
-def _unused_clocks(wanted: RunMap, columns: dict[str, Column], table: ForeignTable) -> list[_Rate]:
-    # Time columns next to the channels that the mapping does not name.
+def _cut(column: Column, part: tuple[int, int]) -> Column:
+    return replace(column, values=column.values[slice(*part)])
+
+
+def _unused_clocks(
+    wanted: RunMap, columns: dict[str, Column], table: ForeignTable, part: tuple[int, int], here: str
+) -> list[_Rate]:
+    # Time columns next to the channels that the mapping does not name. One that is not even shows that the samples are not,
+    # unless the mapping states which rate is right.
     sources = [channel for channel in table.columns if any(table.columns[channel] is used for used in columns.values())]
     length = len(next(iter(columns.values())).values)
     found = []
     for name, column in table.columns.items():
         around = re.split(r"[./][^./]*$", name)[0] if re.search(r"[./]", name) else ""
         near = any(source.startswith(around) for source in sources)
-        if name not in sources and near and len(column.values) == length and is_time(name, column):
-            hertz = column_rate(name, column, name, wanted.time_unit)
+        if name in sources or not near or len(column.values) != length:
+            continue
+        clock = _cut(column, part)
+        if wanted.rate_from is None and is_uneven_time(name, clock):
+            try:
+                column_rate(name, clock, f"{here}: column {name!r}", wanted.time_unit, part[0])
+            except RecordingError as error:
+                raise RecordingError(f"{error}; if it is no time column, give sample_rate and rate_from = 'mapping'") from None
+        if is_time(name, clock):
+            hertz = column_rate(name, clock, name, wanted.time_unit)
             found.append(_Rate(hertz, "time", f"{hertz:.6g} Hz by the time column {name!r} of the file", name))
     return found
 

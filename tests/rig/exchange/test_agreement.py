@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 
@@ -16,7 +17,9 @@ from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.fitting.trials import SHORTEST
 from isorig.analysis.spectra.overload import FREQUENT
 from isorig.rig.cli import main
+from isorig.rig.exchange.clock import BREAK, BREAKS_MOST, breaks, is_uneven_time
 from isorig.rig.exchange.importing import RATE_AGREES, shortcomings
+from isorig.rig.exchange.table import Column
 from isorig.rig.files.recording import read
 from isorig.rig.help import COMMANDS
 
@@ -86,6 +89,66 @@ def test_sample_rates_that_differ(tmp_path: Path, capsys: pytest.CaptureFixture[
 def test_boundary_of_a_rate(tmp_path: Path, off: float, status: int) -> None:
     written(tmp_path)
     assert imported(tmp_path, MAPPING + run(f"sample_rate = {RATE * (1.0 + off * RATE_AGREES)!r}")) == status
+
+
+@pytest.mark.parametrize("keys", ['time = "{}"', "sample_rate = 1024.0"])
+@pytest.mark.parametrize("time", ["t", "stamp", "t (ms)"])
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        ([*range(300), *range(302, N)], "differs by 0.00293 from row 300 to row 301 of its values, elsewhere by 0.0009766"),
+        ([*range(201), *range(200, N)], "differs by 0 from row 201 to row 202"),
+        ([*range(90), *range(95, 180), *range(170, N)], "from row to row (so in 2 places): rows are missing or repeated there"),
+    ],
+)
+def test_rows_that_are_missing_or_repeated(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], rows: list[int], said: str, time: str, keys: str
+) -> None:
+    """They are told, and a part of the file without them can be imported."""
+    written(tmp_path, time=time)
+    head, *lines = (tmp_path / "a.csv").read_text().splitlines()
+    (tmp_path / "a.csv").write_text("\n".join([head, *(lines[k] for k in rows)]) + "\n")
+    keys = keys.format(time.removesuffix(" (ms)"))
+    assert imported(tmp_path, MAPPING + run(keys)) == 2
+    text = capsys.readouterr().err
+    assert said in text
+    assert text.count("\n") == 1
+    part = re.search(r"samples = \[\d+, \d+\]", text)
+    assert part is not None
+    if time != "t (ms)":
+        assert imported(tmp_path, MAPPING + run(f"{keys}\n{part[0]}")) == 0
+    assert imported(tmp_path, MAPPING + run('sample_rate = 1024.0\nrate_from = "mapping"')) == 0
+
+
+@pytest.mark.parametrize("rate", [1000.0, 1005.0, 1024.0, 1651.6, 51200.0])
+@pytest.mark.parametrize("start", [0.0, 1000.0])
+@pytest.mark.parametrize("written_as", ["%.3f", "%.4f", "%.6g", "%.7g", "single"])
+def test_rounded_clocks_have_no_break(rate: float, start: float, written_as: str) -> None:
+    time = start + np.arange(round(10.5 * rate))[:60_000] / rate
+    rounded = time.astype(np.float32) if written_as == "single" else np.array([float(written_as % each) for each in time])
+    assert not is_uneven_time("stamp", Column(values=rounded))
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.tile(np.arange(100.0), 10),  # a sawtooth
+        np.cumsum(1.0 + 0.1 * np.random.default_rng(2).normal(size=1000)),  # a distance
+        np.where(np.arange(1000) == 500, 7.0, 0.0),
+        np.repeat(np.arange(500.0), 2),
+    ],
+)
+def test_records_that_are_no_clock(values: np.ndarray) -> None:
+    assert not is_uneven_time("stamp", Column(values=values))
+
+
+@pytest.mark.parametrize(("count", "told"), [(int(BREAKS_MOST * 2000), True), (int(BREAKS_MOST * 2000) + 1, False)])
+def test_boundary_of_breaks(count: int, told: bool) -> None:
+    intervals = np.ones(2000)
+    intervals[10 : 10 + 60 * count : 60] = 1.0 + 1.01 * BREAK
+    assert len(breaks(intervals)) == (count if told else 0)
+    intervals[10 : 10 + 60 * count : 60] = 1.0 + 0.99 * BREAK
+    assert not len(breaks(intervals))
 
 
 @pytest.mark.parametrize(("samples", "said"), [(SHORTEST - 1, True), (SHORTEST, False)])
