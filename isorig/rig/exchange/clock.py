@@ -37,8 +37,8 @@ BREAK = 0.5
 #: Intervals that are unusual in more than this share of the rows are the clock's own. Chosen.
 BREAKS_MOST = 0.01
 #: A break differs by more than this factor from this many intervals before and after it, but for a few that are breaks, too:
-#: steps of a rounded clock have many neighbours of their size. At a decimal step of ten usual intervals, every tenth interval is large,
-#: five of fifty.
+#: steps of a rounded clock have many neighbours of their size. At a decimal step of ten usual intervals, every tenth interval is
+#: large, five of fifty.
 CLEAR, BESIDE, FEW = 2.0, 50, 4
 #: Different intervals, to 1 % of the usual one, of a clock that is known by its values alone: those of rounding.
 ALIKE = 3
@@ -200,8 +200,8 @@ def _blame_breaks(index: IntArray, readings: FloatArray, here: str, first: int) 
     rows = f"row {first + index[at[0]] + 1} to row {first + index[at[0] + 1] + 1}"
     others = f" (so in {len(at)} places)" if len(at) > 1 else ""
     raise RecordingError(
-        f"{here} differs by {intervals[at[0]]:.4g} from {rows} of its values, elsewhere by {np.median(intervals):.4g} from row to "
-        f"row{others}: rows are missing or repeated there; correct the file, or import its parts as runs, the longest with "
+        f"{here} differs by {intervals[at[0]]:.4g} from {rows} of its values, elsewhere by {np.median(intervals):.4g} from "
+        f"row to row{others}: rows are missing or repeated there; correct the file, or import its parts as runs, the longest with "
         f"samples = [{edges[longest]}, {edges[longest + 1]}]"
     )
 
