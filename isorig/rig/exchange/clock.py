@@ -201,8 +201,8 @@ def _blame_breaks(index: IntArray, readings: FloatArray, here: str, first: int) 
     others = f" (so in {len(at)} places)" if len(at) > 1 else ""
     raise RecordingError(
         f"{here} differs by {intervals[at[0]]:.4g} from {rows} of its values, elsewhere by {np.median(intervals):.4g} from "
-        f"row to row{others}: rows are missing or repeated there; correct the file, or import its parts as runs, the longest with "
-        f"samples = [{edges[longest]}, {edges[longest + 1]}]"
+        f"row to row{others}: rows are missing or repeated there; correct the file, or import its parts as runs, the longest "
+        f"with samples = [{edges[longest]}, {edges[longest + 1]}]"
     )
 
 

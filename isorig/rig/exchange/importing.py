@@ -171,9 +171,25 @@ def _run(wanted: RunMap, mapping: Mapping, table: ForeignTable) -> Run:
             name: channel_of(name, mapping.channels[name], column, kept, f"{here}: channels.{name}")
             for name, column in columns.items()
         },
-        excitation=wanted.excitation, started=wanted.started, band=wanted.band, period=wanted.period, use=wanted.use,
-        repeat_of=wanted.repeat_of, usable_to=wanted.usable_to, gaps=_gaps(lost - first), spectra=table.spectra,
+        excitation=wanted.excitation, started=wanted.started, band=wanted.band, period=_period(wanted, rate, here),
+        use=wanted.use, repeat_of=wanted.repeat_of, usable_to=wanted.usable_to, gaps=_gaps(lost - first), spectra=table.spectra,
     )  # fmt: skip
+
+
+def _period(wanted: RunMap, rate: float, here: str) -> int | None:
+    # All frequencies of a periodic drive are multiples of the inverse of its period.
+    period = wanted.period
+    if period is None:
+        return None
+    if not (period >= 2.0 and period.is_integer()):
+        what = "which is not a whole number of samples, 2 or more"
+    elif wanted.band is not None and rate / period > wanted.band[1]:
+        what = f"samples that repeat {rate / period:g} times per second, above the band up to {wanted.band[1]:g} Hz"
+    else:
+        return int(period)
+    samples = round(period * rate) if 0.0 < period < np.inf else 0
+    seconds = f": if it is {period:g} s, write period = {samples}" if samples >= 2 else ""
+    raise PlanError(f"{here} has period = {period:g}, {what}; give the period of the drive in samples{seconds}")
 
 
 def _gaps(lost: IntArray) -> tuple[Gap, ...]:

@@ -219,6 +219,29 @@ def test_boundary_of_a_band(tmp_path: Path, capsys: pytest.CaptureFixture[str], 
     assert ("1024 samples per second contain at most 512 Hz" in capsys.readouterr().err) == (status == 2)
 
 
+@pytest.mark.parametrize(
+    ("period", "said"),
+    [
+        ("256.0", ""),
+        ("2", ""),
+        ("1", "period = 1, which is not a whole number of samples, 2 or more"),
+        ("0.25", "give the period of the drive in samples: if it is 0.25 s, write period = 256"),
+        ("8.5", "if it is 8.5 s, write period = 8704"),
+        ("8\nband = [1.0, 128.0]", ""),
+        ("8\nband = [1.0, 127.0]", "repeat 128 times per second, above the band up to 127 Hz"),
+        ("nan", "not a whole number"),
+    ],
+)
+def test_a_period_is_in_samples(tmp_path: Path, capsys: pytest.CaptureFixture[str], period: str, said: str) -> None:
+    written(tmp_path)
+    assert imported(tmp_path, MAPPING + run(f'time = "t"\nexcitation = "multisine"\nperiod = {period}')) == (2 if said else 0)
+    text = capsys.readouterr().err
+    assert said in text
+    assert text.count("\n") == bool(said)
+    if not said:
+        assert read(tmp_path / "o.h5").runs[0].period == float(period.partition("\n")[0])
+
+
 def test_clock_in_milliseconds_that_is_read_as_seconds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     written(tmp_path, rate=RATE / 1000.0)
     assert imported(tmp_path, MAPPING + run('time = "t"\nband = [1.0, 200.0]')) == 2
