@@ -124,7 +124,7 @@ def read_mapping(path: Path) -> Mapping:
         lambda tree: msgspec.convert(tree, Mapping, strict=False),
         "a mapping",
         hint=", or let rig import --draft propose one",
-        keys=[key for part in (Mapping, RunMap, ChannelMap) for key in part.__struct_fields__],
+        parts=(Mapping, RunMap, ChannelMap),
     )
     _check(mapping, str(path))
     return mapping

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from isorig.analysis.errors import AnalysisError
+from isorig.analysis.wording import did_you_mean
 from isorig.rig.errors import RecordingError, RigError
 from isorig.rig.exchange.formats import FORMATS
 from isorig.rig.exchange.table import ForeignTable
@@ -32,6 +33,9 @@ def read_foreign(path: Path) -> ForeignTable:
         table = found.read(path)
     except (RigError, AnalysisError):
         raise
+    except FileNotFoundError:
+        there = sorted(each.name for each in path.parent.glob(f"*{path.suffix}")) if path.parent.is_dir() else []
+        raise RecordingError(f"{path} does not exist{did_you_mean(path.name, there)}; give the path of a file") from None
     except Exception as error:
         if isinstance(error, OSError) and error.strerror:
             raise RecordingError(f"{path} cannot be read ({error.strerror}); give the path of a file") from None

@@ -180,6 +180,37 @@ def test_missing_channels_and_typing_errors(tmp_path: Path, capsys: pytest.Captu
         assert meant in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('unit = "N"', 'unit = "newtn"', "unit 'newtn' (did you mean 'newton'?); known are m/s^2"),
+        ('unit = "m/s^2"', 'unit = "M/S^2"', "(did you mean 'm/s^2'?)"),
+        ('unit = "m/s^2"', 'unit = "ms-2"', "(did you mean 'm/s^2'?)"),
+        ('unit = "m/s^2"', 'unit = "Pa"', "unit 'Pa'; known are"),
+        ('unit = "m/s^2"', 'unit = "m/sec2"', ""),
+        ('unit = "N"', 'unit = "Newtons"', ""),
+        (
+            "gain = 1.0",
+            'gain = 1.0\nexcitation = "randm"',
+            "excitation is 'randm' (did you mean 'random'?); allowed are random, ",
+        ),
+        ("gain = 1.0", 'gain = 1.0\nrate_from = "header"', "runs[0].rate_from is 'header'; allowed are mapping, time, file"),
+        ('unit = "N"', 'unit = "N"\nquantity = "forces"', "is 'forces' (did you mean 'force'?); allowed are acceleration, "),
+        ("rig.toml", "rigs.toml", "rigs.toml does not exist; give the file of a rig's description"),
+        ("a.csv", "aa.csv", "aa.csv does not exist (did you mean 'a.csv'?); give the path of a file"),
+        ('source = "force"', 'source = "block 2"', "absent (did you mean 'block'?); the file has t, force, block"),
+        ('source = "force"', 'source = "load"', "absent; the file has t, force, block"),
+    ],
+)
+def test_words_that_are_unknown(tmp_path: Path, capsys: pytest.CaptureFixture[str], old: str, new: str, said: str) -> None:
+    written(tmp_path)
+    assert imported(tmp_path, (MAPPING + run('time = "t"')).replace(old, new)) == (2 if said else 0)
+    text = capsys.readouterr().err
+    assert said in text
+    assert text.count("\n") == bool(said)
+    assert "Errno" not in text
+
+
 def test_repeats(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A run with the same drive is a repeat by the mapping or by itself, and reported."""
     written(tmp_path)
