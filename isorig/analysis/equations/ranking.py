@@ -724,7 +724,9 @@ def _joint(scans: Mapping[str, FloatArray], scaled: Collection[str], least: floa
     for k in range(len(next(iter(scans.values()))) if givers else 0):
         for giver in givers:
             _, slope, bend = scans[giver][k]
-            value = -slope / max(2.0 * bend, 1e-300)
+            if bend < 1e-300:  # it does not change this equation
+                continue
+            value = -slope / (2.0 * bend)
             if value <= least:
                 continue
             residuals = {name: float(scan[k] @ (1.0, value, value**2)) for name, scan in scans.items()}
