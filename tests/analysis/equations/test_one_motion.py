@@ -37,7 +37,7 @@ def copied() -> Campaign:
 )
 def test_equations_of_a_link_that_does_not_move(copied: Campaign, model: RigModel) -> None:
     equations = equations_of(copied, model)
-    assert "l1" not in equations.sliding
+    assert all(sliding.swing > 0.0 for sliding, _ in equations.sliding.values())
     assert all(np.isfinite(run.power).all() for run in equations.spectra.runs)
     ranking(equations)
 
