@@ -16,6 +16,7 @@ from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, Gap, IntArray, 
 from isorig.analysis.fitting.repeats import same_drive
 from isorig.analysis.fitting.trials import SHORTEST
 from isorig.analysis.model.rig_model import Drive, RigModel
+from isorig.analysis.spectra.overload import extremes
 from isorig.analysis.spectra.quality import clipped_or_dead, fault_sentences
 from isorig.analysis.wording import did_you_mean
 from isorig.rig.errors import PlanError, RecordingError
@@ -326,7 +327,7 @@ def _unused_clocks(
 
 
 def shortcomings(campaign: Campaign) -> list[str]:
-    """Runs that are too short for fits or for their band, are copies of another, clipped or dead, in sentences."""
+    """Runs that are too short for fits or for their band, or copies, and clipped, dead or equal channels, in sentences."""
     found = fault_sentences(faults_in(campaign, references_of(campaign)[0], clipped_or_dead))
     for at, run in enumerate(campaign.runs):
         original = next((other.id for other in campaign.runs[:at] if _is_copy(other, run)), None)
@@ -335,6 +336,14 @@ def shortcomings(campaign: Campaign) -> list[str]:
                 f"Run {run.id!r} has exactly the samples of run {original!r}: it is a copy and not a repeat, so correct its file "
                 "or remove it."
             )
+        recorded: dict[bytes, str] = {}
+        for name, channel in run.sensors.items():
+            low, high = extremes(channel)
+            if low < high and (first := recorded.setdefault(_digest(channel), name)) != name:
+                found.append(
+                    f"Run {run.id!r} has exactly the same samples in the channels {first!r} and {name!r}, but the noise of two "
+                    "sensors differs: correct the source of one of them, or the file."
+                )
         begin = f"Run {run.id!r} has {len(run)} samples, {run.duration:.3g} s"
         if run.band is not None and run.duration * run.band[1] < 1.0:
             found.append(

@@ -234,6 +234,16 @@ def test_a_copy_of_a_run_is_no_repeat(tmp_path: Path, capsys: pytest.CaptureFixt
     assert read(tmp_path / "o.h5").runs[1].repeat_of is None
 
 
+@pytest.mark.parametrize(("response", "said"), [(1.0, True), (1.0 + 1e-12, False), (0.0, False)])
+def test_two_channels_with_the_same_samples(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], response: float, said: bool
+) -> None:
+    written(tmp_path, response=response)
+    assert imported(tmp_path, MAPPING + run('time = "t"')) == 0
+    text = capsys.readouterr().out
+    assert ("Run 'a' has exactly the same samples in the channels 'force' and 'block', but the noise of two" in text) == said
+
+
 def test_one_column_for_two_channels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     written(tmp_path)
     assert imported(tmp_path, MAPPING.replace('source = "block"', 'source = "force"') + run('time = "t"')) == 2
