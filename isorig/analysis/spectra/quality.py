@@ -108,7 +108,7 @@ def faults(campaign: Campaign, *, reference: str) -> tuple[Fault, ...]:
 def clipped_or_dead(campaign: Campaign, *, reference: str) -> list[Fault]:
     """The faults that each record shows alone, in one pass over it: clipped and dead channels."""
     released = _released(campaign, reference)
-    found = [fault for run in campaign.runs for fault in (*_clipped(run), *_dead(run))]
+    found = [fault for run in campaign.runs for fault in (*_clipped(run), *_dead(run, reference))]
     return [fault for fault in found if fault.kind != "dead" or (fault.run, fault.channel) not in released]
 
 
@@ -139,7 +139,7 @@ def _clipped(run: Run) -> Iterator[Fault]:
         )
 
 
-def _dead(run: Run) -> Iterator[Fault]:
+def _dead(run: Run, reference: str) -> Iterator[Fault]:
     sizes = {name: max(each.std for each in extents(run.channels[name])) for name in run.sensors}
     for name, size in sizes.items():
         kind, unit = run.channels[name].quantity, run.channels[name].unit
@@ -148,9 +148,10 @@ def _dead(run: Run) -> Iterator[Fault]:
         if low == high or size <= DEAD * loudest:
             # The sum makes -0.0 zero.
             has = f"constant {low + 0.0:.4g} {unit}" if low == high else f"{size:.2g} {unit} rms, the strongest {loudest:.2g}"
+            free = ', or state excitation = "free" if nothing drove the rig' if name == reference and low == high else ""
             yield Fault(
                 run=run.id, channel=name, kind="dead",
-                text=f"run {run.id!r}: {name} is dead ({has}); check its cable and its supply.",
+                text=f"run {run.id!r}: {name} is dead ({has}); check its cable and its supply{free}.",
             )  # fmt: skip
 
 

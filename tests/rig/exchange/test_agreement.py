@@ -306,6 +306,7 @@ def test_constant_channels(
     text = capsys.readouterr().out
     assert ("is dead" in text) == bool(said)
     assert (f"Run 'a': {said} is dead (constant 0 " in text) == bool(said)
+    assert ('or state excitation = "free"' in text) == (said == "force")
 
 
 @pytest.mark.parametrize(("samples", "said"), [(FREQUENT, True), (FREQUENT - 1, False)])
