@@ -227,7 +227,7 @@ class Regressions:
         prepared = self.on.prepared[balance.name]
         sign = next(s for e, s in balance.crossing if e.name == element.name)
         row = {name: sign * weight for name, weight in self.on.motion_row(element.weights, 0).items()}
-        ratio = 1j * self.on.spectra.frequency / self.on.own_frequency(element, balance)
+        ratio = np.asarray(1j * self.on.spectra.frequency / self.on.own_frequency(element, balance), dtype=np.complex128)
         scans = prepared.scan(row, np.stack([relaxing(ratio, corner) for corner in CORNERS]))
         after, _, _ = _joint({balance.name: scans}, {balance.name}, 0.0)
         return after.get(balance.name, prepared.solved.residual)

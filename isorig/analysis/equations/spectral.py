@@ -296,7 +296,7 @@ class Spectra:
             if low <= f <= high and (not kept or f - frequency[kept[-1]] >= SPACING * f - 1e-9):
                 kept.append(k)
         self.bins = np.array(kept, dtype=np.int64)
-        self.frequency = frequency[self.bins]
+        self.frequency = np.asarray(frequency[self.bins], dtype=np.float64)
         self.omega = 2.0 * np.pi * self.frequency
         self.octaves = (1.0 / self.frequency) / (1.0 / self.frequency).sum()
         self.orders = orders

@@ -18,6 +18,7 @@ from isorig.analysis.fitting.trials import SHORTEST
 from isorig.analysis.model.rig_model import Drive, RigModel
 from isorig.analysis.spectra.overload import extremes
 from isorig.analysis.spectra.quality import clipped_or_dead, fault_sentences
+from isorig.analysis.units import KGF
 from isorig.analysis.wording import did_you_mean
 from isorig.rig.errors import PlanError, RecordingError
 from isorig.rig.exchange.clock import column_rate, is_time, is_uneven_time
@@ -27,11 +28,13 @@ from isorig.rig.exchange.table import Column, ForeignTable
 from isorig.rig.exchange.units import UNITS, known_unit, unit
 from isorig.rig.files.recording import write
 from isorig.rig.files.rigfile import read_description, references_of
-from isorig.rig.frf.transfer import faults_in
+from isorig.rig.frf.transfer import faults_in, levels_in_words
 from isorig.rig.wire_bonder.description import wire_bonder
 
 #: Sample rates that differ by less than this share are one rate: headers round it, and clocks are accurate to 1e-4.
 RATE_AGREES = 5e-3
+#: An acceleration in m/s^2 that no rig keeps up: more than gravity, which some sensors transmit, with some calibration error.
+STEADY = 1.1 * KGF
 #: Attributes of a sensor in a mapping.
 SENSOR = ("sensor", "place", "direction")
 
@@ -327,8 +330,9 @@ def _unused_clocks(
 
 
 def shortcomings(campaign: Campaign) -> list[str]:
-    """Runs that are too short for fits or for their band, or copies, and clipped, dead or equal channels, in sentences."""
-    found = fault_sentences(faults_in(campaign, references_of(campaign)[0], clipped_or_dead))
+    """What records show to be wrong, in sentences: short runs, copies, several levels at one gain, and faulty channels."""
+    drive = references_of(campaign)[0]
+    found = [*fault_sentences(faults_in(campaign, drive, clipped_or_dead)), *levels_in_words(campaign, drive)]
     for at, run in enumerate(campaign.runs):
         original = next((other.id for other in campaign.runs[:at] if _is_copy(other, run)), None)
         if original is not None:
@@ -343,6 +347,12 @@ def shortcomings(campaign: Campaign) -> list[str]:
                 found.append(
                     f"Run {run.id!r} has exactly the same samples in the channels {first!r} and {name!r}, but the noise of two "
                     "sensors differs: correct the source of one of them, or the file."
+                )
+            least = max(low, -high)
+            if channel.quantity == "acceleration" and least > STEADY:
+                found.append(
+                    f"Run {run.id!r} has never less than {least:.3g} {channel.unit} in channel {name!r}, more than gravity all "
+                    "the time: check the unit, the sensitivity and the sensor's zero, or correct it by offset in the mapping."
                 )
         begin = f"Run {run.id!r} has {len(run)} samples, {run.duration:.3g} s"
         if run.band is not None and run.duration * run.band[1] < 1.0:

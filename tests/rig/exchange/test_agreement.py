@@ -18,7 +18,7 @@ from isorig.analysis.fitting.trials import SHORTEST
 from isorig.analysis.spectra.overload import FREQUENT
 from isorig.rig.cli import main
 from isorig.rig.exchange.clock import BREAK, BREAKS_MOST, breaks, is_uneven_time
-from isorig.rig.exchange.importing import RATE_AGREES, shortcomings
+from isorig.rig.exchange.importing import RATE_AGREES, STEADY, shortcomings
 from isorig.rig.exchange.table import Column
 from isorig.rig.files.recording import read
 from isorig.rig.help import COMMANDS
@@ -242,6 +242,30 @@ def test_two_channels_with_the_same_samples(
     assert imported(tmp_path, MAPPING + run('time = "t"')) == 0
     text = capsys.readouterr().out
     assert ("Run 'a' has exactly the same samples in the channels 'force' and 'block', but the noise of two" in text) == said
+
+
+@pytest.mark.parametrize(("least", "said"), [(0.99 * STEADY, False), (1.01 * STEADY, True)])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_boundary_of_a_lasting_acceleration(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], least: float, sign: float, said: bool
+) -> None:
+    written(tmp_path, response=0.1 * sign)
+    block = f'source = "block"\noffset = {float(sign * (least - 0.1 * X.min()))!r}'
+    assert imported(tmp_path, MAPPING.replace('source = "block"', block) + run('time = "t"')) == 0
+    assert ("Run 'a' has never less than 10.9 m/s^2 in channel 'block', more than gravity" in capsys.readouterr().out) == said
+
+
+@pytest.mark.parametrize(("gain", "said"), [(1.0, True), (3.0, False)])
+def test_several_levels_at_one_gain(tmp_path: Path, capsys: pytest.CaptureFixture[str], gain: float, said: bool) -> None:
+    written(tmp_path)
+    rows = [line.split(",") for line in (tmp_path / "a.csv").read_text().splitlines()]
+    louder = [f"{t},{3.0 * float(x)!r},{0.3 * float(x)!r}" for t, x, _ in rows[1:]]
+    (tmp_path / "b.csv").write_text("\n".join([",".join(rows[0]), *louder]) + "\n")
+    second = run('time = "t"\nexcitation = "random"', "b", "b.csv").replace("gain = 1.0", f"gain = {gain}")
+    assert imported(tmp_path, MAPPING + run('time = "t"\nexcitation = "random"') + second) == 0
+    text = capsys.readouterr().out
+    assert ("The runs at gain 1 differ in level: the rms of force is " in text) == said
+    assert ("state the levels as gains" in text) == said
 
 
 def test_one_column_for_two_channels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
