@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
-from difflib import get_close_matches
+from difflib import SequenceMatcher
 
 import numpy as np
 
@@ -29,6 +30,9 @@ SIZED: dict[str, tuple[tuple[float, float, str], ...]] = {
 MOST_DIGITS = 6
 #: Power of ten below which a value is written with an exponent.
 LEAST_ORDER = -3
+#: Likeness of two names from which one is proposed for the other: twice the number of common letters over all letters. Default of
+#: `difflib.get_close_matches`.
+SIMILAR = 0.6
 #: Names of up to this many letters are no words.
 INITIALS = 2
 
@@ -86,16 +90,31 @@ def by_factor(log_ratio: float) -> str:
 
 
 def did_you_mean(name: str, allowed: Iterable[str]) -> str:
-    """ " (did you mean 'x'?)" for the most similar allowed name; "" if none is similar.
+    """ " (did you mean 'x'?)" for the most similar allowed name, of several the first; "" if none is similar.
+
+    The words that two names do not share must be similar: equal numbers, units or groups do not make names similar.
 
     Examples
     --------
     >>> did_you_mean("stifness", ("stiffness", "damping")), did_you_mean("mass", ("stiffness", "damping"))
     (" (did you mean 'stiffness'?)", '')
+    >>> did_you_mean("Force 1 [N]", ("Acc 1 [g]", "Acc 2 [g]")), did_you_mean("Force 1", ("Force 01", "Force 11"))
+    ('', " (did you mean 'Force 01'?)")
     """
-    names = {each.lower(): each for each in allowed}
-    close = get_close_matches(name.lower(), names, n=1)
-    return f" (did you mean {names[close[0]]!r}?)" if close else ""
+    likeness = {each: min(_likeness(name.lower(), each.lower()), _words_alike(name, each)) for each in allowed}
+    best = max(likeness, key=likeness.__getitem__, default="")
+    return f" (did you mean {best!r}?)" if best and likeness[best] >= SIMILAR else ""
+
+
+def _likeness(one: str, other: str) -> float:
+    return 1.0 if one == other else SequenceMatcher(None, one, other).ratio()
+
+
+def _words_alike(one: str, other: str) -> float:
+    # The likeness of the words that only one of them has; a word may be abbreviated.
+    first, second = (re.findall("[^\\W\\d_]+", name.lower()) for name in (one, other))
+    mine, others = ("".join(word for word in a if word not in b) for a, b in ((first, second), (second, first)))
+    return 1.0 if mine.startswith(others) or others.startswith(mine) else _likeness(mine, others)
 
 
 def first_of(names: Sequence[str], most: int) -> str:

@@ -196,15 +196,15 @@ MISTAKES: dict[str, tuple[Mistake, str]] = {
     # spelling
     "key of a channel": (mapped('unit = "N"', 'units = "N"'), "key 'units', which is unknown there (did you mean 'unit'?)"),
     "key of a run": (mapped("excitation", "exitation"), "key 'exitation', which is unknown there (did you mean 'excitation'?)"),
-    "unit": (mapped('unit = "N"', 'unit = "Nwt"'), "has unit 'Nwt'; known are"),
+    "unit": (mapped('unit = "N"', 'unit = "Nwt"'), "has unit 'Nwt' (did you mean 'newton'?); known are"),
     "key of a link": (described(("stiffness = 4700.0", "stifness = 4700.0")), "(did you mean 'stiffness'?)"),
     "body": (described(('a = "device"', 'a = "devise"')), "body 'devise', which does not exist (did you mean 'device'?)"),
     "quantity": (described(('quantity = "displacement"', 'quantity = "position"')), "'position', which is none of"),
     "configuration": (mapped('"unlocked"', '"unlock"'), "has the configuration 'unlock'"),
     "channel": (mapped("channels.top", "channels.tpo"), "no channel 'top' (did you mean 'tpo'?)"),
     # missing
-    "no description": (undescribed, "rig.toml cannot be read"),
-    "no file": (mapped("first.csv", "frist.csv"), "frist.csv cannot be read"),
+    "no description": (undescribed, "rig.toml does not exist; give the file of a rig's description"),
+    "no file": (mapped("first.csv", "frist.csv"), "frist.csv does not exist (did you mean 'first.csv'?)"),
     "no sensor in the description": (
         described(
             ('{ channel = "low", body = "table", quantity = "displacement" },', ""),

@@ -114,7 +114,8 @@ def link_force(model: RigModel, link: Link, run: Run, at: FloatArray) -> LinkFor
     known and the accelerations were measured.
     """
     seen = link_record(model, link, run)
-    if seen is None or len(seen.deflection) < FEWEST * len(at):
+    # Two records of one motion leave their link without a deflection.
+    if seen is None or len(seen.deflection) < FEWEST * len(at) or not np.any(seen.deflection):
         return None
     known = {"drive.factor": -seen.push} | {f"bodies.{name}.mass": values for name, values in seen.acceleration.items()}
     unknown = [path for path in known if path in model.free and np.any(known[path])]

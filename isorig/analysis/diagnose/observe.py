@@ -101,7 +101,8 @@ def swings(model: RigModel, trials: Sequence[Trial]) -> tuple[dict[str, float], 
             found = _measured_swing(model, model.link(link), trial)
             for k, most in enumerate((speed, deflection)):
                 value = simulated[k] if found is None else found.most[k] if found.clear else min(simulated[k], found.most[k])
-                most[link] = max(most.get(link, 0.0), value)
+                if value > 0.0:  # two records of one motion say nothing about the link
+                    most[link] = max(most.get(link, 0.0), value)
     largest = max(deflection.values(), default=1e-3), max(speed.values(), default=1e-1)
     for link in (link.name for link in model.links):
         deflection.setdefault(link, largest[0])

@@ -227,7 +227,7 @@ class Regressions:
         prepared = self.on.prepared[balance.name]
         sign = next(s for e, s in balance.crossing if e.name == element.name)
         row = {name: sign * weight for name, weight in self.on.motion_row(element.weights, 0).items()}
-        ratio = 1j * self.on.spectra.frequency / self.on.own_frequency(element, balance)
+        ratio = np.asarray(1j * self.on.spectra.frequency / self.on.own_frequency(element, balance), dtype=np.complex128)
         scans = prepared.scan(row, np.stack([relaxing(ratio, corner) for corner in CORNERS]))
         after, _, _ = _joint({balance.name: scans}, {balance.name}, 0.0)
         return after.get(balance.name, prepared.solved.residual)
@@ -724,7 +724,9 @@ def _joint(scans: Mapping[str, FloatArray], scaled: Collection[str], least: floa
     for k in range(len(next(iter(scans.values()))) if givers else 0):
         for giver in givers:
             _, slope, bend = scans[giver][k]
-            value = -slope / max(2.0 * bend, 1e-300)
+            if bend < 1e-300:  # it does not change this equation
+                continue
+            value = -slope / (2.0 * bend)
             if value <= least:
                 continue
             residuals = {name: float(scan[k] @ (1.0, value, value**2)) for name, scan in scans.items()}

@@ -250,8 +250,8 @@ class Sliding:
 
     @property
     def usable(self) -> bool:
-        """Whether enough blocks slide for a fit and a check of it."""
-        return any(b.held_out for b in self.active) and any(not b.held_out for b in self.active)
+        """Whether the element moves, and enough blocks slide for a fit and a check of it: two records of one motion cancel."""
+        return self.swing > 0.0 and any(b.held_out for b in self.active) and any(not b.held_out for b in self.active)
 
     @property
     def rests(self) -> bool:

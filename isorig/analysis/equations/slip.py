@@ -19,5 +19,6 @@ def _slip_into(deflection: FloatArray, at: float, found: FloatArray) -> None:
 def slip_operator(deflection: FloatArray, at: float) -> FloatArray:
     """Force of a spring that slips at the elongation `at` in m, relative to its slip force, along a deflection of shape (n,)."""
     found = np.zeros(len(deflection))
-    _slip_into(np.ascontiguousarray(deflection), at, found)
+    if at > 0.0:  # what does not move, does not slip
+        _slip_into(np.ascontiguousarray(deflection), at, found)
     return found

@@ -295,8 +295,8 @@ class Spectra:
         for k, f in enumerate(frequency):
             if low <= f <= high and (not kept or f - frequency[kept[-1]] >= SPACING * f - 1e-9):
                 kept.append(k)
-        self.bins = np.array(kept)
-        self.frequency = frequency[self.bins]
+        self.bins = np.array(kept, dtype=np.int64)
+        self.frequency = np.asarray(frequency[self.bins], dtype=np.float64)
         self.omega = 2.0 * np.pi * self.frequency
         self.octaves = (1.0 / self.frequency) / (1.0 / self.frequency).sum()
         self.orders = orders

@@ -76,7 +76,7 @@ def _level(run: Run, name: str, values: FloatArray, others: Sequence[FloatArray]
         calm = float(np.quantile(moving, CALM)) / NormalDist().inv_cdf(0.5 + 0.5 * CALM)
         squares.append(calm**2 / float(np.sum(taps**2)))
     counted = np.asarray(channel.samples[:1]).dtype.kind in "iu"
-    return max(sqrt(min(squares)), abs(channel.scale) / sqrt(12.0) if counted else 0.0)
+    return max(sqrt(min(squares, default=0.0)), abs(channel.scale) / sqrt(12.0) if counted else 0.0)
 
 
 @once
@@ -120,9 +120,10 @@ def _band(low: float, high: float) -> FloatArray:
 
 
 def _middles(power: FloatArray, share: float) -> list[float]:
-    # Medians of the parts of a spectrum up to a share of the sample rate, without its lowest bins.
+    # Medians of the parts of a spectrum up to a share of the sample rate, without its lowest bins; a narrow one has fewer parts.
     top = int(2.0 * share * len(power))
-    return [float(np.median(part)) for part in np.array_split(power[max(len(power) // 32, 2) : top], PARTS)]
+    parts = np.array_split(power[max(len(power) // 32, 2) : top], PARTS)
+    return [float(np.median(part)) for part in parts if len(part)]
 
 
 def _above(power: FloatArray, share: float) -> list[float]:

@@ -17,6 +17,12 @@ from isorig.analysis.campaign import BoolArray, Channel, FloatArray, IntArray, o
 FULL = 0.999
 #: Number of consecutive equal samples at a record's extreme that indicates a limit.
 ROW = 3
+#: A record whose extreme value is this many times as frequent as the next one is at a limit there, even where noise leaves it at
+#: once. At a peak of a sine that is rounded to steps, the highest step has at most 1 / (sqrt(2) - 1) = 2.4 times the samples of
+#: the one below.
+FREQUENT = 10
+#: Values that differ by less than this share of a record's range are one value, computed with other rounding errors.
+SAME = 1e-6
 #: Minimum number of different values at a record's start for this test: a coarse converter repeats every value.
 VALUES = 32
 #: Samples over which the change of a record before and after a flat top counts, and which noise may interrupt it; its least share
@@ -77,8 +83,8 @@ class Row(NamedTuple):
 class Extent(NamedTuple):
     """What the checks use of a block: extremes, mean, standard deviation and number of samples.
 
-    `tops` are the numbers of flat tops at its smallest and largest value, `full` the number of samples at full scale, and `rows`
-    the long rows of equal samples.
+    `tops` are the numbers of times that a limit seems to cut the motion off at its smallest and largest value, `full` the number
+    of samples at full scale, and `rows` the long rows of equal samples.
     """
 
     low: float
@@ -109,7 +115,17 @@ def _extent(block: FloatArray, start: int, top: float | None) -> Extent:
 
 def _tops(block: FloatArray, end: float) -> int:
     at = block == end
-    return int((cut_off(block, at) >= ROW).sum()) if np.count_nonzero(at) > 1 else 0
+    count = np.count_nonzero(at)
+    rows = cut_off(block, at) if count > 1 else np.zeros(0)
+    return len(rows) if count >= FREQUENT and _frequent(block, end) else int((rows >= ROW).sum())
+
+
+def _frequent(block: FloatArray, end: float) -> bool:
+    # Whether the value at one end is `FREQUENT` times as frequent as the next one.
+    below = np.abs(block - end)
+    same = SAME * float(below.max())
+    inner = float(below.min(where=below > same, initial=np.inf))
+    return bool(np.count_nonzero(below <= same) >= FREQUENT * np.count_nonzero(np.abs(below - inner) <= same))
 
 
 def _rows(block: FloatArray, start: int) -> Iterator[Row]:
@@ -129,7 +145,7 @@ def extremes(channel: Channel) -> tuple[float, float]:
 
 def plateaus(channel: Channel) -> int:
     """Number of times that a motion is cut off at the record's largest or smallest value; 0 for a coarse converter."""
-    if len(np.unique(channel.read(0, 4096))) < VALUES:
+    if len(np.unique(channel.read(0, 4096).astype(np.float32))) < VALUES:
         return 0
     low, high = extremes(channel)
     return sum((each.low == low) * each.tops[0] + (each.high == high) * each.tops[1] for each in extents(channel))

@@ -90,10 +90,9 @@ def faults(campaign: Campaign, *, reference: str) -> tuple[Fault, ...]:
     >>> [(fault.run, fault.channel, fault.kind) for fault in iso.faults(spoilt, reference="head")]
     [('u70', 'motor', 'dead')]
     """
-    # Nothing drives a released run: the record of its drive is silent, and says nothing about a sensor.
-    released = {(run.id, reference) for run in campaign.runs if run.excitation == "free"}
-    found = [fault for run in campaign.runs for fault in (*_clipped(run), *_dead(run), *_short(run))]
-    found = [fault for fault in found if fault.kind != "dead" or (fault.run, fault.channel) not in released]
+    released = _released(campaign, reference)
+    found = clipped_or_dead(campaign, reference=reference)
+    found += [fault for run in campaign.runs for fault in _short(run)]
     hurt = released | {(fault.run, fault.channel) for fault in found if fault.kind == "dead"}
     found += [fault for run in campaign.runs for fault in _stuck(run, reference) if (run.id, fault.channel) not in hurt]
     found += _noisy(campaign, hurt)
@@ -104,6 +103,18 @@ def faults(campaign: Campaign, *, reference: str) -> tuple[Fault, ...]:
             found += [*_holes(run, spectra, reference), *_restless(run, reference, hurt)]
     found += _swapped(campaign, {name: one for name, one in spectra_by_run.items() if one is not None}, reference, hurt)
     return tuple(found)
+
+
+def clipped_or_dead(campaign: Campaign, *, reference: str) -> list[Fault]:
+    """The faults that each record shows alone, in one pass over it: clipped and dead channels."""
+    released = _released(campaign, reference)
+    found = [fault for run in campaign.runs for fault in (*_clipped(run), *_dead(run, reference))]
+    return [fault for fault in found if fault.kind != "dead" or (fault.run, fault.channel) not in released]
+
+
+def _released(campaign: Campaign, reference: str) -> set[tuple[str, str]]:
+    # Nothing drives a released run: the record of its drive is silent, and says nothing about a sensor.
+    return {(run.id, reference) for run in campaign.runs if run.excitation == "free"}
 
 
 def sound(runs: Sequence[Run], found: Sequence[Fault], channels: Sequence[str], *, from_rest: bool = False) -> list[Run]:
@@ -120,7 +131,7 @@ def _clipped(run: Run) -> Iterator[Fault]:
         if full := sum(each.full for each in extents(channel)):
             text = f"run {run.id!r}: {name} clipped, {full} samples at the end of its range of ±{top:g} {unit}"
         elif (count := plateaus(channel)) >= ROWS:
-            text = f"run {run.id!r}: {name} seems clipped, its extreme value occurs {count} times for several consecutive samples"
+            text = f"run {run.id!r}: {name} seems clipped, {count} times at its extreme value"
         else:
             continue
         yield Fault(
@@ -128,16 +139,19 @@ def _clipped(run: Run) -> Iterator[Fault]:
         )
 
 
-def _dead(run: Run) -> Iterator[Fault]:
+def _dead(run: Run, reference: str) -> Iterator[Fault]:
     sizes = {name: max(each.std for each in extents(run.channels[name])) for name in run.sensors}
     for name, size in sizes.items():
-        kind = run.channels[name].quantity
+        kind, unit = run.channels[name].quantity, run.channels[name].unit
         loudest = max(s for other, s in sizes.items() if run.channels[other].quantity == kind)
-        if size <= DEAD * loudest or size == 0.0:
+        low, high = extremes(run.channels[name])
+        if low == high or size <= DEAD * loudest:
+            # The sum makes -0.0 zero.
+            has = f"constant {low + 0.0:.4g} {unit}" if low == high else f"{size:.2g} {unit} rms, the strongest {loudest:.2g}"
+            free = ', or state excitation = "free" if nothing drove the rig' if name == reference and low == high else ""
             yield Fault(
                 run=run.id, channel=name, kind="dead",
-                text=f"run {run.id!r}: {name} is dead ({size:.2g} {run.channels[name].unit} rms, the strongest {loudest:.2g}); "
-                "check its cable and its supply.",
+                text=f"run {run.id!r}: {name} is dead ({has}); check its cable and its supply{free}.",
             )  # fmt: skip
 
 

@@ -26,12 +26,24 @@ _NAME = re.compile(rf"(?:.*[./])?(?:{_WORD})(?:[ _]*(?P<unit>s|sec|seconds|ms|us
 JITTER = 0.1
 #: Share by which a rate that is meant to be whole differs from it, because a program wrote its clock with few digits.
 CLOCK_ROUNDING = 1e-8
-#: A clock rounded to steps deviates by up to half a step; plus a margin for the fitted line.
-ROUNDED = 0.51
+#: A clock rounded to steps deviates by up to half a step; plus a margin for the fitted line, whose slope a few steps bend.
+ROUNDED = 0.55
 #: Number of readings used to determine a clock's step, and tolerance for whole steps.
 READINGS, WHOLE = 20_000, 1e-3
 #: Minimum number of unusual differences that indicates rounding; fewer are lost samples.
 UNUSUAL = 3
+#: A lost or repeated row changes an interval by a whole one: it is unusual if it differs from the usual one by this share.
+BREAK = 0.5
+#: Intervals that are unusual in more than this share of the rows are the clock's own. Chosen.
+BREAKS_MOST = 0.01
+#: A break differs by more than this factor from this many intervals before and after it, but for a few that are breaks, too:
+#: steps of a rounded clock have many neighbours of their size. At a decimal step of ten usual intervals, every tenth interval is
+#: large, five of fifty.
+CLEAR, BESIDE, FEW = 2.0, 50, 4
+#: Different intervals, to 1 % of the usual one, of a clock that is known by its values alone: those of rounding.
+ALIKE = 3
+#: Share of its range that a clock may be set back by repeated rows; a sawtooth returns to its start. Chosen.
+BACK = 0.1
 
 
 def seconds_per(unit: str) -> float | None:
@@ -47,10 +59,50 @@ def time_unit(name: str, column: Column) -> str:
     return (found["unit"] if found else None) or "s"
 
 
+def says_time(name: str, column: Column) -> bool:
+    """Whether a column's name or unit is that of a time."""
+    return column.values.dtype.kind in "iuf" and (_NAME.fullmatch(name) is not None or seconds_per(column.unit) is not None)
+
+
 def is_time(name: str, column: Column) -> bool:
     """Whether a column is an evenly ascending clock: by its name or its unit, and by its values."""
-    if (_NAME.fullmatch(name) is None and seconds_per(column.unit) is None) or column.values.dtype.kind not in "iuf":
+    return says_time(name, column) and _is_even(name, column)
+
+
+def is_uneven_time(name: str, column: Column) -> bool:
+    """Whether a column is a clock that is not even: it ascends, and its name, its unit or almost all of its intervals say so."""
+    values = column.values
+    if values.dtype.kind not in "iuf" or len(values) < BESIDE or not np.isfinite(values).all():
         return False
+    intervals = np.diff(values.astype(np.float64))
+    usual = float(np.median(intervals))
+    if not usual > 0.0 or -intervals.min() > BACK * float(np.ptp(values)) or _is_even(name, column):
+        return False
+    if says_time(name, column):
+        return bool(np.mean(intervals > 0.0) > 1.0 - BREAKS_MOST)
+    at = breaks(intervals)
+    return len(at) > 0 and len(np.unique(np.round(np.delete(intervals, at) / usual, 2))) <= ALIKE
+
+
+def breaks(intervals: FloatArray) -> IntArray:
+    """Indices of the few intervals of a clock that are unusual: rows are missing there, or repeated; empty if it has many.
+
+    `intervals` has shape (n,).
+    """
+    usual = float(np.median(intervals))
+    off = np.abs(intervals - usual)
+    unusual = np.flatnonzero(off > BREAK * usual)
+    if not usual > 0.0 or len(unusual) > max(BREAKS_MOST * len(intervals), 1):
+        return unusual[:0]
+    sides = {k: (off[max(k - BESIDE, 0) : k], off[k + 1 : k + 1 + BESIDE]) for k in unusual}
+    clear = [
+        k for k, both in sides.items()
+        if all(len(side) <= FEW or off[k] > CLEAR * float(np.partition(side, -FEW - 1)[-FEW - 1]) for side in both)
+    ]  # fmt: skip
+    return np.array(clear, dtype=np.int64)
+
+
+def _is_even(name: str, column: Column) -> bool:
     try:
         column_rate(name, column, "")
     except (PlanError, RecordingError):
@@ -58,7 +110,7 @@ def is_time(name: str, column: Column) -> bool:
     return True
 
 
-def column_rate(name: str, column: Column, here: str, unit: str = "") -> float:
+def column_rate(name: str, column: Column, here: str, unit: str = "", first: int = 0) -> float:
     """Sample rate from a time column, Hz.
 
     Parameters
@@ -69,6 +121,8 @@ def column_rate(name: str, column: Column, here: str, unit: str = "") -> float:
         Its location, for error messages.
     unit
         Its unit of time; the file's if empty.
+    first
+        Number of the file's rows before the column's first value, for error messages.
 
     Raises
     ------
@@ -81,10 +135,10 @@ def column_rate(name: str, column: Column, here: str, unit: str = "") -> float:
     factor = seconds_per(said)
     if factor is None:
         raise PlanError(f"{here} is in {said!r}, which is not a unit of time; give time_unit as s, ms, us, ns, min or h")
-    return even_rate(np.asarray(column.values, dtype=np.float64), here, factor)
+    return even_rate(np.asarray(column.values, dtype=np.float64), here, factor, first)
 
 
-def even_rate(time: FloatArray, here: str, factor: float = 1.0) -> float:
+def even_rate(time: FloatArray, here: str, factor: float = 1.0, first: int = 0) -> float:
     """Rate of an evenly spaced clock, Hz: from the slope of a line through its readings.
 
     A rounded clock, for example in milliseconds, may deviate from that line by half a step; the rate is then the integer rate in
@@ -98,6 +152,8 @@ def even_rate(time: FloatArray, here: str, factor: float = 1.0) -> float:
         Their location, for error messages.
     factor
         Seconds per unit of the readings.
+    first
+        Number of rows before the first reading, for error messages.
 
     Raises
     ------
@@ -115,14 +171,17 @@ def even_rate(time: FloatArray, here: str, factor: float = 1.0) -> float:
     quantum, seconds = _quantum(readings) * factor, (readings - readings[0]) * factor
     centred, around = index - index.mean(), seconds - seconds.mean()
     period = float(centred @ around / (centred @ centred))
-    stray = np.abs(around - period * centred)
+    # A clock that is rounded downwards is half a step late on average, or less if its steps are few.
+    off = around - period * centred
+    stray = np.abs(off - (off.max() + off.min()) / 2.0)
     if _lost(index, readings):
         quantum = 0.0
     worst = int(np.argmax(stray))
     if not period > 0.0 or stray[worst] > max(JITTER * period, ROUNDED * quantum):
+        _blame_breaks(index, readings, here, first)
         raise RecordingError(
-            f"{here} deviates by {stray[worst] / abs(period or 1.0):.2g} samples from an even grid at sample {index[worst]}; "
-            "split the run where samples are missing, or resample it evenly"
+            f"{here} deviates by {stray[worst] / abs(period or 1.0):.2g} samples from an even grid at sample "
+            f"{first + index[worst]}; split the run where samples are missing, or resample it evenly"
         )
     rate = 1.0 / period
     whole = max(round(rate), 1)
@@ -130,8 +189,32 @@ def even_rate(time: FloatArray, here: str, factor: float = 1.0) -> float:
     return float(whole) if abs(1.0 / whole - period) * (centred[-1] - centred[0]) <= allowed else rate
 
 
+def _blame_breaks(index: IntArray, readings: FloatArray, here: str, first: int) -> None:
+    # Rows are counted from 1 in words, from 0 in `samples`.
+    intervals = np.diff(readings) / np.diff(index)
+    at = breaks(intervals)
+    if not len(at):
+        return
+    edges = np.concatenate([[0], index[at + 1], [index[-1] + 1]]) + first
+    longest = int(np.argmax(np.diff(edges)))
+    rows = f"row {first + index[at[0]] + 1} to row {first + index[at[0] + 1] + 1}"
+    others = f" (so in {len(at)} places)" if len(at) > 1 else ""
+    raise RecordingError(
+        f"{here} differs by {intervals[at[0]]:.4g} from {rows} of its values, elsewhere by {np.median(intervals):.4g} from "
+        f"row to row{others}: rows are missing or repeated there; correct the file, or import its parts as runs, the longest "
+        f"with samples = [{edges[longest]}, {edges[longest + 1]}]"
+    )
+
+
 def _quantum(readings: FloatArray) -> float:
-    # The largest power of ten of which all readings are multiples: the rounding step of a printed clock.
+    # The rounding step of a printed clock, or of one in single precision. With few digits it is largest at the end.
+    short = readings.astype(np.float32)
+    single = float(np.spacing(np.abs(short).max())) if np.array_equal(short, readings) else 0.0
+    return max(_decimal(readings), _decimal(readings[-BESIDE:]), single)
+
+
+def _decimal(readings: FloatArray) -> float:
+    # The largest power of ten of which all readings are multiples.
     some = readings[:: max(1, len(readings) // READINGS)]
     for power in range(3, -10, -1):
         steps = some * 10.0**-power

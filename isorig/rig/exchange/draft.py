@@ -15,7 +15,7 @@ from isorig.analysis.campaign import MOTION, ROTARY, UNLOCKED, Quantity
 from isorig.analysis.model.drafted import DAMPING, MASS, STIFFNESS
 from isorig.analysis.model.rig_model import GROUND, Body, Configuration, Drive, Link, RigModel, Sensor
 from isorig.rig.errors import RecordingError
-from isorig.rig.exchange.clock import is_time, seconds_per, time_unit
+from isorig.rig.exchange.clock import is_time, is_uneven_time, says_time, seconds_per, time_unit
 from isorig.rig.exchange.table import STREAMED, Column, ForeignTable
 from isorig.rig.exchange.tree import PLAIN
 from isorig.rig.exchange.units import UNITS, known_unit
@@ -224,7 +224,11 @@ def _one_each(groups: Mapping[str, Mapping[str, tuple[str, Column]]]) -> bool:
 
 def _parts(table: ForeignTable, group: str, columns: Mapping[str, tuple[str, Column]]) -> list[_Part]:
     # Columns of equal length and rate were sampled together; clocks belong to the records of their length.
-    clocks = {name: len(column.values) for name, (_, column) in columns.items() if is_time(name, column)}
+    # One that is not even is proposed, too: the import says where rows are missing.
+    clocks = {
+        name: len(column.values) for name, (_, column) in columns.items()
+        if is_time(name, column) or (says_time(name, column) and is_uneven_time(name, column))
+    }  # fmt: skip
     sampled: dict[tuple[int, float | None], dict[str, tuple[str, Column]]] = {}
     for name, (source, column) in columns.items():
         if name not in clocks and len(column.values) > 1:

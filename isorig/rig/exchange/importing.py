@@ -6,32 +6,35 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from hashlib import blake2b
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
-from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, Gap, IntArray, Run, Samples
+from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, Gap, IntArray, Run, Samples, once
 from isorig.analysis.fitting.repeats import same_drive
 from isorig.analysis.fitting.trials import SHORTEST
 from isorig.analysis.model.rig_model import Drive, RigModel
 from isorig.analysis.spectra.overload import extremes
+from isorig.analysis.spectra.quality import clipped_or_dead, fault_sentences
+from isorig.analysis.units import KGF
 from isorig.analysis.wording import did_you_mean
 from isorig.rig.errors import PlanError, RecordingError
-from isorig.rig.exchange.clock import column_rate, is_time
+from isorig.rig.exchange.clock import column_rate, is_time, is_uneven_time
 from isorig.rig.exchange.mapping import ChannelMap, Mapping, RunMap, read_mapping
 from isorig.rig.exchange.reading import read_foreign
 from isorig.rig.exchange.table import Column, ForeignTable
 from isorig.rig.exchange.units import UNITS, known_unit, unit
-from isorig.rig.files.recording import GAIN, write
-from isorig.rig.files.rigfile import read_description
+from isorig.rig.files.recording import write
+from isorig.rig.files.rigfile import read_description, references_of
+from isorig.rig.frf.transfer import faults_in, levels_in_words
 from isorig.rig.wire_bonder.description import wire_bonder
 
 #: Sample rates that differ by less than this share are one rate: headers round it, and clocks are accurate to 1e-4.
 RATE_AGREES = 5e-3
-#: A record is clipped if its extreme value is this many times as frequent as the next one. At a peak of a sine that is rounded to
-#: steps, the highest step has at most 1 / (sqrt(2) - 1) = 2.4 times the samples of the one below.
-CLIPPED = 10
+#: An acceleration in m/s^2 that no rig keeps up: more than gravity, which some sensors transmit, with some calibration error.
+STEADY = 1.1 * KGF
 #: Attributes of a sensor in a mapping.
 SENSOR = ("sensor", "place", "direction")
 
@@ -160,7 +163,7 @@ def _run(wanted: RunMap, mapping: Mapping, table: ForeignTable) -> Run:
     lost = np.unique(np.concatenate([np.empty(0, np.int64), *(c.lost for c in columns.values() if c.lost is not None)]))
     lost = lost[(lost >= first) & (lost < last)]
     kept = np.setdiff1d(np.arange(first, last), lost, assume_unique=True) if len(lost) else slice(first, last)
-    rate = _rate(wanted, columns, table, here)
+    rate = _rate(wanted, columns, table, (first, last), here)
     if wanted.band is not None and wanted.band[0] >= rate / 2.0:
         raise PlanError(
             f"{here} has a band from {wanted.band[0]:g} Hz, but {rate:g} samples per second contain at most {rate / 2.0:g} Hz; "
@@ -172,9 +175,25 @@ def _run(wanted: RunMap, mapping: Mapping, table: ForeignTable) -> Run:
             name: channel_of(name, mapping.channels[name], column, kept, f"{here}: channels.{name}")
             for name, column in columns.items()
         },
-        excitation=wanted.excitation, started=wanted.started, band=wanted.band, period=wanted.period, use=wanted.use,
-        repeat_of=wanted.repeat_of, usable_to=wanted.usable_to, gaps=_gaps(lost - first), spectra=table.spectra,
+        excitation=wanted.excitation, started=wanted.started, band=wanted.band, period=_period(wanted, rate, here),
+        use=wanted.use, repeat_of=wanted.repeat_of, usable_to=wanted.usable_to, gaps=_gaps(lost - first), spectra=table.spectra,
     )  # fmt: skip
+
+
+def _period(wanted: RunMap, rate: float, here: str) -> int | None:
+    # All frequencies of a periodic drive are multiples of the inverse of its period.
+    period = wanted.period
+    if period is None:
+        return None
+    if not (period >= 2.0 and period.is_integer()):
+        what = "which is not a whole number of samples, 2 or more"
+    elif wanted.band is not None and rate / period > wanted.band[1]:
+        what = f"samples that repeat {rate / period:g} times per second, above the band up to {wanted.band[1]:g} Hz"
+    else:
+        return int(period)
+    samples = round(period * rate) if 0.0 < period < np.inf else 0
+    seconds = f": if it is {period:g} s, write period = {samples}" if samples >= 2 else ""
+    raise PlanError(f"{here} has period = {period:g}, {what}; give the period of the drive in samples{seconds}")
 
 
 def _gaps(lost: IntArray) -> tuple[Gap, ...]:
@@ -239,8 +258,8 @@ class _Rate:
     unused: str = ""
 
 
-def _rate(wanted: RunMap, columns: dict[str, Column], table: ForeignTable, here: str) -> float:
-    found = _rates(wanted, columns, table, here)
+def _rate(wanted: RunMap, columns: dict[str, Column], table: ForeignTable, part: tuple[int, int], here: str) -> float:
+    found = _rates(wanted, columns, table, part, here)
     if wanted.rate_from is None and all(rate.unused for rate in found):
         hint = f" = {found[0].unused!r}" if found else " = the time column"
         raise PlanError(f"{here} has no common sample rate; give sample_rate in Hz, or time{hint}")
@@ -257,8 +276,8 @@ def _rate(wanted: RunMap, columns: dict[str, Column], table: ForeignTable, here:
     return chosen[0].hertz
 
 
-def _rates(wanted: RunMap, columns: dict[str, Column], table: ForeignTable, here: str) -> list[_Rate]:
-    # All sample rates that the mapping, time columns of the same length and the file's header give.
+def _rates(wanted: RunMap, columns: dict[str, Column], table: ForeignTable, part: tuple[int, int], here: str) -> list[_Rate]:
+    # All sample rates that the mapping, time columns of the same length in this part and the file's header give.
     found = []
     if wanted.time is not None:
         column = _column(table, wanted.time, here)
@@ -268,7 +287,7 @@ def _rates(wanted: RunMap, columns: dict[str, Column], table: ForeignTable, here
                 f"{here}: column {wanted.time!r} has {len(column.values)} values but the channels have {length}; give "
                 "sample_rate, or the time column of these channels"
             )
-        hertz = column_rate(wanted.time, column, f"{here}: column {wanted.time!r}", wanted.time_unit)
+        hertz = column_rate(wanted.time, _cut(column, part), f"{here}: column {wanted.time!r}", wanted.time_unit, part[0])
         found.append(_Rate(hertz, "time", f"{hertz:.6g} Hz by its time column {wanted.time!r}"))
     if wanted.sample_rate is not None:
         found.insert(0, _Rate(wanted.sample_rate, "mapping", f"sample_rate = {wanted.sample_rate:.6g} Hz in the mapping"))
@@ -277,27 +296,43 @@ def _rates(wanted: RunMap, columns: dict[str, Column], table: ForeignTable, here
         hertz = rates.pop()
         found.append(_Rate(hertz, "file", f"{hertz:.6g} Hz by the file itself"))
     if wanted.time is None:
-        found += _unused_clocks(wanted, columns, table)
+        found += _unused_clocks(wanted, columns, table, part, here)
     return found
 
 
-def _unused_clocks(wanted: RunMap, columns: dict[str, Column], table: ForeignTable) -> list[_Rate]:
-    # Time columns next to the channels that the mapping does not name.
+def _cut(column: Column, part: tuple[int, int]) -> Column:
+    return replace(column, values=column.values[slice(*part)])
+
+
+def _unused_clocks(
+    wanted: RunMap, columns: dict[str, Column], table: ForeignTable, part: tuple[int, int], here: str
+) -> list[_Rate]:
+    # Time columns next to the channels that the mapping does not name. One that is not even shows that the samples are not,
+    # unless the mapping states which rate is right.
     sources = [channel for channel in table.columns if any(table.columns[channel] is used for used in columns.values())]
     length = len(next(iter(columns.values())).values)
     found = []
     for name, column in table.columns.items():
         around = re.split(r"[./][^./]*$", name)[0] if re.search(r"[./]", name) else ""
         near = any(source.startswith(around) for source in sources)
-        if name not in sources and near and len(column.values) == length and is_time(name, column):
-            hertz = column_rate(name, column, name, wanted.time_unit)
+        if name in sources or not near or len(column.values) != length:
+            continue
+        clock = _cut(column, part)
+        if wanted.rate_from is None and is_uneven_time(name, clock):
+            try:
+                column_rate(name, clock, f"{here}: column {name!r}", wanted.time_unit, part[0])
+            except RecordingError as error:
+                raise RecordingError(f"{error}; if it is no time column, give sample_rate and rate_from = 'mapping'") from None
+        if is_time(name, clock):
+            hertz = column_rate(name, clock, name, wanted.time_unit)
             found.append(_Rate(hertz, "time", f"{hertz:.6g} Hz by the time column {name!r} of the file", name))
     return found
 
 
 def shortcomings(campaign: Campaign) -> list[str]:
-    """Runs that are too short for fits or for their band, are copies of another, constant or clipped, in sentences."""
-    found = []
+    """What records show to be wrong, in sentences: short runs, copies, several levels at one gain, and faulty channels."""
+    drive = references_of(campaign)[0]
+    found = [*fault_sentences(faults_in(campaign, drive, clipped_or_dead)), *levels_in_words(campaign, drive)]
     for at, run in enumerate(campaign.runs):
         original = next((other.id for other in campaign.runs[:at] if _is_copy(other, run)), None)
         if original is not None:
@@ -305,19 +340,19 @@ def shortcomings(campaign: Campaign) -> list[str]:
                 f"Run {run.id!r} has exactly the samples of run {original!r}: it is a copy and not a repeat, so correct its file "
                 "or remove it."
             )
-        for channel in run.channels.values():
+        recorded: dict[bytes, str] = {}
+        for name, channel in run.sensors.items():
             low, high = extremes(channel)
-            # A streamed gain may stay the same; a drive that was not played is zero in a free run. The sum makes -0.0 zero.
-            if low == high and channel.quantity != GAIN and not (run.excitation == "free" and low == 0.0):
+            if low < high and (first := recorded.setdefault(_digest(channel), name)) != name:
                 found.append(
-                    f"Run {run.id!r} has the constant value {low + 0.0:.4g} {channel.unit} in channel {channel.name!r}: check "
-                    "the sensor, its cable and the column."
+                    f"Run {run.id!r} has exactly the same samples in the channels {first!r} and {name!r}, but the noise of two "
+                    "sensors differs: correct the source of one of them, or the file."
                 )
-            elif low < high and channel.quantity == "acceleration" and channel.full_scale is None:
-                found.extend(
-                    f"Run {run.id!r} has {count} samples of {extreme:.4g} {channel.unit}, its {which} value, in channel "
-                    f"{channel.name!r}, as a clipped record has: give its range in the mapping, or measure with a larger one."
-                    for which, extreme, count in _clipped(channel)
+            least = max(low, -high)
+            if channel.quantity == "acceleration" and least > STEADY:
+                found.append(
+                    f"Run {run.id!r} has never less than {least:.3g} {channel.unit} in channel {name!r}, more than gravity all "
+                    "the time: check the unit, the sensitivity and the sensor's zero, or correct it by offset in the mapping."
                 )
         begin = f"Run {run.id!r} has {len(run)} samples, {run.duration:.3g} s"
         if run.band is not None and run.duration * run.band[1] < 1.0:
@@ -330,26 +365,17 @@ def shortcomings(campaign: Campaign) -> list[str]:
     return found
 
 
-def _clipped(channel: Channel) -> list[tuple[str, float, int]]:
-    # The highest and lowest values of a channel that are far more frequent than the next ones: name, value in SI, samples.
-    values, (low, high) = channel.read(), extremes(channel)
-    found = []
-    for which, extreme, inner in (
-        ("highest", high, values.max(where=values < high, initial=-np.inf)),
-        ("lowest", low, values.min(where=values > low, initial=np.inf)),
-    ):
-        count = int(np.count_nonzero(values == extreme))
-        # An extreme value that most samples have is that of a sensor at rest.
-        if CLIPPED * np.count_nonzero(values == inner) <= count <= len(values) // 2:
-            found.append((which, extreme, count))
-    return found
-
-
 def _is_copy(one: Run, other: Run) -> bool:
     # Whether two runs have the same samples in every channel: noise differs between two measurements.
     if one.channels.keys() != other.channels.keys() or len(one) != len(other):
         return False
-    return all(np.array_equal(one.read(name), other.read(name)) for name in one.channels)
+    return all(_digest(one.channels[name]) == _digest(other.channels[name]) for name in one.channels)
+
+
+@once
+def _digest(channel: Channel) -> bytes:
+    # Of the values: records are read once, with however many they are compared.
+    return blake2b(channel.read().tobytes()).digest()
 
 
 def repeats(campaign: Campaign, references: Sequence[str]) -> Campaign:

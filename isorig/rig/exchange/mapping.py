@@ -93,7 +93,7 @@ class RunMap(MappingPart, frozen=True):
     excitation: Literal["random", "multisine", "sweep", "moves", "free", "other"] = "other"
     started: datetime | None = None
     band: tuple[float, float] | None = None
-    period: int | None = None
+    period: float | None = None
     use: Literal["fit", "holdout"] = "fit"
     repeat_of: str | None = None
     rate_from: Literal["mapping", "time", "file"] | None = None
@@ -124,7 +124,7 @@ def read_mapping(path: Path) -> Mapping:
         lambda tree: msgspec.convert(tree, Mapping, strict=False),
         "a mapping",
         hint=", or let rig import --draft propose one",
-        keys=[key for part in (Mapping, RunMap, ChannelMap) for key in part.__struct_fields__],
+        parts=(Mapping, RunMap, ChannelMap),
     )
     _check(mapping, str(path))
     return mapping

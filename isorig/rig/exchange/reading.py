@@ -2,16 +2,29 @@
 
 from __future__ import annotations
 
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
 from isorig.analysis.errors import AnalysisError
+from isorig.analysis.wording import did_you_mean
 from isorig.rig.errors import RecordingError, RigError
 from isorig.rig.exchange.formats import FORMATS
-from isorig.rig.exchange.table import ForeignTable
-from isorig.rig.files.inputs import regular
+from isorig.rig.exchange.table import ForeignTable, Format
+from isorig.rig.files.inputs import opened_regular
 from isorig.rig.files.output import reason
 from isorig.rig.files.recording import VALUE_MOST
+
+#: Bytes at the start of a file by which its format is recognized.
+HEAD = 1024
+ARCHIVE = b"PK\x03\x04"
+#: Files that cannot be imported, by their first bytes, and what to do with them.
+OTHERS = (
+    (b"\xd0\xcf\x11\xe0", "an Excel workbook or another document; save its numbers as CSV"),
+    (b"PAR1", "a Parquet file; save it as CSV"),
+    (b"\x1f\x8b", "compressed; unpack it"),
+    (b"%PDF", "a PDF document; export its numbers as CSV"),
+)
 
 
 def read_foreign(path: Path) -> ForeignTable:
@@ -22,24 +35,56 @@ def read_foreign(path: Path) -> ForeignTable:
     RecordingError
         In one sentence: the fault of the file and what to do.
     """
-    if path.suffix.lower() not in FORMATS:
-        raise RecordingError(f"{path} ends in {path.suffix or 'nothing'}; files that can be imported end in {', '.join(FORMATS)}")
-    found = FORMATS[path.suffix.lower()]
+    found = FORMATS.get(path.suffix.lower())
+    unknown = f"{path} ends in {path.suffix or 'nothing'}; files that can be imported end in {', '.join(FORMATS)}"
     try:
-        regular(path)
+        _blame_content(path, found)
+        if found is None:
+            raise RecordingError(unknown)
         if path.stat().st_size == 0:
             raise RecordingError(f"{path} is empty; export or copy it again")
         table = found.read(path)
     except (RigError, AnalysisError):
         raise
+    except FileNotFoundError:
+        there = sorted(each.name for each in path.parent.glob(f"*{path.suffix}")) if path.parent.is_dir() else []
+        raise RecordingError(f"{path} does not exist{did_you_mean(path.name, there)}; give the path of a file") from None
     except Exception as error:
         if isinstance(error, OSError) and error.strerror:
             raise RecordingError(f"{path} cannot be read ({error.strerror}); give the path of a file") from None
         # Parsers raise many kinds of errors on damaged bytes: of zlib, struct and tokenize, and bare exceptions.
-        raise RecordingError(f"{path} cannot be read as {found.name} ({reason(error)}); {found.advice}") from None
+        said = unknown if found is None else f"{path} cannot be read as {found.name} ({reason(error)}); {found.advice}"
+        raise RecordingError(said) from None
     if not table.columns and not table.spectra:
         raise RecordingError(f"{path} contains no numeric records; export the time records too")
     return _with_sound_rates(table)
+
+
+def _blame_content(path: Path, named: Format | None) -> None:
+    # Whether the content is that of another format than the name says.
+    with opened_regular(path) as file:
+        head = file.read(HEAD)
+    if other := next((what for begin, what in OTHERS if head.startswith(begin)), None) or _document_in(path, head):
+        raise RecordingError(f"{path} is {other}")
+    formats = [each for each in dict.fromkeys(FORMATS.values()) if each.begins is not None and each.begins.match(head)]
+    if formats and named not in formats:
+        raise RecordingError(
+            f"{path} contains {formats[0].name}{f', not {named.name}' if named else ''}; rename it to "
+            f"{path.with_suffix(formats[0].extensions[0]).name}"
+        )
+
+
+def _document_in(path: Path, head: bytes) -> str | None:
+    # Spreadsheets are archives, like .npz files.
+    if not head.startswith(ARCHIVE) or not zipfile.is_zipfile(path):
+        return None
+    with zipfile.ZipFile(path) as archive:
+        names = archive.namelist()
+    if any(name.startswith("xl/") for name in names):
+        return "an Excel workbook; save it as CSV"
+    if "mimetype" in names and "content.xml" in names:
+        return "an OpenDocument file; save it as CSV"
+    return None if any(name.endswith(".npy") for name in names) else "an archive; unpack it"
 
 
 def _with_sound_rates(table: ForeignTable) -> ForeignTable:

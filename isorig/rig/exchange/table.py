@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import product
@@ -75,12 +76,15 @@ class Format:
         Reads a file. It may raise any error for damaged content: the message then has its first line, and the advice.
     advice
         What to do with a file that cannot be read.
+    begins
+        First bytes of its files; None for text.
     """
 
     extensions: tuple[str, ...]
     name: str
     read: Callable[[Path], ForeignTable]
     advice: str = AGAIN
+    begins: re.Pattern[bytes] | None = None
 
 
 def vectors_of(name: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:

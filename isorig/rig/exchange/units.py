@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from isorig.analysis.campaign import Quantity
 from isorig.analysis.units import FACTORS
+from isorig.analysis.wording import did_you_mean
 from isorig.rig.errors import PlanError
 
 
@@ -21,8 +22,18 @@ UNITS = {name: Unit(quantity, factor) for quantity, factors in FACTORS.items() f
 #: Units of converter counts, without a physical quantity.
 COUNTS = ("count", "counts", "cts", "ticks", "lsb", "LSB", "inc", "increments")
 #: Other spellings, in the order of their replacement.
-_SPELLINGS = (("µ", "u"), ("μ", "u"), ("²", "^2"), ("**", "^"), ("/s2", "/s^2"), ("/s/s", "/s^2"), ("m s^-2", "m/s^2"))
+_SPELLINGS = (
+    ("µ", "u"),
+    ("μ", "u"),
+    ("sec", "s"),
+    ("²", "^2"),
+    ("**", "^"),
+    ("/s2", "/s^2"),
+    ("/s/s", "/s^2"),
+    ("m s^-2", "m/s^2"),
+)
 _WORDS = {
+    "meter": "m", "metre": "m", "meters": "m", "metres": "m",
     "gn": "g", "g_n": "g", "G": "g", "volt": "V", "volts": "V", "Volt": "V", "Volts": "V", "newton": "N", "Newton": "N",
     "newtons": "N", "Newtons": "N",
     "°": "deg", "degree": "deg", "degrees": "deg", "°/s": "deg/s", "°/s^2": "deg/s^2", "dps": "deg/s", "radian": "rad",
@@ -60,5 +71,9 @@ def unit(text: str, where: str) -> Unit:
             "sensitivity, the number of counts per unit"
         )
     if name is None:
-        raise PlanError(f"{where} has unit {text!r}; known are {', '.join(UNITS)}, so convert the data or set its sensitivity")
+        # A single letter is like too many.
+        meant = did_you_mean(text, [each for each in (*UNITS, *_WORDS) if min(len(each), len(text)) > 1])
+        raise PlanError(
+            f"{where} has unit {text!r}{meant}; known are {', '.join(UNITS)}, so convert the data or set its sensitivity"
+        )
     return UNITS[name]

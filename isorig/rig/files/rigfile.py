@@ -115,8 +115,13 @@ def read_description(path: Path) -> tuple[RigModel, str]:
     """
     try:
         text = content_of(path, TOML_MOST).decode()
+    except FileNotFoundError:
+        raise PlanError(
+            f"{path} does not exist; give the file of a rig's description, or let rig describe --new ask for one"
+        ) from None
     except (OSError, UnicodeDecodeError) as error:
-        raise PlanError(f"{path} cannot be read ({error}); give the file of a rig's description") from None
+        why = getattr(error, "strerror", None) or error
+        raise PlanError(f"{path} cannot be read ({why}); give the file of a rig's description") from None
     return with_sensors(_described(text, str(path)), str(path)), text
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar, get_args, get_origin
 
 import msgspec
 
@@ -17,7 +17,14 @@ from isorig.rig.files.inputs import TOML_MOST, content_of
 T = TypeVar("T")
 
 
-def read_toml(path: Path, convert: Callable[[Mapping[str, Any]], T], what: str, *, hint: str = "", keys: Iterable[str] = ()) -> T:
+def read_toml(
+    path: Path,
+    convert: Callable[[Mapping[str, Any]], T],
+    what: str,
+    *,
+    hint: str = "",
+    parts: Collection[type[msgspec.Struct]] = (),
+) -> T:
     """Read a file and convert its keys.
 
     Parameters
@@ -30,8 +37,8 @@ def read_toml(path: Path, convert: Callable[[Mapping[str, Any]], T], what: str, 
         Noun with its article, for messages.
     hint
         Additional advice if there is no such file, appended to the sentence.
-    keys
-        All keys that such a file may have, to propose the one that was meant.
+    parts
+        The types of its tables, to propose the key or the word that was meant.
 
     Raises
     ------
@@ -51,17 +58,27 @@ def read_toml(path: Path, convert: Callable[[Mapping[str, Any]], T], what: str, 
     except RecursionError:
         raise PlanError(f"{path} is nested too deeply; write {what} with flat tables") from None
     except msgspec.ValidationError as error:
-        raise PlanError(f"{path}: {_explained(str(error), keys)}; correct that key") from None
+        raise PlanError(f"{path}: {_explained(str(error), parts)}; correct that key") from None
 
 
-def _explained(text: str, keys: Iterable[str]) -> str:
+def _explained(text: str, parts: Collection[type[msgspec.Struct]]) -> str:
     text = text.replace("`", "")
-    unknown = re.match(r"Object contains unknown field (\S+)", text)
-    if unknown is None:
-        return text
-    place = re.search(r" - at (\S+)", text)
-    where = place[1].removeprefix("$.") if place else "the file"
-    return f"{where} has the key {unknown[1]!r}, which is unknown there{did_you_mean(unknown[1], keys)}"
+    fields = {field.name: field.type for part in parts for field in msgspec.structs.fields(part)}
+    place = re.search(r" - at \$\.(\S+)", text)
+    where = place[1] if place else "the file"
+    if unknown := re.match(r"Object contains unknown field (\S+)", text):
+        return f"{where} has the key {unknown[1]!r}, which is unknown there{did_you_mean(unknown[1], fields)}"
+    words = _words(fields.get(where.rpartition(".")[2]))
+    if words and (wrong := re.match(r"Invalid enum value '(.*)'", text)):
+        return f"{where} is {wrong[1]!r}{did_you_mean(wrong[1], words)}; allowed are {', '.join(words)}"
+    return text
+
+
+def _words(kind: Any) -> list[str]:
+    # The words that a type allows: those of a Literal, also within a union.
+    if get_origin(kind) is Literal:
+        return [word for word in get_args(kind) if isinstance(word, str)]
+    return [word for part in get_args(kind) for word in _words(part)]
 
 
 def plain(value: Any) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
@@ -251,16 +251,20 @@ def imported(frfs: Sequence[Frf], source: str) -> list[Transfer]:
     return found
 
 
-def faults_in(campaign: Campaign, reference: str) -> tuple[Fault, ...]:
+def faults_in(campaign: Campaign, reference: str, find: Callable[..., Sequence[Fault]] = faults) -> tuple[Fault, ...]:
     """Faults of a campaign's records, with the drive of its rig if it was measured, otherwise with the reference.
 
     For a hammer test only dead channels are reported: its hits are checked one by one, and its records are mostly silent.
     """
-    drive = references_of(campaign)[0]
+    drive, *others = references_of(campaign)
     driven = any(drive in run.channels for run in campaign.runs)
     hit = {run.id for run in campaign.runs if looks_hit(run, reference)}
-    found = faults(campaign, reference=drive if driven else reference)
-    return tuple(fault for fault in found if fault.run not in hit or fault.kind == "dead")
+    # Further drives are silent in a released run, too.
+    silent = {(run.id, name) for run in campaign.runs if run.excitation == "free" for name in others}
+    found = find(campaign, reference=drive if driven else reference)
+    return tuple(
+        fault for fault in found if (fault.run not in hit if fault.kind != "dead" else (fault.run, fault.channel) not in silent)
+    )
 
 
 def limits_in_words(found: Sequence[Transfer]) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 
@@ -14,8 +15,11 @@ from strange_rigs import noise
 
 from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.fitting.trials import SHORTEST
+from isorig.analysis.spectra.overload import FREQUENT
 from isorig.rig.cli import main
-from isorig.rig.exchange.importing import CLIPPED, RATE_AGREES, shortcomings
+from isorig.rig.exchange.clock import BREAK, BREAKS_MOST, breaks, is_uneven_time
+from isorig.rig.exchange.importing import RATE_AGREES, STEADY, shortcomings
+from isorig.rig.exchange.table import Column
 from isorig.rig.files.recording import read
 from isorig.rig.help import COMMANDS
 
@@ -87,6 +91,66 @@ def test_boundary_of_a_rate(tmp_path: Path, off: float, status: int) -> None:
     assert imported(tmp_path, MAPPING + run(f"sample_rate = {RATE * (1.0 + off * RATE_AGREES)!r}")) == status
 
 
+@pytest.mark.parametrize("keys", ['time = "{}"', "sample_rate = 1024.0"])
+@pytest.mark.parametrize("time", ["t", "stamp", "t (ms)"])
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        ([*range(300), *range(302, N)], "differs by 0.00293 from row 300 to row 301 of its values, elsewhere by 0.0009766"),
+        ([*range(201), *range(200, N)], "differs by 0 from row 201 to row 202"),
+        ([*range(90), *range(95, 180), *range(170, N)], "from row to row (so in 2 places): rows are missing or repeated there"),
+    ],
+)
+def test_rows_that_are_missing_or_repeated(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], rows: list[int], said: str, time: str, keys: str
+) -> None:
+    """They are told, and a part of the file without them can be imported."""
+    written(tmp_path, time=time)
+    head, *lines = (tmp_path / "a.csv").read_text().splitlines()
+    (tmp_path / "a.csv").write_text("\n".join([head, *(lines[k] for k in rows)]) + "\n")
+    keys = keys.format(time.removesuffix(" (ms)"))
+    assert imported(tmp_path, MAPPING + run(keys)) == 2
+    text = capsys.readouterr().err
+    assert said in text
+    assert text.count("\n") == 1
+    part = re.search(r"samples = \[\d+, \d+\]", text)
+    assert part is not None
+    if time != "t (ms)":
+        assert imported(tmp_path, MAPPING + run(f"{keys}\n{part[0]}")) == 0
+    assert imported(tmp_path, MAPPING + run('sample_rate = 1024.0\nrate_from = "mapping"')) == 0
+
+
+@pytest.mark.parametrize("rate", [1000.0, 1005.0, 1024.0, 1651.6, 51200.0])
+@pytest.mark.parametrize("start", [0.0, 1000.0])
+@pytest.mark.parametrize("written_as", ["%.3f", "%.4f", "%.6g", "%.7g", "single"])
+def test_rounded_clocks_have_no_break(rate: float, start: float, written_as: str) -> None:
+    time = start + np.arange(round(10.5 * rate))[:60_000] / rate
+    rounded = time.astype(np.float32) if written_as == "single" else np.array([float(written_as % each) for each in time])
+    assert not is_uneven_time("stamp", Column(values=rounded))
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.tile(np.arange(100.0), 10),  # a sawtooth
+        np.cumsum(1.0 + 0.1 * np.random.default_rng(2).normal(size=1000)),  # a distance
+        np.where(np.arange(1000) == 500, 7.0, 0.0),
+        np.repeat(np.arange(500.0), 2),
+    ],
+)
+def test_records_that_are_no_clock(values: np.ndarray) -> None:
+    assert not is_uneven_time("stamp", Column(values=values))
+
+
+@pytest.mark.parametrize(("count", "told"), [(int(BREAKS_MOST * 2000), True), (int(BREAKS_MOST * 2000) + 1, False)])
+def test_boundary_of_breaks(count: int, told: bool) -> None:
+    intervals = np.ones(2000)
+    intervals[10 : 10 + 60 * count : 60] = 1.0 + 1.01 * BREAK
+    assert len(breaks(intervals)) == (count if told else 0)
+    intervals[10 : 10 + 60 * count : 60] = 1.0 + 0.99 * BREAK
+    assert not len(breaks(intervals))
+
+
 @pytest.mark.parametrize(("samples", "said"), [(SHORTEST - 1, True), (SHORTEST, False)])
 def test_boundary_of_a_short_run(tmp_path: Path, capsys: pytest.CaptureFixture[str], samples: int, said: bool) -> None:
     written(tmp_path)
@@ -116,6 +180,37 @@ def test_missing_channels_and_typing_errors(tmp_path: Path, capsys: pytest.Captu
         assert meant in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('unit = "N"', 'unit = "newtn"', "unit 'newtn' (did you mean 'newton'?); known are m/s^2"),
+        ('unit = "m/s^2"', 'unit = "M/S^2"', "(did you mean 'm/s^2'?)"),
+        ('unit = "m/s^2"', 'unit = "ms-2"', "(did you mean 'm/s^2'?)"),
+        ('unit = "m/s^2"', 'unit = "Pa"', "unit 'Pa'; known are"),
+        ('unit = "m/s^2"', 'unit = "m/sec2"', ""),
+        ('unit = "N"', 'unit = "Newtons"', ""),
+        (
+            "gain = 1.0",
+            'gain = 1.0\nexcitation = "randm"',
+            "excitation is 'randm' (did you mean 'random'?); allowed are random, ",
+        ),
+        ("gain = 1.0", 'gain = 1.0\nrate_from = "header"', "runs[0].rate_from is 'header'; allowed are mapping, time, file"),
+        ('unit = "N"', 'unit = "N"\nquantity = "forces"', "is 'forces' (did you mean 'force'?); allowed are acceleration, "),
+        ("rig.toml", "rigs.toml", "rigs.toml does not exist; give the file of a rig's description"),
+        ("a.csv", "aa.csv", "aa.csv does not exist (did you mean 'a.csv'?); give the path of a file"),
+        ('source = "force"', 'source = "block 2"', "absent (did you mean 'block'?); the file has t, force, block"),
+        ('source = "force"', 'source = "load"', "absent; the file has t, force, block"),
+    ],
+)
+def test_words_that_are_unknown(tmp_path: Path, capsys: pytest.CaptureFixture[str], old: str, new: str, said: str) -> None:
+    written(tmp_path)
+    assert imported(tmp_path, (MAPPING + run('time = "t"')).replace(old, new)) == (2 if said else 0)
+    text = capsys.readouterr().err
+    assert said in text
+    assert text.count("\n") == bool(said)
+    assert "Errno" not in text
+
+
 def test_repeats(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A run with the same drive is a repeat by the mapping or by itself, and reported."""
     written(tmp_path)
@@ -139,6 +234,40 @@ def test_a_copy_of_a_run_is_no_repeat(tmp_path: Path, capsys: pytest.CaptureFixt
     assert read(tmp_path / "o.h5").runs[1].repeat_of is None
 
 
+@pytest.mark.parametrize(("response", "said"), [(1.0, True), (1.0 + 1e-12, False), (0.0, False)])
+def test_two_channels_with_the_same_samples(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], response: float, said: bool
+) -> None:
+    written(tmp_path, response=response)
+    assert imported(tmp_path, MAPPING + run('time = "t"')) == 0
+    text = capsys.readouterr().out
+    assert ("Run 'a' has exactly the same samples in the channels 'force' and 'block', but the noise of two" in text) == said
+
+
+@pytest.mark.parametrize(("least", "said"), [(0.99 * STEADY, False), (1.01 * STEADY, True)])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_boundary_of_a_lasting_acceleration(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], least: float, sign: float, said: bool
+) -> None:
+    written(tmp_path, response=0.1 * sign)
+    block = f'source = "block"\noffset = {float(sign * (least - 0.1 * X.min()))!r}'
+    assert imported(tmp_path, MAPPING.replace('source = "block"', block) + run('time = "t"')) == 0
+    assert ("Run 'a' has never less than 10.9 m/s^2 in channel 'block', more than gravity" in capsys.readouterr().out) == said
+
+
+@pytest.mark.parametrize(("gain", "said"), [(1.0, True), (3.0, False)])
+def test_several_levels_at_one_gain(tmp_path: Path, capsys: pytest.CaptureFixture[str], gain: float, said: bool) -> None:
+    written(tmp_path)
+    rows = [line.split(",") for line in (tmp_path / "a.csv").read_text().splitlines()]
+    louder = [f"{t},{3.0 * float(x)!r},{0.3 * float(x)!r}" for t, x, _ in rows[1:]]
+    (tmp_path / "b.csv").write_text("\n".join([",".join(rows[0]), *louder]) + "\n")
+    second = run('time = "t"\nexcitation = "random"', "b", "b.csv").replace("gain = 1.0", f"gain = {gain}")
+    assert imported(tmp_path, MAPPING + run('time = "t"\nexcitation = "random"') + second) == 0
+    text = capsys.readouterr().out
+    assert ("The runs at gain 1 differ in level: the rms of force is " in text) == said
+    assert ("state the levels as gains" in text) == said
+
+
 def test_one_column_for_two_channels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     written(tmp_path)
     assert imported(tmp_path, MAPPING.replace('source = "block"', 'source = "force"') + run('time = "t"')) == 2
@@ -155,6 +284,29 @@ def test_boundary_of_a_band(tmp_path: Path, capsys: pytest.CaptureFixture[str], 
     assert ("1024 samples per second contain at most 512 Hz" in capsys.readouterr().err) == (status == 2)
 
 
+@pytest.mark.parametrize(
+    ("period", "said"),
+    [
+        ("256.0", ""),
+        ("2", ""),
+        ("1", "period = 1, which is not a whole number of samples, 2 or more"),
+        ("0.25", "give the period of the drive in samples: if it is 0.25 s, write period = 256"),
+        ("8.5", "if it is 8.5 s, write period = 8704"),
+        ("8\nband = [1.0, 128.0]", ""),
+        ("8\nband = [1.0, 127.0]", "repeat 128 times per second, above the band up to 127 Hz"),
+        ("nan", "not a whole number"),
+    ],
+)
+def test_a_period_is_in_samples(tmp_path: Path, capsys: pytest.CaptureFixture[str], period: str, said: str) -> None:
+    written(tmp_path)
+    assert imported(tmp_path, MAPPING + run(f'time = "t"\nexcitation = "multisine"\nperiod = {period}')) == (2 if said else 0)
+    text = capsys.readouterr().err
+    assert said in text
+    assert text.count("\n") == bool(said)
+    if not said:
+        assert read(tmp_path / "o.h5").runs[0].period == float(period.partition("\n")[0])
+
+
 def test_clock_in_milliseconds_that_is_read_as_seconds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     written(tmp_path, rate=RATE / 1000.0)
     assert imported(tmp_path, MAPPING + run('time = "t"\nband = [1.0, 200.0]')) == 2
@@ -162,31 +314,37 @@ def test_clock_in_milliseconds_that_is_read_as_seconds(tmp_path: Path, capsys: p
 
 
 @pytest.mark.parametrize(
-    ("excitation", "response", "said"), [("random", 0.0, True), ("random", 1e-9, False), ("free", 0.0, False)]
+    ("excitation", "response", "silent", "said"),
+    [("random", 0.0, "", "block"), ("random", 1e-9, "", ""), ("free", 0.1, "force", ""), ("other", 0.1, "force", "force")],
 )
 def test_constant_channels(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], excitation: str, response: float, said: bool
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], excitation: str, response: float, silent: str, said: str
 ) -> None:
+    """A sensor that is not connected; the silent drive of a released rig is none."""
     written(tmp_path, response=response)
-    assert imported(tmp_path, MAPPING + run(f'time = "t"\nexcitation = "{excitation}"')) == 0
-    assert ("Run 'a' has the constant value 0 m/s^2 in channel 'block'" in capsys.readouterr().out) == said
+    if silent:
+        rows = [line.split(",") for line in (tmp_path / "a.csv").read_text().splitlines()]
+        (tmp_path / "a.csv").write_text("\n".join([",".join(rows[0]), *(f"{t},0.1,{x}" for t, _, x in rows[1:])]) + "\n")
+    offset = 'unit = "N"\noffset = -0.1' if silent else 'unit = "N"'
+    assert imported(tmp_path, MAPPING.replace('unit = "N"', offset) + run(f'time = "t"\nexcitation = "{excitation}"')) == 0
+    text = capsys.readouterr().out
+    assert ("is dead" in text) == bool(said)
+    assert (f"Run 'a': {said} is dead (constant 0 " in text) == bool(said)
+    assert ('or state excitation = "free"' in text) == (said == "force")
 
 
-@pytest.mark.parametrize(("samples", "said"), [(CLIPPED, True), (CLIPPED - 1, False)])
+@pytest.mark.parametrize(("samples", "said"), [(FREQUENT, True), (FREQUENT - 1, False)])
 def test_boundary_of_a_clipped_record(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, samples: int, said: bool
 ) -> None:
-    clipped = X.copy()
-    clipped[np.argsort(X)[-samples:]] = 2.0
-    clipped[X < -2.0] = -2.0 + 1e-3 * X[X < -2.0]
-    monkeypatch.setattr(sys.modules[__name__], "X", np.where(clipped > 2.0, 1.9 + 1e-3 * X, clipped))
+    # The limit is reached by single samples, as noise leaves it at once.
+    clipped = np.tanh(X)
+    clipped[10 : 10 + 20 * samples : 20] = 1.2
+    monkeypatch.setattr(sys.modules[__name__], "X", clipped)
     written(tmp_path)
     assert imported(tmp_path, MAPPING + run('time = "t"')) == 0
     text = capsys.readouterr().out
-    assert (
-        f"Run 'a' has {samples} samples of 0.2 m/s^2, its highest value, in channel 'block', as a clipped record" in text
-    ) == said
-    assert "lowest" not in text
+    assert [f"Run 'a': {name} seems clipped, " in text for name in ("force", "block")] == [said, said]
 
 
 @pytest.mark.parametrize("steps", [3.0, 40.0, 2000.0])
@@ -214,7 +372,7 @@ def test_a_streamed_gain_may_be_constant(tmp_path: Path, capsys: pytest.CaptureF
     (tmp_path / "a.csv").write_text("\n".join([rows[0] + ",setting", *(row + ",0.7" for row in rows[1:])]) + "\n")
     gain = '[channels.gain]\nsource = "setting"\nunit = "1"\nquantity = "gain"\n'
     assert imported(tmp_path, MAPPING + gain + run('time = "t"')) == 0
-    assert "constant value" not in capsys.readouterr().out
+    assert "is dead" not in capsys.readouterr().out
 
 
 def drafted(folder: Path, name: str) -> str:

@@ -290,7 +290,7 @@ def test_a_lost_row_is_not_taken_for_rounding(tmp_path: Path, capsys: pytest.Cap
     )
     said = refused(capsys, "import", str(tmp_path / "d.toml"), "-o", str(tmp_path / "o.h5"))
     assert "a.csv" in said
-    assert "deviates by" in said
+    assert "differs by 2 from row 500 to row 501" in said
 
 
 def test_times_of_the_day(tmp_path: Path) -> None:

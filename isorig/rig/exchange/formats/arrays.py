@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import zipfile
 from collections.abc import Iterator
 from dataclasses import replace
@@ -112,5 +113,17 @@ def _has_words(value: Any) -> bool:
 
 
 JSON = Format(extensions=(".json",), name="JSON", read=read_json, advice=f"{AGAIN}, or write it as arrays by name")
-NPY = Format(extensions=(".npy",), name="a .npy file", read=read_npy, advice="save plain numbers with numpy.save")
-NPZ = Format(extensions=(".npz",), name="a .npz file", read=read_npz, advice="save plain arrays of numbers with numpy.savez")
+NPY = Format(
+    extensions=(".npy",),
+    name="a .npy file",
+    read=read_npy,
+    advice="save plain numbers with numpy.save",
+    begins=re.compile(rb"\x93NUMPY"),
+)
+NPZ = Format(
+    extensions=(".npz",),
+    name="a .npz file",
+    read=read_npz,
+    advice="save plain arrays of numbers with numpy.savez",
+    begins=re.compile(rb"PK\x03\x04"),
+)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,9 @@ from isorig.rig.exchange.table import ForeignTable, Format
 from isorig.rig.exchange.tree import OWN, UNIT_WORDS, table_of
 from isorig.rig.files.hdf import opened
 from isorig.rig.files.recording import FORMAT
+
+#: Its signature, also after the block that MATLAB writes before it.
+BEGINS = re.compile(rb"(.{512})?\x89HDF", re.DOTALL)
 
 
 def read_hdf5(path: Path) -> ForeignTable:
@@ -61,4 +65,4 @@ def _text(value: Any) -> str:
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
 
 
-HDF5 = Format(extensions=(".h5", ".hdf5", ".hdf"), name="HDF5", read=read_hdf5)
+HDF5 = Format(extensions=(".h5", ".hdf5", ".hdf"), name="HDF5", read=read_hdf5, begins=BEGINS)

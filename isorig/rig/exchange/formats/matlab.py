@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 import zlib
 from collections.abc import Iterator
@@ -14,6 +15,7 @@ import h5py
 import numpy as np
 
 from isorig.rig.errors import RecordingError
+from isorig.rig.exchange.formats.hdf5 import BEGINS
 from isorig.rig.exchange.table import AGAIN, ForeignTable, Format
 from isorig.rig.exchange.tree import table_of
 from isorig.rig.files.hdf import SIGNATURE, opened, survived
@@ -129,4 +131,10 @@ def _class_of(item: h5py.Dataset) -> str:
     return value.decode("ascii", "replace") if isinstance(value, bytes) else str(value)
 
 
-MATLAB = Format(extensions=(".mat",), name="a MATLAB file", read=read_matlab, advice=f"{AGAIN}, or save it again with save -v7")
+MATLAB = Format(
+    extensions=(".mat",),
+    name="a MATLAB file",
+    read=read_matlab,
+    advice=f"{AGAIN}, or save it again with save -v7",
+    begins=re.compile(rb"MATLAB [57]|" + BEGINS.pattern, re.DOTALL),
+)

@@ -59,4 +59,4 @@ def _tdms_label(group: str, channel: str) -> str:
     return group if re.fullmatch(r"Untitled( \d+)?", channel) and not re.fullmatch(r"Untitled( \d+)?", group) else ""
 
 
-TDMS = Format(extensions=(".tdms",), name="TDMS", read=read_tdms)
+TDMS = Format(extensions=(".tdms",), name="TDMS", read=read_tdms, begins=re.compile(b"TDSm"))

@@ -175,8 +175,28 @@ def _style(lines: Sequence[str], path: Path) -> _Style:
                     best = ((named and count > 1, count), _Style(separator, decimal, k, count, clocks))
                 break
     if best is None:
-        raise RecordingError(f"{path} has no columns of numbers in its first {len(lines)} lines; export it as plain text columns")
+        said = [line.strip() for line in lines if line.strip()]
+        where = f", only the line {said[0][:60]!r}" if len(said) == 1 else f" in its first {len(lines)} lines"
+        raise RecordingError(f"{path} has no columns of numbers{where}; export it as plain text columns")
+    if best[1].separator == "," and _are_halves(lines, best[1]):
+        raise RecordingError(
+            f"{path} seems to have decimal commas in columns that commas separate, too ({lines[best[1].first][:40]!r}); "
+            "export it with decimal points, or separated by semicolons or tabs"
+        )
     return best[1]
+
+
+def _are_halves(lines: Sequence[str], style: _Style) -> bool:
+    # Whether every second cell is the decimals of the number before it: digits alone, with zeros that begin no number, or as many
+    # in all lines below half as many names.
+    rows = [_fields(line, ",") for line in lines[style.first :] if line.strip()]
+    whole, decimals = ([cell for row in rows for cell in row[k::2]] for k in (0, 1))
+    if style.count % 2 or not all(re.fullmatch(r"[+-]?\d+", cell) for cell in whole) or not all(map(str.isdecimal, decimals)):
+        return False
+    heads = (_fields(line, ",") for line in lines[: style.first])
+    named = any(2 * len(names) == style.count and not any(_is_value(name, ".") for name in names) for names in heads)
+    begin = any(re.match(r"[+-]?0\d", cell) for cell in whole)
+    return not begin and (any(re.match(r"0\d", cell) for cell in decimals) or (named and len({*map(len, decimals)}) == 1))
 
 
 def _fields(line: str, separator: str) -> list[str]:

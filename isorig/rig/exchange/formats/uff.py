@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -203,4 +204,7 @@ def _spectrum(item: Mapping[str, Any], names: tuple[str, str], frequency: FloatA
     )
 
 
-UFF = Format(extensions=(".uff", ".unv"), name="a universal file", read=read_uff, advice="export it again as dataset 58")
+UFF = Format(
+    extensions=(".uff", ".unv"), name="a universal file", read=read_uff, advice="export it again as dataset 58",
+    begins=re.compile(rb"    -1 *\r?\n +\d{2,4}b?\s"),
+)  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 import warnings
 from pathlib import Path
@@ -42,4 +43,4 @@ def _header(path: Path) -> tuple[int, int]:
     raise ValueError("it has no chunk with its format")
 
 
-WAV = Format(extensions=(".wav",), name="WAV", read=read_wav)
+WAV = Format(extensions=(".wav",), name="WAV", read=read_wav, begins=re.compile(b"RIFF|RIFX"))
