@@ -129,7 +129,9 @@ def test_the_last_derivatives_are_within_one_standard_uncertainty_of_the_end(
 
 
 def suspected(found: Any = None, **job: Any) -> Suspected:
-    return Suspected(job=cast(Any, SimpleNamespace(progress=print, rungs=[SimpleNamespace()], current=None, **job)), found=found)
+    return Suspected(
+        job=cast(Any, SimpleNamespace(**{"progress": print, "rungs": [SimpleNamespace()], "current": None} | job)), found=found
+    )
 
 
 def with_cost(cost: float, cause: str = "end_stop") -> tuple[Candidate, Fit]:
@@ -137,11 +139,11 @@ def with_cost(cost: float, cause: str = "end_stop") -> tuple[Candidate, Fit]:
     return candidate, Fit(model=stage(), free=(), covariance=np.zeros((0, 0)), cost=cost, evaluations=1)
 
 
-@pytest.mark.parametrize(("cost", "lost"), [(399.0, False), (401.0, True)])
-def test_a_fit_that_errs_by_a_fifth_of_the_signal_is_repeated_on_growing_lengths(
+@pytest.mark.parametrize(("cost", "lost"), [(24.9, False), (25.1, True)])
+def test_a_fit_that_errs_by_a_twentieth_of_the_signal_is_repeated_on_growing_lengths(
     cost: float, lost: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # An allowed error is a hundredth of the signal: a fifth has a cost of 400.
+    # An allowed error is a hundredth of the signal: a twentieth has a cost of 25.
     begun, again = [with_cost(cost)], [with_cost(1.0)]
     monkeypatch.setattr(search, "verified", lambda *_, **__: begun)
     monkeypatch.setattr(search, "followed", lambda *_, **__: again)
@@ -154,9 +156,16 @@ def test_a_form_replaces_the_curve_of_a_pair_up_to_one_and_a_half_times_its_erro
     ratio: float, kept: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     form, (curve, fitted) = with_cost(4.0 * ratio**2), with_cost(4.0, "spring_shape")
+    shape, other = replace(curve, shape=cast(Any, object())), replace(curve, cause="sensor_gain", starts=(stage(),))
     monkeypatch.setattr(Suspected, "_after", lambda *_, **__: ([(form[0], (), None)], None))
     monkeypatch.setattr(search, "verified", lambda *_, **__: [form])
-    assert (suspected()._forms_for(replace(curve, shape=cast(Any, object())), fitted, cast(Any, None)) == [form]) is kept
+    one = suspected(current=fitted)
+    # Whichever of the two is the curve.
+    for second, first in ((shape, other), (other, shape)):
+        found = one._forms_for((second, fitted), (first, (), stage()))
+        assert (found is not None) is kept
+        assert found is None or (found[0], found[1][0]) == ([form], other)
+    assert one._forms_for((other, fitted), (other, (), stage())) is None, "no curve"
 
 
 def test_noise_is_the_level_of_the_calmest_quarter_of_the_time() -> None:

@@ -379,6 +379,24 @@ def test_dry_friction_beside_a_wrong_gain(tmp_path: Path) -> None:
     assert {step["cause"] for step in found["steps"]} == {"sensor_gain", "coulomb_friction"}
 
 
+def test_releases_with_damping_that_grows_with_the_velocity(tmp_path: Path) -> None:
+    """In a decay the amplitude falls with time, which is no drift of the damping: the runs have no start times."""
+    draw, time, runs, starts = np.random.default_rng(72), np.arange(int(8 * RATE)) / RATE, [], (0.06, 0.04, -0.05)
+    for k, start in enumerate(starts):
+        solved = solve_ivp(
+            lambda t, y: [y[1], -(SPRING * y[0] + (DAMPER + 6.0 * abs(y[1])) * y[1]) / MASS], (0.0, time[-1]), [start, 0.0],
+            t_eval=time, rtol=1e-9, atol=1e-12,
+        )  # fmt: skip
+        x = solved.y[0] + draw.normal(0.0, 2e-5, len(time))
+        made = run(f"r{k}", RATE, 1.0, {"push": ("force", np.zeros(len(x))), "x": ("displacement", x)})
+        runs.append(replace(made, configuration=f"release {k}", excitation="free"))
+    configurations = {f"release {k}": {"initial_position": {"cart": start}} for k, start in enumerate(starts)}
+    found = diagnosed((runs, cart_tree("push", (1.12, 0.9), configurations)), tmp_path)
+    (step,) = found["steps"]
+    assert (found["verdict"], step["cause"]) == ("explained", "quadratic_damping")
+    assert near(step, "quadratic_damping", 6.0, 0.01)
+
+
 def test_a_single_release_with_dry_friction(tmp_path: Path) -> None:
     """A record this short shows no reversal to the equations, and a free memory follows it in part."""
     time = np.arange(int(8 * RATE)) / RATE

@@ -51,7 +51,12 @@ def observe(
 
 
 def session_end(trials: Sequence[Trial]) -> float:
-    """Seconds from the campaign's first sample to its end: that of the last run, plus the usual pause."""
+    """Seconds from the campaign's first sample to its end: that of the last run, plus the usual pause; 0 if all begin at once.
+
+    Within a run a change in time is not distinct from one with the amplitude, and runs without start times have no order.
+    """
+    if len({trial.start_time for trial in trials}) < 2:
+        return 0.0
     spans = sorted((t.start_time, t.start_time + t.samples / t.sample_rate) for t in trials)
     pauses = [start - end for (_, end), (start, _) in pairwise(spans) if start >= end]
     return spans[-1][1] + (float(np.median(pauses)) if pauses else 0.0)

@@ -24,7 +24,7 @@ from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.places import Places, compared_places
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.diagnose.step import Entry, Found, best_form, best_kind, curve_of, found_step
-from isorig.analysis.diagnose.suspects import ALWAYS, STANDS_ALIKE, Suspects, suspects
+from isorig.analysis.diagnose.suspects import ALWAYS, BROKEN, STANDS_ALIKE, Suspects, suspects
 from isorig.analysis.equations.system import HOLDS, Equations, equations_of
 from isorig.analysis.errors import FitError, ModelError, OutOfTimeError
 from isorig.analysis.fitting.candidate import Candidate
@@ -366,11 +366,14 @@ def sources(job: Job) -> Iterator[Source]:
         # The equations leave out what friction does near reversals; other laws of it replace the one that was found.
         yield Screened(job=job, kinds={"friction_shape"}, only=job.rubbing)
     # Where all equations hold, only a simulation shows what they leave out: effects of friction near reversals, scales.
-    hold = equations.complete and max(equations.residuals().values(), default=0.0) < HOLDS
+    # Those that hold nearly, and point to nothing, do not tell either.
+    limit = BROKEN if job.suspects is None else HOLDS
+    hold = equations.complete and max(equations.residuals().values(), default=0.0) < limit
     if job.left >= 1.0 or job.judged_by_drive or hold or not equations.residuals():
         # A whole motion shows smaller effects than its single moments; but where complete equations do not hold, they show the
         # place and kind of all causes without a memory.
-        kinds = UNSEEN if refuted and equations.complete and not job.judged_by_drive else None
+        shown = refuted and job.helps(job.judged)
+        kinds = UNSEEN if shown and equations.complete and not job.judged_by_drive else None
         yield Screened(job=job, strict=hold or refuted, tried=possible, kinds=kinds)
 
 
@@ -538,7 +541,7 @@ class Suspected:
     def doubtful(self, forms: Sequence[Entry]) -> bool:
         """What the equations hardly show may be what they do not see; what breaks an estimated motion may be beyond it."""
         weak = not self.found.ranking.broken and not any(adequate(entry.score, self.job.floors) for entry in forms)
-        return weak or (bool(self.job.equations.hidden) and not self.job.helps(forms))
+        return weak or not self.job.helps(forms)
 
     def suffices(self, forms: Sequence[Entry]) -> bool:
         """Whether the best form leaves as little of a link's recorded force as any curve there."""

@@ -106,6 +106,7 @@ class Equations:
         self.noise = {name: noise.get(name, 0.0) for name in model.channels}
         longest = max((len(next(iter(r.channels.values()))) for r in self.records), default=0)
         self.lowest = lowest_frequency(model, longest / self.rate)
+        self.dated = len({r.start for r in self.records}) > 1  # a change in time shows between runs
         self.end = max((r.start + len(next(iter(r.channels.values()))) / self.rate for r in self.records), default=1.0)
         length = 2 ** round(np.log2(max(SEGMENT_PERIODS / self.lowest * self.rate, SHORTEST)))
         while length > SHORTEST and length > longest // 2:

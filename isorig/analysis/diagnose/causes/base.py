@@ -48,7 +48,7 @@ class Amplitudes:
     sample_rate
         Hz.
     end_time
-        Seconds from the campaign's first sample to its end, including the pause after the last run.
+        Seconds from the campaign's first sample to its end, including the pause after the last run; 0 without start times.
     """
 
     deflection: Mapping[str, float]
