@@ -51,11 +51,11 @@ def observe(
 
 
 def session_end(trials: Sequence[Trial]) -> float:
-    """Seconds from the campaign's first sample to its end: that of the last run, plus the usual pause; 0 if all begin at once.
+    """Seconds from the campaign's first sample to its end: that of the last run, plus the usual pause.
 
-    Within a run a change in time is not distinct from one with the amplitude, and runs without start times have no order.
+    0 where nothing drives the runs and their start times are not known: in a decay a change in time is one with the amplitude.
     """
-    if len({trial.start_time for trial in trials}) < 2:
+    if len({trial.start_time for trial in trials}) < 2 and not any(trial.excitation.recorded.any() for trial in trials):
         return 0.0
     spans = sorted((t.start_time, t.start_time + t.samples / t.sample_rate) for t in trials)
     pauses = [start - end for (_, end), (start, _) in pairwise(spans) if start >= end]

@@ -165,7 +165,7 @@ class Regressions:
             return
         # A contact's friction replaces the plain one; without a contact there is only the plain one and what it may become.
         left_out = {"dry friction"} if rubbing else {s.name for s in SHAPES if s.with_friction and s.name != "slip"}
-        left_out |= {s.name for s in SHAPES if s.kind == "drift" and not self.on.dated}
+        left_out |= {s.name for s in SHAPES if s.kind == "drift" and not self.on.timed}
         for shape in (shape for shape in SHAPES if shape.name not in left_out):
             self._shape(element, shape, add)
 

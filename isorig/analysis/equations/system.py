@@ -106,7 +106,9 @@ class Equations:
         self.noise = {name: noise.get(name, 0.0) for name in model.channels}
         longest = max((len(next(iter(r.channels.values()))) for r in self.records), default=0)
         self.lowest = lowest_frequency(model, longest / self.rate)
-        self.dated = len({r.start for r in self.records}) > 1  # a change in time shows between runs
+        # In a decay a change in time is one with the amplitude, unless other runs begin later.
+        driven = any(np.any(r.channels[drive.channel]) for r in self.records for drive in model.drives)
+        self.timed = driven or len({r.start for r in self.records}) > 1
         self.end = max((r.start + len(next(iter(r.channels.values()))) / self.rate for r in self.records), default=1.0)
         length = 2 ** round(np.log2(max(SEGMENT_PERIODS / self.lowest * self.rate, SHORTEST)))
         while length > SHORTEST and length > longest // 2:

@@ -48,7 +48,8 @@ class Amplitudes:
     sample_rate
         Hz.
     end_time
-        Seconds from the campaign's first sample to its end, including the pause after the last run; 0 without start times.
+        Seconds from the campaign's first sample to its end, including the pause after the last run; 0 if the runs do not
+        tell (`session_end`).
     """
 
     deflection: Mapping[str, float]
