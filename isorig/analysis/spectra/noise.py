@@ -9,7 +9,7 @@ from statistics import NormalDist
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, ComplexArray, FloatArray, Run, once
-from isorig.analysis.rounding import rounding
+from isorig.analysis.rounding import is_command, rounding
 from isorig.analysis.spectra.windows import hanning
 
 #: Parts of the spectrum whose medians are compared, and the largest share of the sample rate: filters fall off close to half.
@@ -84,6 +84,7 @@ def noise_levels(campaign: Campaign, drives: tuple[str, ...] = (), longest: int 
     """Standard deviation of each channel's sensor noise, in the channel's unit.
 
     The lowest `noise_level` of any run, and at least that of rounding to counts: a record at rest at one count shows no noise.
+    A drive that is a command with levels has none.
 
     Parameters
     ----------
@@ -100,10 +101,11 @@ def noise_levels(campaign: Campaign, drives: tuple[str, ...] = (), longest: int 
         records = {name: run.channel(name).read(0, longest) for name in run.channels}
         for name, values in records.items():
             related = [records[other] for other in run.sensors if drives and (other in drives) != (name in drives)]
-            level = _level(run, name, values, related)
+            exact = name in drives and is_command(values)
+            level = 0.0 if exact else _level(run, name, values, related)
             if level is not None:
                 levels[name] = min(level, levels.get(name, np.inf))
-                counts[name] = max(rounding(values), counts.get(name, 0.0))
+                counts[name] = max(0.0 if exact else rounding(values), counts.get(name, 0.0))
     return {name: max(level, counts[name]) for name, level in levels.items()}
 
 

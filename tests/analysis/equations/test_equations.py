@@ -10,6 +10,7 @@ from msgspec.structs import replace
 from small_rigs import carts, chain, guessed, played, rubbing, stage, with_law
 
 from isorig.analysis import laws
+from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.suspects import ALIKE, BROKEN, LEAST_SCORE, REPAIRED, SHOWN, repairs, suspected, suspects
 from isorig.analysis.equations.balances import balances
@@ -27,6 +28,7 @@ from isorig.analysis.parameters.joint_fit import fit_baseline
 from isorig.analysis.rounding import DWELL, is_command, rounding
 from isorig.analysis.simulate.sampling import Excitation
 from isorig.analysis.simulate.simulation import simulate
+from isorig.analysis.spectra.noise import noise_levels
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 from isorig.rig.wire_bonder.session import SESSION, virtual_campaign
 
@@ -297,6 +299,11 @@ def test_derivatives_and_integrals_of_a_sine() -> None:
 def test_a_staircase_is_a_command_from_a_mean_dwell_on(dwell: float, command: bool) -> None:
     levels = np.random.default_rng(2).normal(size=30)
     assert is_command(np.repeat(levels, int(dwell))) is command
+    if command:  # a drive that is exact, whatever its spectrum
+        made = {"f": Channel(name="f", samples=np.repeat(np.random.default_rng(3).normal(size=60), 40))}
+        run = Run(id="r", configuration="unlocked", sample_rate=400.0, gain=1.0, channels=made)
+        assert noise_levels(Campaign(runs=(run,), source="made"), ("f",)) == {"f": 0.0}
+        assert noise_levels(Campaign(runs=(run,), source="made"))["f"] > 0.0
     hits = np.zeros(4000)  # a hammer's record that is zero between hits
     hits[1000:1030] = np.sin(np.linspace(0.1, 3.0, 30))
     assert not is_command(hits)
