@@ -351,7 +351,8 @@ def test_a_staircase_that_drives_a_mass(spring: float, late: float, dry: float, 
     assert found["verdict"] == ("explained" if late or dry else "adequate")
     assert set(steps) == {*(["channel_delay"] if late else []), *(["coulomb_friction"] if dry else [])}
     if late:
-        assert near(steps["channel_delay"], "delay", late, 0.02)
+        step = steps["channel_delay"]  # of two channels, which one is late cannot be told
+        assert near(step, "delay", late if step["location"] == "x" else -late, 0.02)
     if dry:
         assert near(steps["coulomb_friction"], "friction_force", dry, 0.02)
 
