@@ -487,7 +487,10 @@ class Suspected:
         if shape.shape is None or other.shape is not None:
             return None
         free = other.parameters(current.model, current.free)
-        model = other.starts[0].replace(_values_at(both.model, [f.path for f in free]))
+        try:
+            model = other.starts[0].replace(_values_at(both.model, [f.path for f in free]))
+        except ModelError:  # the curve has taken the place of a law
+            return None
         found: Start = (other, free, model)
         forms, _ = self._after(found, curves=False)
         if kind_of(shape.cause) in UNSEEN:
