@@ -187,7 +187,7 @@ NAMED = (
     ),
     (
         "any form replaces a pair's curve", "isorig/analysis/diagnose/search.py",
-        "POLICY.form_close**2 * curve.cost", "1e9 * curve.cost",
+        "POLICY.form_close**2 * both.cost", "1e9 * both.cost",
     ),
     (
         "eight equal samples are stuck in every channel", "isorig/analysis/spectra/overload.py",

@@ -157,7 +157,7 @@ def test_a_file_that_is_no_description(text: str, said: str, tmp_path: Path) -> 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(PlanError, match="give wire-bonder"):
         read_rig("three-masses")
-    with pytest.raises(PlanError, match="cannot be read"):
+    with pytest.raises(PlanError, match="does not exist"):
         read_rig(tmp_path / "none.toml")
 
 

@@ -203,12 +203,12 @@ def test_an_overload_and_a_wrong_rate_are_refused(tmp_path: Path) -> None:
 
 def test_an_operator_is_asked_where_the_rig_cannot_lock_by_itself(tmp_path: Path) -> None:
     plan = plan_of(
-        {"id": "a", "excitation": "other", "seconds": 1.0}, {"id": "b", "excitation": "other", "seconds": 1.0},
+        {"id": "a", "excitation": "other", "seconds": 8.0}, {"id": "b", "excitation": "other", "seconds": 1.0},
         {"id": "c", "excitation": "other", "configuration": "locked", "seconds": 1.0},
         rate=2000.0, instrument={"kind": "di1100", "full_scale": 10.0}, sensitivity=0.2,
     )  # fmt: skip
     watcher = Watcher()
-    with served(far_end("di1100", wire_bonder(), noise=1e-3, seed=0, speed=8.0, seconds=100.0)) as port:
+    with served(far_end("di1100", wire_bonder(), noise=1e-3, seed=0, speed=2.0, seconds=100.0)) as port:
         # On a busy host the rate may be certain only in a later run.
         with pytest.raises(PlanError, match="Hz by the host's clock, not 2000"):
             acquire(plan, port, tmp_path / "c.h5", Watcher().operator)
