@@ -372,8 +372,7 @@ def sources(job: Job) -> Iterator[Source]:
     if job.left >= 1.0 or job.judged_by_drive or hold or not equations.residuals():
         # A whole motion shows smaller effects than its single moments; but where complete equations do not hold, they show the
         # place and kind of all causes without a memory.
-        shown = refuted and job.helps(job.judged)
-        kinds = UNSEEN if shown and equations.complete and not job.judged_by_drive else None
+        kinds = UNSEEN if refuted and equations.complete and not job.judged_by_drive else None
         yield Screened(job=job, strict=hold or refuted, tried=possible, kinds=kinds)
 
 
@@ -544,7 +543,7 @@ class Suspected:
     def doubtful(self, forms: Sequence[Entry]) -> bool:
         """What the equations hardly show may be what they do not see; what breaks an estimated motion may be beyond it."""
         weak = not self.found.ranking.broken and not any(adequate(entry.score, self.job.floors) for entry in forms)
-        return weak or not self.job.helps(forms)
+        return weak or (bool(self.job.equations.hidden) and not self.job.helps(forms))
 
     def suffices(self, forms: Sequence[Entry]) -> bool:
         """Whether the best form leaves as little of a link's recorded force as any curve there."""
