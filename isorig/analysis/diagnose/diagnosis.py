@@ -493,12 +493,15 @@ class _Search:
         self, step: Step, better: Fit, now: SearchStage, division: Division, floors: FloatArray
     ) -> tuple[SearchStage, float]:
         # The model without a step, refitted from the parameters after it: the stage from now on if it improved by more than
-        # `Policy.refitted`; and the improvement. The first seconds of the runs tell whether there may be one.
-        rung = ladder(division.fits)[-1]
-        glance = tried(without_step(better, now.fit), now.fit.free, rung)
-        before = bare_cost(now.fit, rung)
-        if glance is None or 0.5 * np.log(before / glance.cost) <= 0.5 * POLICY.refitted:
-            return now, 0.0
+        # `Policy.refitted`; and the improvement. The parameters as they are or the first seconds of the runs tell whether there
+        # may be one.
+        model = without_step(better, now.fit)
+        if log_excess(now.score.error, floors) - log_excess(score(model, division.judged).error, floors) <= POLICY.refitted:
+            rung = ladder(division.fits)[-1]
+            glance = tried(model, now.fit.free, rung)
+            before = bare_cost(now.fit, rung)
+            if glance is None or 0.5 * np.log(before / glance.cost) <= 0.5 * POLICY.refitted:
+                return now, 0.0
         bare = without(better, now.fit, division.fits)
         plain = score(bare.model, division.judged)
         moved = log_excess(now.score.error, floors) - log_excess(plain.error, floors)

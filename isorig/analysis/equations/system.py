@@ -345,7 +345,9 @@ class Equations:
                     stiffness=abs(sign) * stiffness, noise=noise, parts=self._parts(balance), edge=self.edge, rubs=rubs,
                 )  # fmt: skip
                 if found.usable:
-                    self._in_time[key] = found, self._settled(found, element, sign)
+                    settled = self._settled(found, element, sign)
+                    if found.usable:  # the samples that slide are chosen again as the slow part becomes known
+                        self._in_time[key] = found, settled
         return self._in_time[key]
 
     def in_motion(self, balance: Balance, element: Element, shape: Shape) -> float:
