@@ -261,8 +261,18 @@ def test_rivals_of_a_step_are_close_forms_of_another_kind_or_place() -> None:
     assert [rival.candidate.location for rival in near_rivals(stage_, FLOORS)] == ["x"]
 
 
-def test_steps_before_a_better_fit_are_tested_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A baseline in a local minimum takes a first step; a second one leads to parameters that need neither."""
+@pytest.mark.parametrize(
+    ("cost", "scored_in_turn"),
+    [(np.inf, (0, 0, 0, 0, 3, 0, 4)), (1e-300, (0, 0, 3, 3, 4, 4))],
+    ids=["first seconds", "whole runs"],
+)
+def test_steps_before_a_better_fit_are_tested_again(
+    monkeypatch: pytest.MonkeyPatch, cost: float, scored_in_turn: tuple[int, ...]
+) -> None:
+    """A baseline in a local minimum takes a first step; a second one leads to parameters that need neither.
+
+    The first seconds of the runs show that the parameters are better there, or only the whole runs do.
+    """
     campaign, guess = played(stage(), seed=7), guessed(stage(), 7)
     trials = prepare(campaign, guess)
     shape = score(guess, ends(trials).judged).error.shape
@@ -281,9 +291,9 @@ def test_steps_before_a_better_fit_are_tested_again(monkeypatch: pytest.MonkeyPa
 
     answers = iter([found("sensor_gain", poor, first), found("crosstalk", first, second)])
     refits = {(1.0, 0.0): poor, (2.0, 1.0): better, (3.0, 0.0): best}
-    scores = iter(errors[k] for k in (0, 0, 3, 4))
+    scores = iter(errors[k] for k in scored_in_turn)
     monkeypatch.setattr(diagnosis, "next_step", lambda *given, **options: next(answers))
-    monkeypatch.setattr(diagnosis, "bare_cost", lambda current, rung: np.inf)  # in its local minimum
+    monkeypatch.setattr(diagnosis, "bare_cost", lambda current, rung: cost)  # in its local minimum: infinite
     monkeypatch.setattr(diagnosis, "without", lambda step, current, trials: refits[step.cost, current.cost])
     monkeypatch.setattr(diagnosis, "score", lambda model, judged: scored(next(scores), shape))
     monkeypatch.setattr(diagnosis, "explains_own_channel", lambda *given: True)
