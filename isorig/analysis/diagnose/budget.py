@@ -7,20 +7,18 @@ linear model.
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from isorig.analysis.campaign import ComplexArray, FloatArray
+from isorig.analysis.campaign import FloatArray
+from isorig.analysis.fitting.drive_related import SEGMENT, drive_related, segments
 from isorig.analysis.fitting.repeats import disturbance, repeated
 from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.model.rig_model import RigModel
 
 NATURES = ("noise", "disturbance", "linear", "amplitude", "time", "unassigned")
-#: Longest segment in s, minimum number of segments of a record, and minimum samples of a segment.
-SEGMENT, SEGMENTS, FEWEST = 4.0, 7, 64
 #: Number of bootstrap draws of runs for the intervals.
 DRAWS = 400
 
@@ -60,7 +58,7 @@ def budget(model: RigModel, trials: Sequence[Trial], noise: FloatArray) -> Budge
     left = [trial.measured[:, trial.fitted :] - expected(model, trial)[:, trial.fitted :] for trial in trials]
     signal = np.stack([np.mean(trial.measured[:, trial.fitted :] ** 2, axis=1) for trial in trials])
     pairs = repeated(trials)
-    shaken = disturbance(model, trials, at_most=False) ** 2 * signal if pairs else None
+    shaken = disturbance(model, trials) ** 2 * signal if pairs else None
     parts = _powers(trials, left, noise**2 * signal, shaken) / np.maximum(signal, 1e-300)[:, :, None]
     played = ", ".join(f"{trials[a].run.id} and {trials[b].run.id}" for a, b in pairs)
     return Budget(
@@ -104,7 +102,7 @@ def _powers(trials: Sequence[Trial], left: Sequence[FloatArray], noise: FloatArr
     whole = np.stack([np.mean(error**2, axis=1) for error in left])
     noise = np.minimum(noise, whole)
     beyond = whole - noise
-    linear, coherent = np.minimum(_transfers(trials, left), beyond)
+    linear, coherent = np.minimum(drive_related(trials, left), beyond)
     linear = np.minimum(linear, coherent)
     repeats, drifts = _shared(trials, left)
     if shaken is not None:
@@ -119,55 +117,6 @@ def _powers(trials: Sequence[Trial], left: Sequence[FloatArray], noise: FloatArr
     return np.stack([noise, disturbance, linear, amplitude, drifts, unassigned], axis=2)
 
 
-def _segment(trial: Trial, length: int) -> int:
-    # Samples of a segment of a record of that length.
-    return min(round(SEGMENT * trial.sample_rate), 2 * length // (SEGMENTS + 1))
-
-
-def _segments(trial: Trial, values: FloatArray) -> ComplexArray:
-    # Spectra of Hann-windowed segments with 50 % overlap, shape (segments, lines).
-    n = _segment(trial, len(values))
-    if n < FEWEST:
-        return np.zeros((0, 1), dtype=np.complex128)
-    starts = range(0, len(values) - n + 1, n // 2)
-    window = np.hanning(n)
-    return np.asarray(np.fft.rfft(np.stack([values[s : s + n] * window for s in starts]), axis=1))
-
-
-def _transfers(trials: Sequence[Trial], left: Sequence[FloatArray]) -> FloatArray:
-    """Power that a transfer function from the drive takes away: one for all gains of a configuration, and each run's own.
-
-    Shape (2, runs, channels). What chance alone takes away, one part in the number of averages, is left out.
-    """
-    found = np.zeros((2, len(trials), len(left[0])))
-    groups: dict[tuple[str, int], list[int]] = defaultdict(list)  # segments of one length have the same lines
-    for k, trial in enumerate(trials):
-        groups[trial.run.configuration, _segment(trial, trial.samples - trial.fitted)].append(k)
-    for group in groups.values():
-        driven = {k: _segments(trials[k], trials[k].excitation.recorded[trials[k].fitted : trials[k].samples]) for k in group}
-        drives = {k: spectra for k, spectra in driven.items() if len(spectra)}
-        members = list(drives)
-        for channel in range(len(left[0])):
-            errors = {k: _segments(trials[k], left[k][channel]) for k in members}
-            cross = {k: np.mean(drives[k].conj() * errors[k], axis=0) for k in members}
-            auto = {k: np.mean(np.abs(drives[k]) ** 2, axis=0) + 1e-300 for k in members}
-            size = {k: float(np.sum(np.mean(np.abs(errors[k]) ** 2, axis=0))) + 1e-300 for k in members}
-            weight = {k: 1.0 / float(auto[k].sum()) for k in members}
-            if not members:
-                continue
-            total = np.sum([weight[k] * auto[k] for k in members], axis=0)
-            common = np.sum([weight[k] * cross[k] for k in members], axis=0) / total
-            averages = {k: 0.5 * len(drives[k]) for k in members}
-            for k in members:
-                own = float(np.sum(np.abs(cross[k]) ** 2 / auto[k])) / size[k]
-                shared = float(np.sum(2.0 * np.real(common.conj() * cross[k]) - np.abs(common) ** 2 * auto[k])) / size[k]
-                chance = 1.0 / averages[k], 1.0 / sum(averages.values())
-                power = float(np.mean(left[k][channel] ** 2))
-                for row, (value, luck) in enumerate(((shared, chance[1]), (own, chance[0]))):
-                    found[row, k, channel] = power * min(max((value - luck) / (1.0 - luck), 0.0), 1.0)
-    return found
-
-
 def _shared(trials: Sequence[Trial], left: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
     # What repeats when the drive is played again (NaN where it was not), and what its transfer functions lost meanwhile.
     shape = len(trials), len(left[0])
@@ -177,9 +126,9 @@ def _shared(trials: Sequence[Trial], left: Sequence[FloatArray]) -> tuple[FloatA
         a, b = left[one][:, :n], left[other][:, :n]
         same = np.mean(a * b, axis=1)
         apart = 0.5 * (a - b)
-        drive = _segments(trials[one], trials[one].excitation.recorded[trials[one].fitted :][:n])
+        drive = segments(trials[one], trials[one].excitation.recorded[trials[one].fitted :][:n])
         for channel in range(shape[1]):
-            error = _segments(trials[one], apart[channel])
+            error = segments(trials[one], apart[channel])
             if len(drive) and len(error) == len(drive):
                 size = float(np.sum(np.mean(np.abs(error) ** 2, axis=0))) + 1e-300
                 own = np.abs(np.mean(drive.conj() * error, axis=0)) ** 2 / (np.mean(np.abs(drive) ** 2, axis=0) + 1e-300)

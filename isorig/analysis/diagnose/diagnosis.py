@@ -269,7 +269,7 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
         text = f"Equations of motion: {blamed.clearly} No simulation with it follows the records."
         said[0] = (*said[0], Sign(text=text))
     steps = (stage.step for stage in stages[1 : found.kept + 1])
-    floor = float(np.median(search.floors(last.fit.model, found.division.judged)))
+    floor = float(np.median(search.floors([last.fit.model], found.division.judged)))
     shown = at_first(found.division.judged, first.score.error, found.quiet) if found.division.beginnings else ()
     return Diagnosis(
         verdict=found.verdict, baseline=first.fit, extended=last.fit,
@@ -349,12 +349,14 @@ class _Search:
         self.cut_short = False
         self._drive_noise = drive_noise(campaign, described.drive.channel)
         self._noise_floors: dict[tuple[bytes, int], tuple[Sequence[Trial], FloatArray]] = {}
+        self._disturbances: dict[tuple[bytes, int], tuple[Sequence[Trial], FloatArray]] = {}
 
     def causes(self, baseline: Fit, divide: Divide) -> _Found:
         division = divide(self._trials)
         judged = division.judged
         stages = [SearchStage(fit=baseline, score=score(baseline.model, judged))]
-        quiet = self.floors(baseline.model, judged)
+        models = [baseline.model]
+        quiet = self.floors(models, judged)
         calibration = self._calibration(stages[0], divide, quiet)
         enough = adequacy_threshold(calibration)
         tries, repeated = 0, False
@@ -386,7 +388,8 @@ class _Search:
             if found.then is not None:
                 stages += [stage_of(now.score, found), stage_of(found.entry.score, found.then)]
                 self.entries.append((found.entry.score, found.then.entries))
-                quiet = np.maximum(quiet, self.floors(better.model, judged))
+                models.append(better.model)
+                quiet = self.floors(models, judged)
                 continue
             repeated = False
             stage = stage_of(now.score, found)
@@ -396,12 +399,13 @@ class _Search:
             ):
                 break
             # A cause may make the rig sensitive: then noise on the drive has a larger effect.
-            quiet = np.maximum(quiet, self.floors(better.model, judged))
+            models.append(better.model)
+            quiet = self.floors(models, judged)
             stages.append(stage)
         if len(stages) > 1 and self._adequate(stages[0].score, _allowed(quiet), enough):
             # Where a cause makes the rig sensitive, noise on the drive may be as large as the baseline's error: that is no noise
             # of the baseline.
-            quiet = self.floors(stages[0].fit.model, judged)
+            quiet = self.floors([stages[0].fit.model], judged)
         word, named, replaced, exchanged = self._concluded(stages, division, _allowed(quiet), enough)
         return _Found(
             division=division, stages=named, verdict=word, kept=len(named) - 1, quiet=quiet, enough=enough,
@@ -463,7 +467,7 @@ class _Search:
             campaign=self._campaign, described=self._described, guess=self._guess, current=stages[-1].fit, now=stages[-1].score,
             equations=self._equations_for(stages), trials=division.fits, fine=division.judged, floors=floors,
             progress=self._progress, left=left, judged=judged, steps=self._most_steps - len(stages) + 1, forms_only=forms_only,
-            allowed=lambda model: _allowed(self.floors(model, division.judged)),
+            allowed=lambda model: _allowed(self.floors([model], division.judged)),
             rubbing=step.location if step and step.kind == "friction_shape" else "",
             curved=(step.kind, step.location) if step and step.form is None and step.kind in SHAPED else None,
         )  # fmt: skip
@@ -520,9 +524,20 @@ class _Search:
     def _adequate(self, found: Score, floors: FloatArray, enough: float) -> bool:
         return is_adequate(found.error, floors, enough, self._tolerance)
 
-    def floors(self, model: RigModel, judged: Sequence[Trial]) -> FloatArray:
-        """The noise floor of a model in held-out data, shape (runs, channels)."""
-        return np.asarray(np.hypot(self._noise_floor(model, judged), disturbance(model, judged)))
+    def floors(self, models: Sequence[RigModel], judged: Sequence[Trial]) -> FloatArray:
+        """The noise floor of models in held-out data, shape (runs, channels).
+
+        Noise counts as in the model most sensitive to it; a disturbance is what no model explains of the difference between
+        repeated runs, such as one with a drift.
+        """
+        noise = np.max([self._noise_floor(model, judged) for model in models], axis=0)
+        return np.asarray(np.hypot(noise, np.min([self._disturbance(model, judged) for model in models], axis=0)))
+
+    def _disturbance(self, model: RigModel, judged: Sequence[Trial]) -> FloatArray:
+        key = model.encoded, id(judged)
+        if key not in self._disturbances:
+            self._disturbances[key] = judged, disturbance(model, judged)
+        return self._disturbances[key][1]
 
     def _noise_floor(self, model: RigModel, judged: Sequence[Trial]) -> FloatArray:
         key = model.encoded, id(judged)
@@ -537,7 +552,7 @@ class _Search:
             return found
         try:
             judged = found.division.judged
-            floors = None if found.division.beginnings else self.floors(last.fit.model, judged)
+            floors = None if found.division.beginnings else self.floors([last.fit.model], judged)
             fit = assessed(last.fit, fits, self._drive_noise, self._campaign.known, floors).fit
         except (OutOfTimeError, FitError):
             return found
@@ -550,7 +565,7 @@ class _Search:
         judged = beginnings(self._trials).judged
         if not judged:
             return False
-        floors = _allowed(self.floors(fitted.model, judged))
+        floors = _allowed(self.floors([fitted.model], judged))
         if self._adequate(score(fitted.model, judged), floors, enough):
             return False
         # A rig that moved before its record started may differ at the beginning for that reason.

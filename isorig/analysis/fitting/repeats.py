@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
+from isorig.analysis.fitting.drive_related import drive_related
 from isorig.analysis.fitting.score import signal_powers
 from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.model.rig_model import RigModel
@@ -44,24 +45,25 @@ def same_drive(one: FloatArray, other: FloatArray) -> bool:
     return size > 0.0 and float(np.mean((one[:n] - other[:n]) ** 2)) < SAME_DRIVE**2 * size
 
 
-def disturbance(model: RigModel, trials: Sequence[Trial], *, at_most: bool = True) -> FloatArray:
+def disturbance(model: RigModel, trials: Sequence[Trial]) -> FloatArray:
     """Error of every run and channel that repeated runs do not share, beyond the sensors' noise, (runs, channels).
 
-    Half the power of the difference of two residuals with one drive, minus the noise. Zero if no drive was repeated.
+    Half the power of the difference of two residuals with one drive, minus the noise. Zero if no drive was repeated. What shakes
+    the rig from outside has the same power in the other runs; what follows the motion has the same share of their signal. Where
+    the power would be more than that share, as in a run of a lower level, only as much of it counts as the run has in what no
+    transfer function from the drive explains: an allowance must not hide deficiencies of the model.
 
     Parameters
     ----------
     model, trials
         The model whose residuals are compared, and the held-out data.
-    at_most
-        Whether a run that was not repeated gets the smaller (otherwise the larger) of the same power and the same share of the
-        signal: an allowance must not hide deficiencies of the model.
     """
     pairs = repeated(trials)
     shape = len(trials), trials[0].measured.shape[0]
     if not pairs:
         return np.zeros(shape)
     signal = signal_powers(trials)
+    left = [trial.measured - expected(model, trial) for trial in trials]
     power = np.full(shape, np.nan)
     share = []
     for one, other in pairs:
@@ -69,9 +71,8 @@ def disturbance(model: RigModel, trials: Sequence[Trial], *, at_most: bool = Tru
         part = slice(max(a.fitted, b.fitted), min(a.samples, b.samples))
         if part.stop - part.start < 16:
             continue
-        left = [trial.measured[:, part] - expected(model, trial)[:, part] for trial in (a, b)]
         noise = 0.5 * (a.usable_noise**2 + b.usable_noise**2)
-        apart = np.maximum(0.5 * np.mean((left[0] - left[1]) ** 2, axis=1) - noise, 0.0)
+        apart = np.maximum(0.5 * np.mean((left[one][:, part] - left[other][:, part]) ** 2, axis=1) - noise, 0.0)
         share.append(apart / (0.5 * (signal[one] + signal[other])))
         for k in (one, other):
             power[k] = apart if np.isnan(power[k]).any() else np.maximum(power[k], apart)
@@ -79,6 +80,15 @@ def disturbance(model: RigModel, trials: Sequence[Trial], *, at_most: bool = Tru
         return np.zeros(shape)
     known = ~np.isnan(power).any(axis=1)
     usual, typical = np.mean(share, axis=0), np.mean(power[known], axis=0)
+    unrelated = _unrelated(trials, left)
     for k in np.flatnonzero(~known).tolist():
-        power[k] = (np.minimum if at_most else np.maximum)(typical, usual * signal[k])
+        power[k] = np.minimum(typical, np.maximum(usual * signal[k], unrelated[k]))
     return np.asarray(np.sqrt(power / signal))
+
+
+def _unrelated(trials: Sequence[Trial], left: Sequence[FloatArray]) -> FloatArray:
+    # Power of the held-out residuals, beyond the noise, that no transfer function from the drive explains, (runs, channels).
+    later = [values[:, trial.fitted : trial.samples] for trial, values in zip(trials, left, strict=True)]
+    whole = np.stack([np.mean(values**2, axis=1) for values in later])
+    noise = np.stack([trial.usable_noise**2 for trial in trials])
+    return np.asarray(np.maximum(whole - noise - drive_related(trials, later)[1], 0.0))
