@@ -33,8 +33,11 @@ def shares(campaign: Campaign, model: RigModel) -> dict[str, float]:
     return {name: share for name, (share, _, _) in found.shares.items()}
 
 
-def shaken(campaign: Campaign, share: float) -> Campaign:
-    """The campaign with motion of the floor on every response, alike in all runs: a share of the first record's rms."""
+def shaken(campaign: Campaign, share: float, *, follows: bool = False) -> Campaign:
+    """The campaign with motion of the floor on every response, alike in all runs: a share of the first record's rms.
+
+    With `follows`, the share is that of every record's own rms.
+    """
     from scipy.signal import butter, sosfilt
 
     draw = np.random.default_rng(5)
@@ -43,7 +46,7 @@ def shaken(campaign: Campaign, share: float) -> Campaign:
     for run in campaign.runs:
         channels = dict(run.channels)
         for name in ("a0", "a1", "a2"):
-            values, usual = run.read(name), float(np.std(campaign.runs[0].read(name)))
+            values, usual = run.read(name), float(np.std((run if follows else campaign.runs[0]).read(name)))
             floor = sosfilt(low, draw.normal(0.0, 1.0, len(values)))
             channels[name] = replace(channels[name], samples=values + share * usual / np.std(floor) * floor)
         runs.append(replace(run, channels=channels))
@@ -61,6 +64,19 @@ def test_a_shaking_floor_is_a_disturbance_of_its_size() -> None:
     assert found["disturbance"] == pytest.approx(0.99, abs=0.1)
     measured = disturbance(chain(), judged(campaign, chain()))
     assert np.median(measured) == pytest.approx(0.02, rel=0.25)
+
+
+@pytest.mark.parametrize(("follows", "in_weak_run"), [(False, 0.04), (True, 0.02)])
+@pytest.mark.parametrize("gain", [1.0, 1.1])
+def test_a_disturbance_from_outside_has_the_same_power_in_a_run_of_half_the_level(
+    follows: bool, in_weak_run: float, gain: float
+) -> None:  # fmt: skip
+    campaign = shaken(played(chain(), seed=SEED, longer=5.0), 0.02, follows=follows)
+    scaled = [
+        replace(run, channels={**run.channels, "a0": replace(run.channels["a0"], scale=gain)}) for run in campaign.runs
+    ]  # fmt: skip
+    measured = disturbance(chain(), judged(replace(campaign, runs=tuple(scaled)), chain()))
+    assert np.median(measured, axis=1) == pytest.approx([0.02, 0.02, in_weak_run, 0.01], rel=0.25)
 
 
 def test_a_sensors_wrong_gain_is_linear() -> None:

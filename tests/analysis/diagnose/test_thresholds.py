@@ -129,6 +129,22 @@ def test_what_a_form_leaves_at_its_own_place_is_no_further_cause(first: float, p
 
 
 @pytest.mark.parametrize(
+    ("kind", "shown", "error", "counts"),
+    [
+        ("damping_shape", True, 1.49, True), ("damping_shape", True, 1.51, False), ("damping_shape", False, 1.49, False),
+        ("drift", True, 1.49, False),
+    ],
+)  # fmt: skip
+def test_what_remains_is_another_kind_if_the_equations_show_it_and_it_leaves_nothing(
+    kind: str, shown: bool, error: float, counts: bool
+) -> None:  # fmt: skip
+    stages = way(0.991, 1.0)
+    stages[1] = Stage(error=stages[1].error, place="p0", kind="drift")
+    stages[2] = Stage(error=error * FLOORS, place="p0", kind=kind, shown=shown)
+    assert step_counts(stages, 2, FLOORS, 1.5) is counts
+
+
+@pytest.mark.parametrize(
     ("first", "further", "counts"),
     [
         ("friction_shape", "spring_shape", True), ("spring_shape", "damping_shape", True), ("spring_shape", "memory", False),
