@@ -307,8 +307,8 @@ def step_counts(stages: Sequence[Stage], k: int, floors: FloatArray, enough: flo
     there = [stage for stage in stages[1:k] if stage.place == stages[k].place]
     here, own = bool(there), any(not _apart(stages[k].kind, stage.kind) for stage in there)
     if own and not stages[k].refines and now < policy.settled * whole:
-        # What a form leaves at its own place may be due to its form, unless the equations show that it is of another kind and this
-        # kind leaves nothing.
+        # What a form leaves at its own place may be due to its form, unless the equations show that it is of another kind,
+        # which leaves nothing.
         another = stages[k].kind not in {stage.kind for stage in there}
         return another and stages[k].shown and is_adequate(stages[k].error, floors, enough)
     if k == 0 or is_adequate(stages[k].error, floors, enough):
