@@ -138,11 +138,10 @@ def ni_devices() -> list[Connected]:
 
     return [
         Connected(
-            bus="ni", port=port, name=_printable(name),
-            settings={"inputs": inputs} | ({"output": outputs[0]} if outputs else {}),
+            bus="ni", port=port, name=_printable(name), settings={"inputs": inputs} | ({"output": outputs[0]} if outputs else {})
         )
         for port, (name, inputs, outputs) in devices().items()
-    ]  # fmt: skip
+    ]
 
 
 def sound_devices() -> list[Connected]:

@@ -135,9 +135,7 @@ class DataqInstrument:
 
     def _begin(self) -> None:
         inputs = len(self.inputs)
-        self._alignment = Alignment(
-            inputs, self._settings.bits, self._port.name, counted=self._settings.counter is not None
-        )  # fmt: skip
+        self._alignment = Alignment(inputs, self._settings.bits, self._port.name, counted=self._settings.counter is not None)
         self._marks = None if self._settings.counter is None else Marks(self._rate, self._settings.counter)
         least = 0.0 if self._marks is None else self._marks.reach / self._rate
         self._arrivals: Arrivals[Stretch] = Arrivals(self._rate, least=least)

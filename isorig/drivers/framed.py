@@ -148,9 +148,7 @@ class FramedInstrument:
         self._warnings, self._counted = [], None
         began = time.monotonic()
         (first,) = self._ask("START", patience=self._waits.start, tries=1)
-        self._order = Order(
-            who=self._name, began=began, first=first, rate=self._rate, real_time=in_real_time(self)
-        )  # fmt: skip
+        self._order = Order(who=self._name, began=began, first=first, rate=self._rate, real_time=in_real_time(self))
 
     def read(self, timeout: float) -> Block | None:
         """The next block, or None if none arrives within `timeout` seconds."""
@@ -234,7 +232,7 @@ class FramedInstrument:
 
     def _exchange(
         self, command: str, *, drive: Values | None = None, patience: float | None = None, tries: int = TRIES
-    ) -> list[str]:  # fmt: skip
+    ) -> list[str]:
         # The words of a command's answer after the first. Commands may be received twice, so each is repeated until answered.
         if not (command.isascii() and command.isprintable()):
             raise SettingError(f"{command!r} cannot be sent to {self._name}; use ASCII in the plan's names")

@@ -447,9 +447,7 @@ class LinesInstrument:
                 first_tick=last.first_tick, samples=joined, host_time=lines[-1].host, device_time=last.device_time, status=status
             )
             return
-        self._ready.append(
-            Block(first_tick=tick, samples=samples, host_time=lines[-1].host, device_time=seconds, status=status)
-        )  # fmt: skip
+        self._ready.append(Block(first_tick=tick, samples=samples, host_time=lines[-1].host, device_time=seconds, status=status))
 
     def _flush(self) -> None:
         self._discard_doubtful()

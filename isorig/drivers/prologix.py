@@ -15,9 +15,7 @@ ESCAPE = bytes([27])
 SPECIAL = b"\x1b\r\n+"
 #: Set-up: controller, not saved, no read without request, LF and EOI at the end of commands, no character added to answers,
 #: clear the bus. The adapter gives up a read after 3 s of silence, its maximum: later than the driver does.
-SET_UP = (
-    "++savecfg 0", "++mode 1", "++auto 0", "++eos 2", "++eoi 1", "++eot_enable 0", "++read_tmo_ms 3000", "++ifc",
-)  # fmt: skip
+SET_UP = ("++savecfg 0", "++mode 1", "++auto 0", "++eos 2", "++eoi 1", "++eot_enable 0", "++read_tmo_ms 3000", "++ifc")
 #: Highest primary address of a GPIB device (IEEE 488.1).
 HIGHEST = 30
 #: Message available: the bit of the status byte while an answer waits (IEEE 488.2).

@@ -178,9 +178,7 @@ def longest_record(found: Sequence[Pulses], runs: Sequence[Run]) -> int:
     return int(np.quantile(room, 1.0 - WHOLE) / (1.0 + BEFORE))
 
 
-def checked(
-    run: Run, reference: str, responses: Sequence[str], blows: Pulses, length: int, median: float
-) -> list[Hit]:  # fmt: skip
+def checked(run: Run, reference: str, responses: Sequence[str], blows: Pulses, length: int, median: float) -> list[Hit]:
     """Every hit of a run, with its faults.
 
     Parameters
@@ -232,10 +230,9 @@ def checked(
         last = first + length if reason != "too soon" else int(end)
         hits.append(
             Hit(
-                run=run.id, seconds=top / rate, peak=peak, first=first, pulse_end=after, rejected=reason, text=text,
-                moving=moving,
+                run=run.id, seconds=top / rate, peak=peak, first=first, pulse_end=after, rejected=reason, text=text, moving=moving
             )
-        )  # fmt: skip
+        )
     return hits
 
 

@@ -45,9 +45,8 @@ def drives_in_pauses(run: Run, reference: str, begin: IntArray, end: IntArray) -
     """
     size = len(run.channel(reference))
     names = [
-        name for name, channel in run.sensors.items()
-        if name != reference and channel.quantity in MOTION and len(channel) == size
-    ]  # fmt: skip
+        name for name, channel in run.sensors.items() if name != reference and channel.quantity in MOTION and len(channel) == size
+    ]
     records = {name: run.channel(name).read(0, FIRST) for name in (reference, *names)}
     highest = float(np.abs(records[reference]).max())
     # A pulse begins about its own width before it crosses the trigger level.

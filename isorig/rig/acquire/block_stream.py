@@ -24,9 +24,7 @@ class BlockStream:
         Called continuously, also without blocks; True ends the run.
     """
 
-    def __init__(
-        self, instrument: Stream, ticks: int, rate: float, *, waits: SessionWaits, stopped: Callable[[], bool]
-    ) -> None:  # fmt: skip
+    def __init__(self, instrument: Stream, ticks: int, rate: float, *, waits: SessionWaits, stopped: Callable[[], bool]) -> None:
         self._instrument, self._ticks, self._rate, self._stopped = instrument, ticks, rate, stopped
         self._waits = waits
         self._end = 0

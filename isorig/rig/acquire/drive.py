@@ -78,8 +78,8 @@ def drive_of(run: RunPlan, repeat: int, sample_rate: float) -> RunDrive:
         return RunDrive(n, _random(n, sample_rate, run.band, run.seed + repeat))
     period = round(run.period * sample_rate)
     values, _ = multisine(
-        period=period, periods=1, sample_rate=sample_rate, rms=HEAD_PER_GAIN, band=run.band, seed=run.seed + repeat,
-    )  # fmt: skip
+        period=period, periods=1, sample_rate=sample_rate, rms=HEAD_PER_GAIN, band=run.band, seed=run.seed + repeat
+    )
     return RunDrive(n, lambda start, stop: values[np.arange(start, stop) % period], period)
 
 
@@ -101,9 +101,7 @@ def check_limits(run: RunPlan, drive: Values, limits: Limits) -> None:
         raise PlanError(f"run {run.id!r} lasts {run.seconds:g} s; limits.seconds allows {limits.seconds:g}, so shorten it")
     if limits.drive is None or not run.played:
         return
-    highest = max(
-        float(np.abs(drive[at : at + PART]).max()) for at in range(0, len(drive), PART)
-    )  # fmt: skip
+    highest = max(float(np.abs(drive[at : at + PART]).max()) for at in range(0, len(drive), PART))
     if run.gain * highest > limits.drive:
         raise PlanError(
             f"run {run.id!r} drives the rig with up to {run.gain * highest:.3g} m/s^2; limits.drive allows {limits.drive:g}, so "

@@ -38,7 +38,7 @@ class Incoherence:
 
 def incoherence(
     run: Run, spectra: Spectra, name: str, drive: str, *, others: Sequence[Run] = (), detections: Sequence[Detection] = ()
-) -> Incoherence:  # fmt: skip
+) -> Incoherence:
     """The reason for a low coherence of a response.
 
     Parameters
@@ -121,7 +121,7 @@ def _not_repeated(run: Run, spectra: Spectra, name: str, drive: str, others: Seq
         channels = {
             key: replace(run.channels[key], samples=a[:n] - b[:n], scale=1.0, offset=0.0)
             for key, a, b in zip((drive, name), one, other, strict=True)
-        }  # fmt: skip
+        }
         with suppress(DataError):
             apart = estimate([replace(run, channels=channels, gaps=())], references=[drive], resolution=spectra.resolution)
             return 0.5 * _incoherent_power(apart, name, drive, driven) / whole, what

@@ -143,9 +143,7 @@ class RunWriter:
         The disk refuses to write.
     """
 
-    def __init__(
-        self, file: WorkingFileWriter, run_id: str, *, period: int | None, waits: SessionWaits = SESSION_WAITS
-    ) -> None:  # fmt: skip
+    def __init__(self, file: WorkingFileWriter, run_id: str, *, period: int | None, waits: SessionWaits = SESSION_WAITS) -> None:
         self._file, self._patience = file, waits.disk
         self._waiting = BlockQueue(int(waits.queue * file.layout.sample_rate) + 1)
         self.tally = Tally()

@@ -31,7 +31,7 @@ from isorig.rig.acquire.layout import (
     log_of,
     shape_of,
     timing_of,
-)  # fmt: skip
+)
 from isorig.rig.acquire.pace import ClockDrift, Pace
 from isorig.rig.acquire.policy import RATE_REPORTED
 from isorig.rig.errors import RecordingError
@@ -39,10 +39,8 @@ from isorig.rig.errors import RecordingError
 T = TypeVar("T")
 #: Index entry of each block of samples: its offset, its size, the range of the streamed gain in it.
 ENTRY = np.dtype(
-    [
-        ("number", "i8"), ("place", "i8"), ("first", "i8"), ("rows", "i8"), ("blocks", "i8"), ("low", "f8"), ("high", "f8"),
-    ]
-)  # fmt: skip
+    [("number", "i8"), ("place", "i8"), ("first", "i8"), ("rows", "i8"), ("blocks", "i8"), ("low", "f8"), ("high", "f8")]
+)
 
 
 class Saved:
@@ -169,9 +167,7 @@ class _StartedRun:
         if self._count == len(self._entries):
             self._entries = np.concatenate([self._entries, np.zeros_like(self._entries)])
         low, high = (gains.min(), gains.max()) if len(gains) else (np.nan, np.nan)
-        self._entries[self._count] = (
-            block.number, block.place, shape.first_tick, shape.rows, shape.blocks, low, high,
-        )  # fmt: skip
+        self._entries[self._count] = (block.number, block.place, shape.first_tick, shape.rows, shape.blocks, low, high)
         self._count += 1
         self.next = shape.first_tick + shape.rows
         self.stored += shape.rows

@@ -19,9 +19,7 @@ from isorig.rig.files.inputs import content_of
 #: Standard acceleration of gravity, m/s^2, for sensitivities per g.
 GRAVITY = 9.80665
 #: Units of sensitivities in the list, in the unit of the plan.
-UNITS = {
-    "V/(m/s^2)": 1.0, "mV/(m/s^2)": 1e-3, "V/g": 1.0 / GRAVITY, "mV/g": 1e-3 / GRAVITY, "V/N": 1.0, "mV/N": 1e-3, "V/V": 1.0,
-}  # fmt: skip
+UNITS = {"V/(m/s^2)": 1.0, "mV/(m/s^2)": 1e-3, "V/g": 1.0 / GRAVITY, "mV/g": 1e-3 / GRAVITY, "V/N": 1.0, "mV/N": 1e-3, "V/V": 1.0}
 #: Columns of the list; the others are ignored.
 NEEDED, OPTIONAL = ("serial_number", "sensitivity", "unit"), ("calibrated", "due", "model")
 #: Largest list.

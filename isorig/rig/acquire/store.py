@@ -182,9 +182,7 @@ def _earlier(output: Path, wanted: bool) -> Iterator[dict[str, _Kept]]:
 
 
 def _extra_in(group: h5py.Group, run: Run) -> Extra:
-    sensors = {
-        name: {key: _plain(group[name].attrs[key]) for key in SENSOR if key in group[name].attrs} for name in run.channels
-    }  # fmt: skip
+    sensors = {name: {key: _plain(group[name].attrs[key]) for key in SENSOR if key in group[name].attrs} for name in run.channels}
     names = [TIMING] if TIMING in group else []
     names += [f"{LOGS}/{name}" for name in group.get(LOGS, ())]
     return Extra(

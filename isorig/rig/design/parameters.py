@@ -356,9 +356,7 @@ def write_parameter_design(folder: Path, design: ParameterDesign) -> list[str]:
 
 def _row(outcome: Outcome) -> dict[str, Any]:
     finite = {name: share if math.isfinite(share) else None for name, share in outcome.used.items()}
-    return {
-        "target": outcome.value if math.isfinite(outcome.value) else None, "share_of_limit": finite, "inside": outcome.inside,
-    }  # fmt: skip
+    return {"target": outcome.value if math.isfinite(outcome.value) else None, "share_of_limit": finite, "inside": outcome.inside}
 
 
 def sweeps_figure(design: ParameterDesign) -> Figure:

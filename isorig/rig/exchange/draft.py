@@ -302,7 +302,7 @@ def _configuration(part: _Part) -> str:
 
 def _run(
     part: _Part, own: Sequence[str], other: Mapping[str, str], folder: Path, ids: set[str], configuration: str, excitation: str
-) -> list[str]:  # fmt: skip
+) -> list[str]:
     table, group, text = part.table, part.group, _run_text(part)
     name = text if text not in ids else f"{text}_{len(ids)}"
     ids.add(name)

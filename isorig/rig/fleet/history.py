@@ -368,7 +368,7 @@ def _campaigns(rows: pd.DataFrame) -> tuple[DiagnosedCampaign, ...]:
             name=name, started=day, verdict=verdict, causes=_split(cause), alike=_split(alike), content=content, path=path
         )
         for name, verdict, cause, alike, content, path, day in zip(*columns, _days(rows)[first].tolist(), strict=True)
-    )  # fmt: skip
+    )
 
 
 def _split(causes: str) -> frozenset[str]:

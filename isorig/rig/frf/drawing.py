@@ -58,7 +58,7 @@ class FigureProcess:
         # Ctrl-C is for this process, which then ends the other one.
         self._process = subprocess.Popen(
             python("-m", "isorig.rig.frf.drawing"), stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
-        )  # fmt: skip
+        )
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._input, self._output = cast("BinaryIO", self._process.stdin), cast("BinaryIO", self._process.stdout)

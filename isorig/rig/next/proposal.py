@@ -182,7 +182,7 @@ def single_driven(model: RigModel) -> RigModel:
 
 def situation(
     diagnoses: Sequence[Rivals], limits: Limits, plans: Mapping[str, RunPlan] | None = None, declined: Set[str] = frozenset()
-) -> Situation:  # fmt: skip
+) -> Situation:
     """What several diagnoses of one rig, the last one counting, say together.
 
     Raises

@@ -91,9 +91,7 @@ def place_force(
     return max(found, key=lambda at: at.improvement, default=None)
 
 
-def _in_run(
-    link: Link, trial: Trial, models: Mapping[tuple[str, Role], tuple[RigModel, Simulated]]
-) -> PlaceForce | None:  # fmt: skip
+def _in_run(link: Link, trial: Trial, models: Mapping[tuple[str, Role], tuple[RigModel, Simulated]]) -> PlaceForce | None:
     owners = [owner for owner, _ in models.values()]
     edge = round(EDGE * trial.sample_rate)
     first = max(trial.fitted - edge, 0)

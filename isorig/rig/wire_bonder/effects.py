@@ -49,7 +49,7 @@ class Hidden:
 
     def records(
         self, drive: FloatArray, sample_rate: float, *, configuration: str, gain: float, start_time: float, run: str
-    ) -> dict[str, FloatArray]:  # fmt: skip
+    ) -> dict[str, FloatArray]:
         """The channels of a run without their noise, by channel, each shape (n,).
 
         Parameters
@@ -84,7 +84,7 @@ def amplitudes_of(model: RigModel) -> Amplitudes:
     )
     seen = simulate(
         msgspec.structs.replace(model, sensors=(*model.sensors, *sensors)), Excitation.prepare(head, rate, oversample=4)
-    ).channels  # fmt: skip
+    ).channels
     most = {name: float(np.abs(values).max()) for name, values in seen.items()}
     return Amplitudes(
         deflection={link.name: most[f"d {link.name}"] for link in model.links},

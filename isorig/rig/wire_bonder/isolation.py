@@ -100,7 +100,7 @@ def given_models(model: Path | None, parameters: Path | None, method: Method | N
 
 def compared_isolation(
     campaign: Campaign, models: Sequence[Model], *, stitch: float = STITCH, resolution: float = 0.25
-) -> Compared:  # fmt: skip
+) -> Compared:
     """The ratio of a campaign, and of the same runs simulated with each model; the same estimate for all.
 
     A run whose gain changed counts as one run for each gain.
