@@ -18,15 +18,8 @@ SHOWN = 60
 
 @dataclass(frozen=True)
 class WordKind:
-    """Valid values of one word of an answer.
-
-    Parameters
-    ----------
-    allowed
-        Description of the valid values, for the message.
-    read
-        Converts a word to its value; None if it is not valid.
-    """
+    """Valid values of one word of an answer: in words, for the message, and a conversion that returns None if a word is not
+    valid."""
 
     allowed: str
     read: Callable[[str], Any]

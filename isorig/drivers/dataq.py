@@ -35,15 +35,7 @@ STALE = 50
 
 
 class DataqInstrument:
-    """A DI-1100 at a serial port.
-
-    Parameters
-    ----------
-    port
-        Path or URL.
-    settings, waits
-        The settings of the plan, and the timeouts.
-    """
+    """A DI-1100 at a serial port, by its path or URL."""
 
     def __init__(self, port: str, settings: DataqSettings, waits: Waits = WAITS) -> None:
         self._port = Port(port, baud_rate=115200, waits=waits)

@@ -88,14 +88,7 @@ class NiSettings(OutputSettings, frozen=True, kw_only=True):
 
 
 class NiInstrument(AnalogOutput):
-    """A device or chassis of National Instruments.
-
-    Parameters
-    ----------
-    port
-        Its name, e.g. cDAQ1.
-    settings, waits
-        The settings of the plan, and the timeouts.
+    """A device or chassis of National Instruments, by its name, e.g. cDAQ1.
 
     Raises
     ------

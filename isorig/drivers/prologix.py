@@ -25,18 +25,7 @@ POLL = 0.05
 
 
 class PrologixLink:
-    """A GPIB address at an adapter.
-
-    Parameters
-    ----------
-    name
-        Its name in the plan.
-    port
-        Path or URL of the adapter.
-    address
-        Primary address.
-    waits
-        Its timeouts.
+    """The GPIB device at an address of the adapter at a port.
 
     Raises
     ------

@@ -68,12 +68,7 @@ class _Bits:
 
 
 def decode(data: bytes) -> Teds:
-    """The data sheet in a sensor's memory.
-
-    Parameters
-    ----------
-    data
-        The memory without checksums, lowest bit first.
+    """The data sheet in a sensor's memory, which is given without checksums, lowest bit first.
 
     Raises
     ------

@@ -55,13 +55,7 @@ class OutputSettings(Settings, frozen=True):
 
 
 class AnalogOutput:
-    """The drive of an instrument with an analog output, which plays it and does not lock the rig.
-
-    Parameters
-    ----------
-    name, settings
-        The instrument, for messages, and the settings of the output.
-    """
+    """The drive of an instrument with an analog output, which plays it and does not lock the rig."""
 
     def __init__(self, name: str, settings: OutputSettings) -> None:
         self._name, self._output_settings = name, settings

@@ -96,15 +96,7 @@ class Pulses:
 
 
 def pulses(run: Run, reference: str) -> Pulses | None:
-    """The pulses of a hammer's force, or None if the channel is not a hammer's.
-
-    Parameters
-    ----------
-    run
-        The run; the whole channel is read.
-    reference
-        The channel of the force.
-    """
+    """The pulses of a hammer's force in a whole run, or None if the channel is not a hammer's."""
     if len(run) < SHORTEST or len(run.channel(reference)) < SHORTEST:
         return None
     values = run.read(reference)
@@ -179,18 +171,9 @@ def longest_record(found: Sequence[Pulses], runs: Sequence[Run]) -> int:
 
 
 def checked(run: Run, reference: str, responses: Sequence[str], blows: Pulses, length: int, median: float) -> list[Hit]:
-    """Every hit of a run, with its faults.
+    """Every hit of a run in records of `length` samples, with its faults.
 
-    Parameters
-    ----------
-    run, reference, responses
-        The run, the channel of the force, and the responses.
-    blows
-        Its pulses.
-    length
-        Samples of a record.
-    median
-        Of the hits' highest forces, in the channel's unit.
+    `median` is that of the hits' highest forces, in the channel's unit.
     """
     force = blows.sign * (run.read(reference) - blows.offset)
     unit, rate = run.channel(reference).unit, run.sample_rate

@@ -146,16 +146,10 @@ def operating_modes(
 
 
 def envelope_variation(values: FloatArray | ComplexArray, rate: float, frequency: float, damping: float) -> float:
-    """Relative variance of the squared envelope of a signal in a band of a mode's half bandwidths around a frequency.
+    """Relative variance of the squared envelope of a signal, shape (n,), in a band of a mode's half bandwidths around a
+    frequency.
 
-    Parameters
-    ----------
-    values
-        Shape (n,).
-    rate, frequency
-        Hz.
-    damping
-        Half the width of the band relative to the frequency.
+    Rate and frequency are in Hz; `damping` is half the width of the band relative to the frequency.
     """
     n = len(values)
     bins = np.fft.fftfreq(n, 1.0 / rate)

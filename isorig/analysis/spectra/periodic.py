@@ -54,14 +54,9 @@ class PeriodicFrf:
 
 
 def periodic(runs: Sequence[Run], *, response: str, reference: str) -> PeriodicFrf:
-    """Average runs with a periodic drive; each run is one realization.
+    """Average runs with a periodic drive of one rate and one period; each run is one realization.
 
-    Parameters
-    ----------
-    runs
-        With one rate and one period. Data after a gap are not used.
-    response, reference
-        Channels.
+    Data after a gap are not used.
 
     Raises
     ------

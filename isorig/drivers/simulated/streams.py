@@ -102,15 +102,8 @@ def slcan(frame: tuple[int, bytes]) -> bytes:
 
 
 class SimulatedSlcan(Streaming):
-    """A serial CAN adapter with an MTi-600 on its bus.
-
-    Parameters
-    ----------
-    source
-        Returns the counts of three axes, int16.
-    asked
-        Its options; the faults are those of the adapter's frames.
-    """
+    """A serial CAN adapter with an MTi-600 on its bus; faults are those of its frames, and the source returns counts of three
+    axes."""
 
     END, NAME = b"\r", "an MTi-600"
 
@@ -143,12 +136,7 @@ class SimulatedSlcan(Streaming):
 class SimulatedLines(Streaming):
     """A microcontroller that sends lines "count,milliseconds,volts..." between `go` and `halt`, with a counter of 16 bits.
 
-    Parameters
-    ----------
-    source
-        Returns the voltages of all inputs.
-    asked
-        Its options; the faults are those of its lines.
+    Faults are those of its lines.
     """
 
     NAME = "an instrument of lines"

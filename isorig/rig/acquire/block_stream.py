@@ -12,17 +12,7 @@ from isorig.rig.acquire.waits import SessionWaits
 
 
 class BlockStream:
-    """Reads one run.
-
-    Parameters
-    ----------
-    instrument, waits
-        The instrument, which is streaming, and timeouts.
-    ticks, rate
-        Number of ticks to read, and sample rate, Hz.
-    stopped
-        Called continuously, also without blocks; True ends the run.
-    """
+    """Reads `ticks` of a run at a `rate` in Hz; it ends as soon as `stopped`, called continuously, returns True."""
 
     def __init__(self, instrument: Stream, ticks: int, rate: float, *, waits: SessionWaits, stopped: Callable[[], bool]) -> None:
         self._instrument, self._ticks, self._rate, self._stopped = instrument, ticks, rate, stopped

@@ -28,14 +28,7 @@ SINE_PER_GAIN = 2.0**0.5 * HEAD_PER_GAIN
 class RunDrive:
     """The head's acceleration at gain 1, m/s^2, computed on demand, so that memory does not grow with the length of a run.
 
-    Parameters
-    ----------
-    length
-        Number of samples.
-    make
-        Returns the samples from one index up to another.
-    period
-        Samples per period, for a periodic drive.
+    `make` returns the samples from one index up to another; a periodic drive has a `period` in samples.
     """
 
     length: int

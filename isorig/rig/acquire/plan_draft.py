@@ -24,14 +24,7 @@ HEAD = """# Proposed by rig instruments for {name}.
 
 
 def draft_plan(one: Connected, kind: str) -> str:
-    """The text of a plan.
-
-    Parameters
-    ----------
-    one
-        What is connected.
-    kind
-        The kind of instrument that it is.
+    """The text of a plan for what is connected, as an instrument of a kind.
 
     Raises
     ------

@@ -130,12 +130,7 @@ class Tally:
 class RunWriter:
     """Writes one run to the working file from a separate thread; its methods raise OutputError if the disk refuses or is stuck.
 
-    Parameters
-    ----------
-    file, run_id
-        The working file, and the run's id.
-    period, waits
-        Samples per period of a periodic drive, and timeouts.
+    A periodic drive has a `period` in samples.
 
     Raises
     ------

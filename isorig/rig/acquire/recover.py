@@ -46,14 +46,7 @@ ENTRY = np.dtype(
 class Saved:
     """A sequence stored in the blocks of the file, read from disk by slice.
 
-    Parameters
-    ----------
-    counts
-        Number of items in each block, shape (blocks,).
-    part
-        Returns items `start` to `stop` of block `k`.
-    dtype
-        Their data type.
+    The blocks have `counts` items, shape (blocks,); `part` returns items `start` to `stop` of block `k`.
     """
 
     def __init__(self, counts: NDArray[np.int64], part: Callable[[int, int, int], NDArray[Any]], dtype: np.dtype[Any]) -> None:

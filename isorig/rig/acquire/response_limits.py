@@ -59,13 +59,7 @@ def check_responses(plan: Plan, runs: Iterable[tuple[RunPlan, int]]) -> None:
 
 
 class Guard:
-    """Ends a run whose records exceed `limits.channels`.
-
-    Parameters
-    ----------
-    plan, instrument
-        The plan, and the instrument, prepared.
-    """
+    """Ends a run whose records exceed `limits.channels`."""
 
     def __init__(self, plan: Plan, instrument: Stream) -> None:
         self._watched = [

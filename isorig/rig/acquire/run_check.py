@@ -93,16 +93,8 @@ def check_run(
 def incoherences(campaign: Campaign, drives: Sequence[str], responses: Sequence[str] | None = None) -> list[Incoherence]:
     """Why responses of a recording are incoherent: one reason for each, a nonlinearity before what is undecided and noise.
 
-    None for several drives, whose coherences with the response are low in any rig, and for hammer tests.
-
-    Parameters
-    ----------
-    campaign
-        The recording.
-    drives
-        The channels that drive.
-    responses
-        The channels that may be incoherent; all others if None.
+    None for several drives, whose coherences with the response are low in any rig, and for hammer tests. Only `responses` are
+    checked, all channels if None.
     """
     drive, *more = drives
     if responses is not None and not responses:

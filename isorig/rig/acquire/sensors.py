@@ -124,16 +124,7 @@ def _of_teds(teds: Teds, instrument: Describing, place: int) -> Sheet:
 def compare(plan: Plan, known: Mapping[str, Sheet], read: Mapping[str, Sheet], today: date) -> list[str]:
     """What contradicts the plan, each as a sentence with the remedy.
 
-    Parameters
-    ----------
-    plan
-        The plan.
-    known
-        The laboratory's list by serial number.
-    read
-        The sheets in the sensors' memories by channel.
-    today
-        The date of the measurement.
+    `known` is the laboratory's list by serial number, `read` are the sheets in the sensors' memories by channel.
     """
     channels = plan.channels.items()
     return [*_twice(plan), *(text for name, channel in channels for text in _one(plan, name, channel, known, read, today))]

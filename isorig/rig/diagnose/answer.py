@@ -178,18 +178,9 @@ def write_answer(
     limit: float | None = None,
     page: bool = True,
 ) -> stored.Findings:
-    """Write findings.json, both models, rivals.json and report.html into a folder.
+    """Write findings.json, both models, rivals.json and, unless `page` is False, report.html into a folder.
 
     findings.json is written last: where it is, the answer is complete.
-
-    Parameters
-    ----------
-    folder
-        The folder for the files.
-    diagnosis, campaign, origin, limit
-        As for `findings_of`.
-    page
-        Whether to write report.html.
     """
     findings = findings_of(diagnosis, campaign, origin, limit)
     began = min((run.started for run in campaign.runs if run.started is not None), default=None)

@@ -55,16 +55,8 @@ class _Part:
 def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file: str) -> tuple[str, str]:
     """A mapping in TOML: one run for each commonly sampled part of a file, with the channels that it has.
 
-    If the columns are not those of the wire bonder, a description of a rig in TOML is proposed too, otherwise "".
-
-    Parameters
-    ----------
-    tables
-        Content of the files.
-    folder
-        Folder of the mapping.
-    description_file
-        Name of the description's file in that folder.
+    If the columns are not those of the wire bonder, a description of a rig in TOML is proposed too, otherwise "". The mapping is
+    to be in `folder`, and names the description there.
 
     Raises
     ------

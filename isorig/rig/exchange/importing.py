@@ -381,12 +381,7 @@ def _digest(channel: Channel) -> bytes:
 def repeats(campaign: Campaign, references: Sequence[str]) -> Campaign:
     """The same campaign with `repeat_of` of every run that has the drive of an earlier one, to `SAME_DRIVE`, and is no copy.
 
-    Parameters
-    ----------
-    campaign
-        The runs; those that have a `repeat_of` keep it.
-    references
-        The channels that drive.
+    Runs that have a `repeat_of` keep it; `references` are the channels that drive.
     """
     runs: list[Run] = []
     for run in campaign.runs:

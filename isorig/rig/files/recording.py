@@ -374,16 +374,10 @@ def _spectrum(group: Any, name: str, here: str) -> Spectrum:
 
 @dataclass(frozen=True, kw_only=True)
 class Extra:
-    """Data of a run in addition to the format.
+    """Data of a run in addition to the format: attributes of the run and of its channels, and tables with their attributes, by
+    name.
 
-    Parameters
-    ----------
-    attributes, channels
-        Attributes of the run, and of its channels by name.
-    tables
-        Datasets by name, within a group if the name has a slash.
-    about
-        Attributes of the tables by name.
+    A table whose name has a slash is within a group.
     """
 
     attributes: Mapping[str, float | str] = field(default_factory=dict)

@@ -122,13 +122,7 @@ def key_of(content: str, version: str, baseline: str) -> str:
 
 
 class Catalogue:
-    """The files of a fleet in a folder.
-
-    Parameters
-    ----------
-    folder
-        Their folder; created when something is stored in it.
-    """
+    """The files of a fleet in a folder, which is created when something is stored in it."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

@@ -242,20 +242,9 @@ def propose(
 ) -> Proposal:  # fmt: skip
     """The next runs, for the most pressing question that is open.
 
-    Indistinguishable causes come first, then causes that are not certain, then causes that are not identifiable so far.
-
-    Parameters
-    ----------
-    now
-        What is known.
-    budget
-        Seconds of measuring that the runs may take together.
-    work
-        Seconds of processor time that the comparison may take.
-    most
-        Maximum number of runs, in addition to one at rest.
-    tell
-        Called with a line per stage.
+    Indistinguishable causes come first, then causes that are not certain, then causes that are not identifiable so far. The runs
+    may take `budget` seconds of measuring together, their comparison `work` seconds of processor time; there are at most `most`,
+    in addition to one at rest.
     """
     found = _most_pressing(now, budget, most, Deadline(work), tell)
     return replace(found, runs=(*_noise_first(now), *found.runs))

@@ -24,14 +24,7 @@ PATIENCE = 10
 class ScreenServer:
     """One page about one session or recording.
 
-    Parameters
-    ----------
-    subject
-        The subject.
-    readings
-        The measured data, reading by reading, in a separate thread.
-    ask
-        Called with the requests of a page.
+    Its readings of the measured data are taken in a separate thread; `ask` is called with the requests of a page.
     """
 
     def __init__(

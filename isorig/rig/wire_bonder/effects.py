@@ -52,16 +52,7 @@ class Hidden:
     ) -> dict[str, FloatArray]:
         """The channels of a run without their noise, by channel, each shape (n,).
 
-        Parameters
-        ----------
-        drive
-            The drive's true values, shape (n,).
-        sample_rate
-            Hz.
-        configuration, gain, run
-            Configuration of the rig, gain and name of the run.
-        start_time
-            Seconds since the rig's first run.
+        `drive` are the drive's true values, shape (n,), at a rate in Hz; `start_time` is in seconds since the rig's first run.
         """
         name = self.model.drive.channel
         played = Run(

@@ -49,16 +49,9 @@ class MoveResponse:
 
 @dataclass(frozen=True, kw_only=True)
 class MoveIsolation:
-    """Isolation over the acceleration of a move.
+    """Isolation over the peak of the head's acceleration in a move, m/s^2, shape (levels,), with the response at each.
 
-    Parameters
-    ----------
-    acceleration
-        Peak of the head's acceleration, m/s^2, shape (levels,).
-    unlocked, locked
-        The responses at each acceleration.
-    tolerance
-        Tolerance of the bond, m in either direction.
+    `tolerance` is that of the bond, m in either direction.
     """
 
     acceleration: FloatArray
@@ -87,18 +80,9 @@ def move_within(distance: float, seconds: float, *, shape: Shape = "sine") -> Mo
 
 
 def on_move(model: RigModel, move: Move, *, tolerance: float, configuration: str = "unlocked") -> MoveResponse:
-    """Simulate one move from rest and evaluate the heatblock relative to the table.
+    """Simulate one move of the head from rest and evaluate the heatblock relative to the table.
 
-    Parameters
-    ----------
-    model
-        The rig.
-    move
-        The motion of the head.
-    tolerance
-        Tolerance of the bond, m in either direction.
-    configuration
-        Configuration of the rig.
+    `tolerance` is that of the bond, m in either direction.
     """
     bond = Sensor(channel="bond", body="heatblock", relative_to="table", quantity="displacement")
     watched = msgspec.structs.replace(model, sensors=(bond,), free=())
