@@ -56,16 +56,8 @@ def text(longest: int) -> WordKind:
 
 
 def parse(words: Sequence[str], kinds: Sequence[WordKind], *, who: str, command: str) -> tuple[Any, ...]:
-    """The values of the words of an answer.
-
-    Parameters
-    ----------
-    words
-        The words as received.
-    kinds
-        Valid values for each word; an answer must have the same number of words.
-    who, command
-        The port and the command, for the message.
+    """The values of the words of an answer, of which there must be as many as kinds; messages name the port `who` and the
+    command.
 
     Raises
     ------

@@ -24,19 +24,7 @@ NAME = 80
 
 @dataclass(frozen=True, kw_only=True)
 class Connected:
-    """Something connected.
-
-    Parameters
-    ----------
-    bus
-        How it is reached.
-    port
-        Its port in plans.
-    name
-        Its description by the system.
-    settings
-        Settings of a plan that it determines, e.g. the inputs of an NI device.
-    """
+    """Something connected: its port in plans, its description by the system, and settings of a plan that it determines."""
 
     bus: Bus
     port: str

@@ -88,14 +88,7 @@ class SoundSettings(OutputSettings, frozen=True, kw_only=True):
 
 
 class SoundInstrument(AnalogOutput):
-    """A sound interface.
-
-    Parameters
-    ----------
-    port
-        Its name in the list of `rig instruments`, or a part of it that no other has.
-    settings, waits
-        The settings of the plan, and the timeouts.
+    """A sound interface, by its name in the list of `rig instruments`, or a part of it that no other has.
 
     Raises
     ------

@@ -55,16 +55,7 @@ def manager() -> ResourceManager:
 
 
 class VisaLink:
-    """A VISA resource.
-
-    Parameters
-    ----------
-    name
-        Its name, e.g. GPIB0::11::INSTR, TCPIP0::192.168.1.5::INSTR, ASRL/dev/ttyUSB0::INSTR.
-    baud_rate
-        Baud rate of a serial resource.
-    waits
-        Its timeouts.
+    """A VISA resource by its name, e.g. GPIB0::11::INSTR, TCPIP0::192.168.1.5::INSTR, ASRL/dev/ttyUSB0::INSTR.
 
     Raises
     ------

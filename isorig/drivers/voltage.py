@@ -83,14 +83,7 @@ class AnalogOutput:
 class Voltage:
     """A drive in volts, which fades in from its first value that is not zero and out to its last; zero outside.
 
-    Parameters
-    ----------
-    drive, factor
-        The drive at gain 1, and volts per unit of it, with the gain of the run.
-    limit, ramp
-        Largest voltage, V, and samples of the fade.
-    who
-        The instrument, for the message.
+    `factor` is in volts per unit of the drive, with the gain of the run; the limit is in V, the ramp in samples.
 
     Raises
     ------

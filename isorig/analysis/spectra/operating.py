@@ -56,22 +56,10 @@ class OperatingMode(ModeShape):
 
 @dataclass(frozen=True, kw_only=True)
 class OperatingModes:
-    """Result of an operating modal analysis.
+    """Result of an operating modal analysis: modes ascending in frequency, with shapes in the order of the responses.
 
-    Parameters
-    ----------
-    modes
-        Ascending in frequency.
-    responses
-        Channel names, in the order of the shapes.
-    frequency
-        Frequency bins of the band, Hz, shape (bins,).
-    power
-        Power spectral density of each response, unit^2/Hz, shape (responses, bins).
-    poles
-        Of every order: the stabilization diagram.
-    warnings
-        Sentences.
+    `frequency` are the bins of the band, Hz, shape (bins,); `power` is the density of each response, unit^2/Hz, shape (responses,
+    bins); `poles` are those of every order: the stabilization diagram.
     """
 
     modes: tuple[OperatingMode, ...]

@@ -34,14 +34,8 @@ RESOLVED = 1e-6
 def drives_in_pauses(run: Run, reference: str, begin: IntArray, end: IntArray) -> bool:
     """Whether a response of the rig follows the reference in the second half of the pauses, where vibrations have decayed.
 
-    False where the pauses are too short, the reference is zero there, or the run has no response that is a motion.
-
-    Parameters
-    ----------
-    run, reference
-        The run, and the channel with pulses.
-    begin, end
-        First sample of each pulse and first sample after it, shape (pulses,).
+    False where the pauses are too short, the reference is zero there, or the run has no response that is a motion. Pulses have
+    their first samples in `begin`, the first samples after them in `end`, shape (pulses,).
     """
     size = len(run.channel(reference))
     names = [

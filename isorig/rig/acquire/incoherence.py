@@ -39,18 +39,9 @@ class Incoherence:
 def incoherence(
     run: Run, spectra: Spectra, name: str, drive: str, *, others: Sequence[Run] = (), detections: Sequence[Detection] = ()
 ) -> Incoherence:
-    """The reason for a low coherence of a response.
+    """The reason for a low coherence of the response `name`, from its run and from others of the session.
 
-    Parameters
-    ----------
-    run, spectra
-        The run, and its spectra.
-    name, drive
-        The response and the drive's channel.
-    others
-        Other runs of the session.
-    detections
-        Noise and distortion of the responses, if the drive is periodic.
+    The `detections` are noise and distortion of the responses, if the drive is periodic.
     """
     run, others = _begun(run, name, drive), [_begun(other, name, drive) for other in others if _alike(run, other, name, drive)]
     driven = driven_bins(run, spectra, drive)

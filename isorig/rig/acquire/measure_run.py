@@ -97,13 +97,7 @@ class BlockSummary:
 
 
 class PaceCheck:
-    """Compares the rate of a running stream with the host's clock, each `RATE_SECONDS` seconds anew: a rate may become wrong.
-
-    Parameters
-    ----------
-    who, rate
-        The instrument, for the message, and its stated sample rate, Hz.
-    """
+    """Compares the rate of a running stream with the host's clock, each `RATE_SECONDS` seconds anew: a rate may become wrong."""
 
     def __init__(self, who: str, rate: float) -> None:
         self._who, self._rate = who, rate

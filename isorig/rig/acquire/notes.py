@@ -106,12 +106,7 @@ def reopen_notes(output: Path) -> None:
 def settle_notes(output: Path, session: Path | None = None) -> None:
     """Move the notes into a finished recording; they also stay in the separate file while there is a working file.
 
-    Parameters
-    ----------
-    output
-        The recording.
-    session
-        The recording of the session that wrote the notes, if it is another one; its notes stay.
+    The notes may be those of the session of another recording, where they stay.
 
     Raises
     ------

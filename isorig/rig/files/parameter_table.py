@@ -27,16 +27,7 @@ COLUMNS = ("value", "std", "unit", "method", "note")
 
 
 def characterize_campaign(campaign: Campaign, tell: Callable[[str], None], given: GivenRig | None = None) -> Characterization:
-    """The parameter table of a recording: of its own rig, or of a given model.
-
-    Parameters
-    ----------
-    campaign
-        The recording.
-    tell
-        Called with one line for each stage.
-    given
-        A description, or an extended model whose fitted parameters are fitted again.
+    """The parameter table of a recording: of its own rig, or of a given model whose fitted parameters are fitted again.
 
     Raises
     ------

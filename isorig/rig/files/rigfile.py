@@ -26,18 +26,9 @@ SHIPPED = {path.stem: path for path in sorted((Path(__file__).resolve().parents[
 
 @dataclass(frozen=True, kw_only=True)
 class GivenRig:
-    """A rig and its source.
+    """A rig and its source: the text in TOML if it was given in this form, the fitted parameters that a model.json lists.
 
-    Parameters
-    ----------
-    model
-        The rig.
-    origin
-        The time of a drifting model's zero; None if it is not given.
-    description
-        The text in TOML, if it was given in this form.
-    fitted
-        The fitted parameters of a model.json that lists them.
+    `origin` is the time of a drifting model's zero.
     """
 
     model: RigModel

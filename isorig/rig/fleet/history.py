@@ -182,24 +182,11 @@ class TrackedRig:
 
 @dataclass(frozen=True, kw_only=True)
 class Fleet:
-    """All rigs.
+    """All rigs by name, and what their tracking used: by parameter the campaign-to-campaign variance, the thresholds of the CUSUM
+    charts and the comparison with the other rigs.
 
-    Parameters
-    ----------
-    baseline
-        Of the diagnoses.
-    rigs
-        By name.
-    scatter
-        Campaign-to-campaign variance of each parameter.
-    limits
-        Thresholds of each parameter's CUSUM charts.
-    false_per_month
-        Allowed false alarms per month in the whole fleet.
-    siblings
-        Each parameter compared with the other rigs.
-    notes
-        Sentences about recordings that could not be used or tracked.
+    `false_per_month` is the allowed number of false alarms in the whole fleet; `notes` are about recordings that could not be
+    tracked.
     """
 
     baseline: str
@@ -232,16 +219,9 @@ def with_std(value: float, std: float) -> str:
 
 
 def followed(answers: pd.DataFrame, baseline: str, *, false_per_month: float | None = None) -> Fleet:
-    """Track every parameter of every rig.
+    """Track every parameter of every rig by the diagnoses with a baseline.
 
-    Parameters
-    ----------
-    answers
-        From the catalogue.
-    baseline
-        The diagnoses to use.
-    false_per_month
-        Allowed false alarms per month in the whole fleet; None for those of `POLICY`.
+    The whole fleet may raise `false_per_month` false alarms per month, by default those of `POLICY`.
 
     Raises
     ------

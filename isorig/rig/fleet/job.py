@@ -24,20 +24,9 @@ FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 class DiagnosisJob(msgspec.Struct, frozen=True, kw_only=True):
-    """A recording to be diagnosed, and the catalogue for its answer.
+    """A recording to be diagnosed, the catalogue for its answer, and the known part of it: rig, recording, version and baseline.
 
-    Parameters
-    ----------
-    catalogue
-        Folder of the catalogue.
-    answer
-        The known part of the answer: rig, recording, version and baseline.
-    limit
-        Time limit, seconds.
-    pages
-        Whether to write report.html too.
-    again
-        Whether to diagnose it although there are findings.
+    `limit` is a time limit in seconds; with `again`, it is diagnosed although there are findings.
     """
 
     catalogue: str

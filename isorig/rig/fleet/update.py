@@ -26,16 +26,9 @@ PATIENCE = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class Work:
-    """The work of an update.
+    """The work of an update: recordings without an answer, grouped by rig and sorted by name; the number of those with one.
 
-    Parameters
-    ----------
-    jobs
-        Recordings without an answer, grouped by rig and sorted by name.
-    known
-        Number of recordings with an answer.
-    notes
-        Sentences about folders and recordings that could not be used as they are.
+    `notes` are sentences about folders and recordings that could not be used as they are.
     """
 
     jobs: tuple[DiagnosisJob, ...]

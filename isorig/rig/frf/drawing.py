@@ -28,21 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class FrfPicture:
-    """A figure to draw.
-
-    Parameters
-    ----------
-    path
-        Its file.
-    curves
-        Transfer functions by label.
-    band
-        Lowest and highest frequency, Hz.
-    view
-        What it shows of them.
-    periods
-        Estimates period by period, by label: a figure of these has no `curves`.
-    """
+    """A figure to draw in a file: transfer functions by label in a band (Hz), or their estimates period by period."""
 
     path: Path
     curves: Mapping[str, Frf] = field(default_factory=dict)

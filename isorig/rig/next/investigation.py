@@ -52,24 +52,10 @@ Choose = Callable[..., Proposal]
 
 @dataclass(frozen=True, kw_only=True)
 class Terms:
-    """Resources of an investigation, and its callbacks.
+    """Limits of an investigation, and its callbacks.
 
-    Parameters
-    ----------
-    most_runs, seconds
-        Maximum number of runs, and maximum seconds of measuring, in total.
-    limits
-        The given limits for runs.
-    work
-        Maximum seconds for a proposal.
-    measure
-        Measures the runs.
-    choose
-        Selects the next runs.
-    limit
-        Time limit in seconds for the search for causes in a diagnosis; None for no limit.
-    tell
-        Called with lines for the operator.
+    It measures at most `most_runs` runs and `seconds` in total. A proposal takes at most `work` seconds, the search for causes in
+    a diagnosis at most `limit`. `tell` is called with lines for the operator.
     """
 
     most_runs: int

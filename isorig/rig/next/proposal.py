@@ -111,18 +111,9 @@ class Situation:
 
 @dataclass(frozen=True, kw_only=True)
 class Proposed:
-    """A run of a proposal.
+    """A run of a proposal: the comparison of causes behind it, or `remarks` that say why it is taken.
 
-    Parameters
-    ----------
-    run
-        The run.
-    choice
-        The comparison of causes behind it, where there was one.
-    remarks
-        Sentences that say why it is taken, where no such comparison does.
-    peaks
-        What the surviving models reach in it, where they were simulated.
+    `peaks` is what the surviving models reach in it, where they were simulated.
     """
 
     run: CandidateRun
@@ -138,22 +129,10 @@ Kind = Literal["rivals", "undecided", "reproducible", "untested", "parameter"]
 
 @dataclass(frozen=True, kw_only=True)
 class Proposal:
-    """What to measure next.
+    """What to measure next: the runs, best first; none where no allowed run gains anything.
 
-    Parameters
-    ----------
-    kind
-        What the runs are for.
-    runs
-        The runs, best first; none where no allowed run gains anything.
-    chosen
-        The comparison behind them.
-    unreached
-        Candidates that there was no time to compare.
-    asked
-        The question in words, where it is another than the kind's own.
-    remedies
-        Pairs of causes that no allowed run distinguishes, and what would.
+    `chosen` is the comparison behind them, without `unreached` candidates that there was no time for; `asked` is the question,
+    where it is another than the kind's own; `remedies` are pairs of causes that no allowed run distinguishes, and what would.
     """
 
     kind: Kind

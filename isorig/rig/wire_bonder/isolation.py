@@ -61,16 +61,9 @@ class Compared:
 
 
 def given_models(model: Path | None, parameters: Path | None, method: Method | None) -> tuple[list[Model], list[str]]:
-    """The models given by a user, and notes about them.
+    """The models given by a user, and notes about them: that of a model.json, and the wire bonder of a parameters.json.
 
-    Parameters
-    ----------
-    model
-        A model.json.
-    parameters
-        A parameters.json: its wire bonder by the joint fit and by half-power.
-    method
-        One of the two methods, or None for both.
+    The latter is by the joint fit and by half-power, or by one method.
 
     Raises
     ------

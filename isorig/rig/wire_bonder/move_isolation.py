@@ -103,20 +103,10 @@ def on_move(model: RigModel, move: Move, *, tolerance: float, configuration: str
 def isolation_by_level(
     model: RigModel, distance: float, accelerations: Sequence[float] | FloatArray, *, tolerance: float
 ) -> MoveIsolation:
-    """Isolation during moves of one distance with sinusoidal acceleration at several levels.
+    """Isolation during moves of one distance (m) at peaks of the head's sinusoidal acceleration, m/s^2, shape (levels,).
 
-    Friction is a constant force, so its influence decreases with acceleration: the isolation increases.
-
-    Parameters
-    ----------
-    model
-        A rig with a locked configuration.
-    distance
-        m.
-    accelerations
-        Peaks of the head's acceleration, m/s^2, shape (levels,).
-    tolerance
-        Tolerance of the bond, m in either direction.
+    Friction is a constant force, so its influence decreases with acceleration: the isolation increases. `tolerance` is that of
+    the bond, m in either direction.
 
     Raises
     ------

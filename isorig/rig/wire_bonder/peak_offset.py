@@ -73,12 +73,7 @@ class PeakOffset:
 def peak_offset(campaign: Campaign, model: RigModel) -> PeakOffset:
     """Fit the heatblock's peak unlocked and locked at every gain whose drive excites it.
 
-    Parameters
-    ----------
-    campaign
-        Measured or simulated.
-    model
-        The rig with values accurate enough to predict mass loading, e.g. fitted ones.
+    The values of the model are to be accurate enough to predict mass loading, e.g. fitted ones.
 
     Raises
     ------

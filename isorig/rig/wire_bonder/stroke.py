@@ -163,18 +163,9 @@ def linear_ratio(model: RigModel, frequency: FloatArray) -> FloatArray:
 
 
 def rocking(model: RigModel, offset: float, *, frequency: float, bearing_height: float = HEIGHT) -> RigModel:
-    """The rig with a drive offset from the motor's centre of gravity, so that the motor rocks on its bearings.
+    """The rig with a drive offset (m) from the motor's centre of gravity, so that the motor rocks on its bearings (Hz).
 
-    Parameters
-    ----------
-    model
-        The rig.
-    offset
-        Distance of the drive force from the centre of gravity, m.
-    frequency
-        Rocking frequency on the bearings, Hz.
-    bearing_height
-        Distance of the springs from the centre of gravity, m.
+    The springs are `bearing_height` from the centre of gravity, m.
     """
     name = model.link("isolation").a
     inertia = model.body(name).mass * RADIUS**2
