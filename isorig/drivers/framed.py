@@ -58,13 +58,6 @@ class FramedSettings(Settings, frozen=True):
 class FramedInstrument:
     """An instrument on a serial line or any other port that pyserial can open (a path, `socket://127.0.0.1:port`).
 
-    Parameters
-    ----------
-    port
-        Path or URL.
-    settings, waits
-        The settings of the plan, and the timeouts.
-
     Raises
     ------
     ConnectionLostError

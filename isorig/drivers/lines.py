@@ -148,14 +148,7 @@ class _Line:
 
 
 class LinesInstrument:
-    """An instrument that sends lines of numbers.
-
-    Parameters
-    ----------
-    port
-        A name as in `isorig.drivers.link.linked`; without a command that asks for lines, a serial line or a socket.
-    settings, waits
-        The settings of the plan, and the timeouts.
+    """An instrument that sends lines of numbers; without a command that asks for them, at a serial line or a socket.
 
     Raises
     ------

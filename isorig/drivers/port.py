@@ -25,19 +25,10 @@ SCHEMES = ("socket", "rfc2217")
 
 
 class Port:
-    """One end of a serial line.
+    """One end of a serial line: a path like /dev/ttyACM0 with a baud rate, or a URL like socket://127.0.0.1:4000.
 
     Its methods raise ConnectionLostError if the instrument is gone or late, or accepts no bytes; ProtocolError if it sends what
     was not requested.
-
-    Parameters
-    ----------
-    name
-        A path like /dev/ttyACM0, or a URL like socket://127.0.0.1:4000.
-    baud_rate
-        Baud rate of a real serial line.
-    waits
-        Its timeouts.
 
     Raises
     ------

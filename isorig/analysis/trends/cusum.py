@@ -27,12 +27,8 @@ LONGEST = 1e12
 def run_length(threshold: float, slack: float, scale: FloatArray | float = 1.0) -> FloatArray:
     """Mean number of campaigns to a false alarm of one side, starting from zero; `LONGEST` if it is longer.
 
-    Parameters
-    ----------
-    threshold, slack
-        Of the chart, in the standard deviations by which z was divided.
-    scale
-        True standard deviation of z (1 if it is known exactly), shape (n,) or scalar.
+    Threshold and slack are in the standard deviations by which z was divided; `scale` is the true standard deviation of z (1 if
+    it is known exactly), shape (n,) or scalar.
 
     Returns
     -------
@@ -124,12 +120,7 @@ class Alarms:
 def alarms(value: FloatArray, variance: FloatArray, limits: Sequence[float]) -> Alarms:
     """Apply the charts to a series.
 
-    Parameters
-    ----------
-    value, variance
-        The series and the variance of each value about its level, shape (n,).
-    limits
-        Thresholds in the order of `POLICY.slacks`.
+    `variance` is that of each value about its level, shape (n,); the limits are in the order of `POLICY.slacks`.
 
     Notes
     -----

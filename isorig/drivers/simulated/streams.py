@@ -28,14 +28,9 @@ def axes(acceleration: FloatArray) -> Raw:
 
 
 class SimulatedDataq(Streaming):
-    """A DI-1100: echoes commands and streams the signal of a source.
+    """A DI-1100: echoes commands and streams the signal of a source, int16 counts of all inputs.
 
-    Parameters
-    ----------
-    source
-        Returns the counts of all inputs, int16.
-    asked
-        Its options; `drop` is the probability per second of signal that half of its scans are acquired and not sent.
+    The fault `drop` is the probability per second of signal that half of its scans are acquired and not sent.
     """
 
     END, NAME = b"\r", "a DI-1100"

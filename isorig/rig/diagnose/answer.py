@@ -29,18 +29,8 @@ def findings_of(
 ) -> stored.Findings:
     """The content of findings.json, as a reader of the file gets it.
 
-    The baseline of a rig with its own description is that description, whatever friction it has.
-
-    Parameters
-    ----------
-    diagnosis
-        The result of the diagnosis.
-    campaign
-        The measurement.
-    origin
-        The source of the findings: the baseline's name, the recording's name and hash, this program's version.
-    limit
-        The given time limit, s.
+    The baseline of a rig with its own description is that description, whatever friction it has. `origin` is the baseline's name,
+    the name and hash of the recording, and the version of this program; the given time limit is in s.
     """
     improvement = diagnosis.improvement
     baseline, extended = (_budget(budget) for budget in diagnosis.budgets)

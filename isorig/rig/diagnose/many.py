@@ -105,18 +105,7 @@ def diagnose_files(
 ) -> Iterator[CampaignOutcome]:
     """Diagnose recordings into a folder each, yielding outcomes as they arrive; those with an answer come first.
 
-    Parameters
-    ----------
-    jobs
-        Recording and folder.
-    baseline
-        Name of the baseline.
-    scheduler
-        Dask scheduler, as for `shared_out`, whose workers see the same files; threads of this process if None.
-    again
-        Whether to diagnose recordings that already have an answer.
-    tolerance, limit
-        As for `diagnose_file`.
+    With `again`, those are diagnosed, too. For the scheduler see `shared_out`, for tolerance and limit `diagnose_file`.
     """
     from isorig.rig.files.findings import read_findings
 
@@ -162,16 +151,8 @@ def _refused(file: Path, why: str) -> CampaignOutcome:
 def shared_out(function: Callable[[J], R], jobs: Iterable[J], scheduler: str | None = None) -> Iterator[tuple[J, R | Exception]]:
     """Do jobs in parallel, yielding each with its result as it arrives, or with the exception that ended it.
 
-    Few jobs wait at a time, so that no longer taking results stops the rest.
-
-    Parameters
-    ----------
-    function
-        The work to do; it and the jobs must be picklable if there is a scheduler.
-    jobs
-        Consumed on demand.
-    scheduler
-        Dask scheduler, as for `isorig.rig.diagnose.cluster.on_cluster`; threads of this process if None.
+    Few jobs wait at a time, so that no longer taking results stops the rest. They are done by threads of this process, or by the
+    workers of a Dask scheduler (`isorig.rig.diagnose.cluster.on_cluster`), for which function and jobs must be picklable.
 
     Raises
     ------

@@ -108,13 +108,8 @@ class Track:
 class NewCause:
     """A cause that the diagnoses of a rig name from some campaign on, and did not name before.
 
-    Parameters
-    ----------
-    cause
-        Its name and place.
-    begun, first, alarm
-        Indices of the rig's campaigns: the first one that it may have changed, as no model explains it; the first that names it;
-        the one that raised the alarm.
+    Indices of the rig's campaigns: it may have changed from `begun` on, as no model explains that one; the `first` names it; one
+    raised the alarm.
     """
 
     cause: str

@@ -48,20 +48,8 @@ def work_of(
 ) -> Work:
     """Compare the folders with the catalogue; the entries of moved or replaced recordings are corrected.
 
-    Parameters
-    ----------
-    catalogue
-        Has the folders that were added.
-    baseline
-        Name of the baseline.
-    limit, pages
-        As for `DiagnosisJob`.
-    again
-        Whether recordings whose diagnosis failed or took too long are tried again.
-    reread
-        Whether every file is read, not only those with a new size or modification time.
-    only
-        Restrict to these recordings.
+    With `again`, recordings whose diagnosis failed or took too long are tried again; with `reread`, every file is read, not only
+    those with a new size or modification time. `only` restricts the work to these recordings.
     """
     folders = catalogue.folders()
     stored = _Stored(catalogue)
@@ -172,14 +160,7 @@ def update(
 ) -> list[StoredAnswer]:
     """Do the work, store each answer when it is complete, merge the catalogue's files, and return the answers.
 
-    Parameters
-    ----------
-    catalogue, jobs
-        From `work_of`.
-    scheduler
-        Dask scheduler, as for `shared_out`, whose workers see the same files; threads of this process if None.
-    tell
-        Called with each answer.
+    `tell` is called with each answer. For the scheduler, whose workers see the same files, see `shared_out`.
 
     Raises
     ------

@@ -71,18 +71,8 @@ class Terms:
 def investigate(plan: Plan, folder: Path, begun: Investigation, terms: Terms) -> Investigation:
     """Continue an investigation until one cause is identified, no allowed run is informative, or its limits are reached.
 
-    Every step is saved before the next one starts, so an interrupted investigation can be continued.
-
-    Parameters
-    ----------
-    plan
-        Instrument, channels, known values of the rig; its runs are the first stage.
-    folder
-        Folder of recording, plans, diagnoses, state and page.
-    begun
-        A new investigation, or an interrupted one.
-    terms
-        Resources and callbacks.
+    Every step is saved in the folder before the next one starts, so an interrupted investigation can be continued. The runs of
+    the plan are the first stage.
 
     Raises
     ------

@@ -28,17 +28,11 @@ RATE = 8192.0
 
 @dataclass(frozen=True, kw_only=True)
 class MoveResponse:
-    """The heatblock relative to the table during one move in one configuration.
+    """The heatblock relative to the table during one move in one configuration, m, shape (n,), its largest magnitude and
+    settling.
 
-    Parameters
-    ----------
-    time, motion
-        Seconds from the start of the move, and heatblock minus table, m; shape (n,).
-    largest
-        max |motion|, m.
-    settling
-        Seconds from the end of the move until `motion` stays within the tolerance: 0 if it never leaves it, NaN if it is still
-        outside at the end of the record.
+    Time is in seconds from the start of the move. Settling is in seconds from its end until the motion stays within the
+    tolerance: 0 if it never leaves it, NaN if it is still outside at the end of the record.
     """
 
     time: FloatArray

@@ -21,18 +21,10 @@ CALLED: Mapping[Method, str] = {"joint": "joint fit", "half-power": "half-power"
 
 @dataclass(frozen=True, kw_only=True)
 class RigValues:
-    """The wire bonder's values by the names of `THESIS`, their standard uncertainties, and notes.
+    """The wire bonder's values by the names of `THESIS`, SI, their standard uncertainties, and notes on their origin.
 
-    Parameters
-    ----------
-    values, stds
-        SI; an exact or assumed value has no standard uncertainty.
-    assumed
-        Names missing from the table, for which the thesis's value is used.
-    notes
-        Sentences on the origin of values, where it is not obvious.
-    levels
-        The measured drive levels, by gain and excitation.
+    An exact or assumed value has no standard uncertainty; `assumed` are names missing from the table, for which the thesis's
+    value is used. `levels` are the measured drive levels, by gain and excitation.
     """
 
     values: Mapping[str, float]
