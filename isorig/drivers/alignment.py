@@ -84,13 +84,8 @@ class Alignment:
         return len(self._buffer) // self._width
 
     def feed(self, data: bytes, now: float) -> Iterator[Stretch]:
-        """Scans whose alignment is certain so far; `data` arrived at `now`, seconds.
-
-        Raises
-        ------
-        ProtocolError
-            No alignment fits for a long stretch.
-        """
+        """Scans whose alignment is certain so far; `data` arrived at `now`, seconds. Raises ProtocolError if no alignment fits
+        for a long stretch."""
         self._buffer += data
         self._arrived.append((len(self._buffer), now))
         if self._mark is None:

@@ -57,13 +57,7 @@ def text(longest: int) -> WordKind:
 
 def parse(words: Sequence[str], kinds: Sequence[WordKind], *, who: str, command: str) -> tuple[Any, ...]:
     """The values of the words of an answer, of which there must be as many as kinds; messages name the port `who` and the
-    command.
-
-    Raises
-    ------
-    ProtocolError
-        A word is missing, superfluous or invalid.
-    """
+    command. Raises ProtocolError if a word is missing, superfluous or invalid."""
     values = tuple(kind.read(word) for kind, word in zip(kinds, words, strict=False))
     if len(words) != len(kinds) or any(value is None for value in values):
         received = " ".join(words)

@@ -56,14 +56,8 @@ class FramedSettings(Settings, frozen=True):
 
 
 class FramedInstrument:
-    """An instrument on a serial line or any other port that pyserial can open (a path, `socket://127.0.0.1:port`).
-
-    Raises
-    ------
-    ConnectionLostError
-        The port cannot be opened, or there is no answer.
-    ProtocolError
-        The answer is from another protocol.
+    """An instrument on a serial line or any other port that pyserial can open (a path, `socket://127.0.0.1:port`). Raises
+    ConnectionLostError if the port cannot be opened, or there is no answer; ProtocolError if the answer is from another protocol.
     """
 
     def __init__(self, port: str, settings: FramedSettings, waits: Waits = WAITS) -> None:
@@ -111,13 +105,7 @@ class FramedInstrument:
         return self._rate
 
     def set_gain(self, gain: float) -> None:
-        """Set the drive gain of the next run.
-
-        Raises
-        ------
-        SettingError
-            The instrument answers with another gain.
-        """
+        """Set the drive gain of the next run. Raises SettingError if the instrument answers with another gain."""
         (reply,) = self._ask(f"GAIN {gain:.9g}")
         if abs(reply - gain) > GAIN_STEP * abs(gain):
             raise SettingError(

@@ -148,13 +148,8 @@ class _Line:
 
 
 class LinesInstrument:
-    """An instrument that sends lines of numbers; without a command that asks for them, at a serial line or a socket.
-
-    Raises
-    ------
-    SettingError
-        The port cannot send lines unasked.
-    """
+    """An instrument that sends lines of numbers; without a command that asks for them, at a serial line or a socket. Raises
+    SettingError if the port cannot send lines unasked."""
 
     def __init__(self, port: str, settings: LinesSettings, waits: Waits = WAITS) -> None:
         self._settings = settings

@@ -25,15 +25,8 @@ POLL = 0.05
 
 
 class PrologixLink:
-    """The GPIB device at an address of the adapter at a port.
-
-    Raises
-    ------
-    SettingError
-        There is no such address or port.
-    ConnectionLostError, ProtocolError
-        The port cannot be opened, or there is no adapter.
-    """
+    """The GPIB device at an address of the adapter at a port. Raises SettingError if there is no such address or port;
+    ConnectionLostError or ProtocolError if the port cannot be opened, or there is no adapter."""
 
     bus = True
 

@@ -83,12 +83,8 @@ class AnalogOutput:
 class Voltage:
     """A drive in volts, which fades in from its first value that is not zero and out to its last; zero outside.
 
-    `factor` is in volts per unit of the drive, with the gain of the run; the limit is in V, the ramp in samples.
-
-    Raises
-    ------
-    SettingError
-        The drive exceeds the limit, or is not finite.
+    `factor` is in volts per unit of the drive, with the gain of the run; the limit is in V, the ramp in samples. Raises
+    SettingError if the drive exceeds the limit, or is not finite.
     """
 
     def __init__(self, drive: Values, *, factor: float, limit: float, ramp: int, who: str) -> None:

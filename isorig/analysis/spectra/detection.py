@@ -31,13 +31,8 @@ class Detection:
 
 
 def detect(run: Run, *, response: str, reference: str) -> Detection:
-    """Separate noise and distortion in a run with a periodic drive.
-
-    Raises
-    ------
-    DataError
-        The run has no period, too few of them, no drive, or one that excites every frequency.
-    """
+    """Separate noise and distortion in a run with a periodic drive. Raises DataError if the run has no period, too few of them,
+    no drive, or one that excites every frequency."""
     drive, answer = settled_periods(run, (reference, response))
     count = len(answer)
     line = np.arange(drive.shape[1])

@@ -412,13 +412,8 @@ class RunningSpectra:
 
 
 def merged(parts: Sequence[Spectra]) -> Spectra:
-    """The average of spectra with the same channels and bins, weighted by their segments.
-
-    Raises
-    ------
-    DataError
-        They have different channels or bins.
-    """
+    """The average of spectra with the same channels and bins, weighted by their segments. Raises DataError if they have different
+    channels or bins."""
     first = parts[0]
     if any(part.channels != first.channels or not np.array_equal(part.frequency, first.frequency) for part in parts):
         raise DataError("the spectra have different channels or frequency bins; average compatible spectra only")

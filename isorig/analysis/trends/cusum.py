@@ -69,12 +69,8 @@ def thresholds(rate: float, freedom: float = np.inf) -> tuple[float, ...]:
     """A threshold for each of `POLICY.slacks`, so that all together raise at most this many false alarms per campaign.
 
     Each chart gets an equal share. No threshold is so low that a single campaign could exceed it (`POLICY.clip`), so for a high
-    allowed rate there are fewer alarms.
-
-    Raises
-    ------
-    DataError
-        The rate is not between 0 and 1, or the standard deviation has fewer than `POLICY.fewest_freedom` degrees of freedom.
+    allowed rate there are fewer alarms. Raises DataError if the rate is not between 0 and 1, or the standard deviation has fewer
+    than `POLICY.fewest_freedom` degrees of freedom.
     """
     if not 0.0 < rate < 1.0:
         raise DataError(f"the rate is {rate:g} false alarms per campaign; give one above 0 and below 1")

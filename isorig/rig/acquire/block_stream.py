@@ -23,13 +23,8 @@ class BlockStream:
         self.returned = 0
 
     def blocks(self) -> Iterator[Block]:
-        """Blocks until all ticks were read, the run was stopped, or nothing arrives any more.
-
-        Raises
-        ------
-        DriverError
-            The connection remains lost, or the instrument cannot continue.
-        """
+        """Blocks until all ticks were read, the run was stopped, or nothing arrives any more. Raises DriverError if the
+        connection remains lost, or the instrument cannot continue."""
         moved = asked = time.monotonic()
         reached = 0
         while reached < self._ticks and not self._stopped():
@@ -55,13 +50,7 @@ class BlockStream:
                 return
 
     def rest(self) -> Iterator[Block]:
-        """Blocks in transit when the instrument was stopped.
-
-        Raises
-        ------
-        InstrumentError
-            The instrument keeps sending.
-        """
+        """Blocks in transit when the instrument was stopped. Raises InstrumentError if the instrument keeps sending."""
         end = time.monotonic() + self._waits.transit
         while (block := self._instrument.read(0.1)) is not None:
             yield block

@@ -77,13 +77,8 @@ def drive_of(run: RunPlan, repeat: int, sample_rate: float) -> RunDrive:
 
 
 def check_limits(run: RunPlan, drive: Values, limits: Limits) -> None:
-    """Compare the drive of a run with the limits that follow from the drive alone: gain, band, duration, magnitude.
-
-    Raises
-    ------
-    PlanError
-        The run exceeds a limit.
-    """
+    """Compare the drive of a run with the limits that follow from the drive alone: gain, band, duration, magnitude. Raises
+    PlanError if the run exceeds a limit."""
     for name, limit, found in (("gains", limits.gains, (run.gain, run.gain)), ("band", limits.band, run.band)):
         if limit is not None and found is not None and not limit[0] <= found[0] <= found[1] <= limit[1]:
             raise PlanError(
@@ -103,15 +98,8 @@ def check_limits(run: RunPlan, drive: Values, limits: Limits) -> None:
 
 
 def load(instrument: Stream, run: RunPlan, drive: Values, limits: Limits) -> None:
-    """Load the drive and gain of a run into an instrument that plays them.
-
-    Raises
-    ------
-    SettingError
-        The run needs a drive and the instrument has no drive output.
-    PlanError
-        The run exceeds a limit of the rig.
-    """
+    """Load the drive and gain of a run into an instrument that plays them. Raises SettingError if the run needs a drive and the
+    instrument has no drive output; PlanError if the run exceeds a limit of the rig."""
     check_limits(run, drive, limits)
     if isinstance(instrument, Exciter):
         instrument.set_gain(run.gain)

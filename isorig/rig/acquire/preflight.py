@@ -96,13 +96,7 @@ def check_record(measured: Run, plan: Plan) -> list[str]:
 
 
 def refuse(run: str, reasons: list[str]) -> None:
-    """Raise the findings as one sentence.
-
-    Raises
-    ------
-    PlanError
-        There are findings.
-    """
+    """Raise the findings, if there are any, as a PlanError of one sentence."""
     if reasons:
         raise PlanError(f"run {run!r} was not started: {'; '.join(reasons)}; --force starts it anyway")
 

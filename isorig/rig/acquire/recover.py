@@ -171,13 +171,8 @@ class _StartedRun:
 
 
 class WorkingFileReader:
-    """A working file that is finished, being written, or was left by a killed session.
-
-    Raises
-    ------
-    RecordingError
-        The file is not a working file.
-    """
+    """A working file that is finished, being written, or was left by a killed session. Raises RecordingError if the file is not a
+    working file."""
 
     def __init__(self, path: Path) -> None:
         self._reader = Reader(path)
@@ -399,25 +394,13 @@ def _decoded(block: JournalBlock, kind: type[T]) -> T | None:
 @contextmanager
 def working(path: Path) -> Iterator[tuple[dict[str, float | str], list[Recovered]]]:
     """The known values of the rig, and every planned run, from a working file: finished, being written, or left by a killed
-    session.
-
-    Raises
-    ------
-    RecordingError
-        The file is not a working file.
-    """
+    session. Raises RecordingError if the file is not a working file."""
     with closing(WorkingFileReader(path)) as file:
         yield file.known, file.runs()
 
 
 def campaign_of(known: Mapping[str, float | str], runs: Sequence[Run], source: str) -> Campaign:
-    """The campaign of these runs, in the order of their measurement.
-
-    Raises
-    ------
-    RecordingError
-        There is no run.
-    """
+    """The campaign of these runs, in the order of their measurement. Raises RecordingError if there is no run."""
     if not runs:
         raise RecordingError(f"{source} contains no sample; there is nothing to recover, so acquire again")
     description = known.get("description")

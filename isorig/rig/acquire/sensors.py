@@ -40,13 +40,7 @@ class Sheet:
 
 
 def read_list(path: Path) -> dict[str, Sheet]:
-    """The sensors of a list by serial number.
-
-    Raises
-    ------
-    PlanError
-        In one sentence: the row, what was found, what is allowed.
-    """
+    """The sensors of a list by serial number. Raises PlanError, with the row and what is allowed, if one is invalid."""
     try:
         rows = list(csv.reader(content_of(path, LARGEST).decode("utf-8-sig").splitlines()))
     except OSError as error:
@@ -100,13 +94,8 @@ def _date(text: str, here: str) -> date | None:
 
 
 def memories(plan: Plan, instrument: object) -> dict[str, Sheet]:
-    """The data sheets in the sensors' memories by channel, where the instrument hands them out.
-
-    Raises
-    ------
-    ProtocolError
-        A memory holds something else.
-    """
+    """The data sheets in the sensors' memories by channel, where the instrument hands them out. Raises ProtocolError if a memory
+    holds something else."""
     if not isinstance(instrument, Describing):
         return {}
     found = {name: instrument.memory(channel.input) for name, channel in plan.channels.items()}
@@ -131,15 +120,8 @@ def compare(plan: Plan, known: Mapping[str, Sheet], read: Mapping[str, Sheet], t
 
 
 def refuse_sensors(plan: Plan, instrument: object) -> None:
-    """Compare the plan with its list and with the memories that an instrument hands out, before the first run.
-
-    Raises
-    ------
-    PlanError
-        They contradict each other, or the list cannot be read.
-    ProtocolError
-        A memory cannot be read.
-    """
+    """Compare the plan with its list and with the memories that an instrument hands out, before the first run. Raises PlanError
+    if they contradict each other, or the list cannot be read; ProtocolError if a memory cannot be read."""
     known = read_list(Path(plan.sensors)) if plan.sensors else {}
     found = compare(plan, known, memories(plan, instrument), date.today())
     if found:

@@ -93,12 +93,8 @@ def far_end(
 ) -> Peer:  # fmt: skip
     """A simulated instrument of that kind, connected to a rig.
 
-    Without a speed it measures in real time, or, if it plays a drive, as fast as the connection allows.
-
-    Raises
-    ------
-    SettingError
-        The kind has no simulated counterpart, or a requested fault is not supported.
+    Without a speed it measures in real time, or, if it plays a drive, as fast as the connection allows. Raises SettingError if
+    the kind has no simulated counterpart, or a requested fault is not supported.
     """
     if kind not in simulated_kinds():
         raise SettingError(f"the kind {kind!r} cannot be simulated; available are {', '.join(simulated_kinds())}")

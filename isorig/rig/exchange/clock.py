@@ -113,14 +113,8 @@ def _is_even(name: str, column: Column) -> bool:
 def column_rate(name: str, column: Column, here: str, unit: str = "", first: int = 0) -> float:
     """Sample rate from a time column in `unit`, that of the file if empty, Hz.
 
-    Messages name its place `here`, and count rows from the `first` of the file.
-
-    Raises
-    ------
-    PlanError
-        Its unit is not a unit of time.
-    RecordingError
-        It is not even.
+    Messages name its place `here`, and count rows from the `first` of the file. Raises PlanError if the unit is not one of time;
+    RecordingError if the column is not even.
     """
     said = unit or time_unit(name, column)
     factor = seconds_per(said)
@@ -134,12 +128,7 @@ def even_rate(time: FloatArray, here: str, factor: float = 1.0, first: int = 0) 
 
     A rounded clock, for example in milliseconds, may deviate from that line by half a step; the rate is then the integer rate in
     Hz that agrees with all readings, if there is one. A unit of the readings has `factor` seconds; messages name their place
-    `here`, and count rows from the `first` of the file.
-
-    Raises
-    ------
-    RecordingError
-        The clock does not ascend, or is not even.
+    `here`, and count rows from the `first` of the file. Raises RecordingError if the clock does not ascend, or is not even.
     """
     index = np.flatnonzero(np.isfinite(time)).astype(np.int64)
     readings = time[index]

@@ -56,12 +56,7 @@ def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file
     """A mapping in TOML: one run for each commonly sampled part of a file, with the channels that it has.
 
     If the columns are not those of the wire bonder, a description of a rig in TOML is proposed too, otherwise "". The mapping is
-    to be in `folder`, and names the description there.
-
-    Raises
-    ------
-    RecordingError
-        None of them contains a time record.
+    to be in `folder`, and names the description there. Raises RecordingError if no file contains a time record.
     """
     parts = [part for table in tables for group, columns in _groups(table).items() for part in _parts(table, group, columns)]
     if not parts:

@@ -213,15 +213,8 @@ def _column(table: ForeignTable, name: str, here: str) -> Column:
 
 
 def channel_of(name: str, wanted: ChannelMap, column: Column, kept: IntArray | slice, here: str) -> Channel:
-    """A channel in SI: the file's values are kept as raw samples, and the mapping becomes scale and offset.
-
-    Raises
-    ------
-    PlanError
-        The file gives another unit of the same quantity than the mapping.
-    RecordingError
-        A value is not finite.
-    """
+    """A channel in SI: the file's values are kept as raw samples, and the mapping becomes scale and offset. Raises PlanError if
+    the file gives another unit of the same quantity than the mapping; RecordingError if a value is not finite."""
     meant = unit(wanted.unit, here)
     said = known_unit(column.unit)
     if said is not None and wanted.sensitivity == 1.0 and said != known_unit(wanted.unit):

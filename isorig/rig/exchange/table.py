@@ -25,10 +25,22 @@ STREAMED = "gain_streamed"
 
 @dataclass(frozen=True, kw_only=True)
 class Column:
-    """A record of a file, as stored, shape (n,), with its sample rate in Hz; what the file does not give is None or empty.
+    """A record of a file.
 
-    The value in `unit` is values / sensitivity. `lost` are indices of samples without a value, and `label` is the channel's name
-    where the column's key does not contain it.
+    Parameters
+    ----------
+    values
+        As stored, shape (n,).
+    sample_rate
+        Hz, if given by the file.
+    unit
+        Unit of the physical value, if given by the file.
+    sensitivity
+        Conversion to that unit: physical value = values / sensitivity.
+    lost
+        Indices of samples without a value in the file.
+    label
+        The channel's name according to the file, where the column's key does not contain it.
     """
 
     values: NDArray[Any]

@@ -122,13 +122,8 @@ class Stored:
         return tuple(self._dataset.shape)
 
     def __getitem__(self, key: slice, /) -> NDArray[Any]:
-        """The samples of a slice.
-
-        Raises
-        ------
-        RecordingError
-            They cannot be read, are not finite, or their values are too large to compute with.
-        """
+        """The samples of a slice. Raises RecordingError if they cannot be read, are not finite, or their values are too large to
+        compute with."""
         try:
             raw = np.asarray(self._dataset[key])
         except (OSError, RuntimeError, MemoryError) as error:

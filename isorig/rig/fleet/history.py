@@ -216,12 +216,8 @@ def with_std(value: float, std: float) -> str:
 def followed(answers: pd.DataFrame, baseline: str, *, false_per_month: float | None = None) -> Fleet:
     """Track every parameter of every rig by the diagnoses with a baseline.
 
-    The whole fleet may raise `false_per_month` false alarms per month, by default those of `POLICY`.
-
-    Raises
-    ------
-    RigError
-        No campaign can be tracked, or the rate is not positive.
+    The whole fleet may raise `false_per_month` false alarms per month, by default those of `POLICY`. Raises RigError if no
+    campaign can be tracked, or the rate is not positive.
     """
     if false_per_month is not None and not false_per_month > 0.0:
         raise RigError(f"the rate of false alarms is {false_per_month:g} a month; give a positive one")

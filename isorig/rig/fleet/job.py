@@ -37,13 +37,8 @@ class DiagnosisJob(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def answer_job(job: DiagnosisJob) -> StoredAnswer | None:
-    """Diagnose a recording, store the answer, and return it; None if another process is working on it.
-
-    Raises
-    ------
-    RigError
-        The update cannot continue: answers cannot be stored, or this worker runs another version of the program.
-    """
+    """Diagnose a recording, store the answer, and return it; None if another process is working on it. Raises RigError if the
+    update cannot continue: answers cannot be stored, or this worker runs another version of the program."""
     if program_version() != job.answer.version:
         raise RigError(
             f"a worker runs version {program_version()} of this program, not {job.answer.version}; "
@@ -86,13 +81,7 @@ def _answered(job: DiagnosisJob, folder: Path) -> StoredAnswer:
 
 
 def from_findings(folder: Path, blank: StoredAnswer) -> StoredAnswer:
-    """The answer from findings.json and baseline.json of a folder.
-
-    Raises
-    ------
-    RigError
-        They are not the output of a diagnosis.
-    """
+    """The answer from findings.json and baseline.json of a folder. Raises RigError if they are not the output of a diagnosis."""
     try:
         found = read_findings(folder)
         began = msgspec.json.decode((folder / "baseline.json").read_bytes()).get("origin")

@@ -160,12 +160,8 @@ def update(
 ) -> list[StoredAnswer]:
     """Do the work, store each answer when it is complete, merge the catalogue's files, and return the answers.
 
-    `tell` is called with each answer. For the scheduler, whose workers see the same files, see `shared_out`.
-
-    Raises
-    ------
-    RigError
-        Answers cannot be stored, or the workers cannot be used: the remaining work is not started, and stored answers are kept.
+    `tell` is called with each answer. For the scheduler, whose workers see the same files, see `shared_out`. Raises RigError if
+    answers cannot be stored, or the workers cannot be used: the remaining work is not started, and stored answers are kept.
     """
     answers = []
     for answer in _answers(catalogue, jobs, scheduler):

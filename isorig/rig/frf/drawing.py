@@ -57,13 +57,7 @@ class FigureProcess:
         self._sent.append(self._sender.submit(self._drawn, job))
 
     def wait(self) -> None:
-        """Wait until all figures are drawn.
-
-        Raises
-        ------
-        OutputError
-            A figure could not be written.
-        """
+        """Wait until all figures are drawn. Raises OutputError if a figure could not be written."""
         sent, self._sent = self._sent, []
         for each in sent:
             each.result()

@@ -72,12 +72,8 @@ def investigate(plan: Plan, folder: Path, begun: Investigation, terms: Terms) ->
     """Continue an investigation until one cause is identified, no allowed run is informative, or its limits are reached.
 
     Every step is saved in the folder before the next one starts, so an interrupted investigation can be continued. The runs of
-    the plan are the first stage.
-
-    Raises
-    ------
-    RigError, AnalysisError, DriverError
-        Measuring or diagnosing fails; the results until then are kept.
+    the plan are the first stage. Raises RigError, AnalysisError or DriverError if measuring or diagnosing fails; the results
+    until then are kept.
     """
     investigation, stopped = begun, False
     while not (investigation.ended or stopped):
@@ -93,13 +89,7 @@ def investigate(plan: Plan, folder: Path, begun: Investigation, terms: Terms) ->
 
 
 def read_investigation(folder: Path) -> Investigation | None:
-    """The state of an investigation in a folder; None if there is none.
-
-    Raises
-    ------
-    PlanError
-        It is damaged.
-    """
+    """The state of an investigation in a folder; None if there is none. Raises PlanError if it is damaged."""
     path = folder / STATE
     if not path.exists():
         return None
@@ -196,13 +186,8 @@ def _diagnosed(folder: Path, investigation: Investigation, terms: Terms) -> Inve
 
 
 def nothing_known(plan: Plan, limits: Limits, baseline: Baseline) -> Rivals:
-    """The knowledge before the first run: the rig as described, with starting values.
-
-    Raises
-    ------
-    PlanError
-        No limits determine the first run.
-    """
+    """The knowledge before the first run: the rig as described, with starting values. Raises PlanError if no limits determine the
+    first run."""
     if limits.gains is None or limits.band is None:
         raise PlanError("a plan without runs needs limits.gains and limits.band; give the allowed gains and the allowed band")
     model = described_rig(plan, baseline)

@@ -144,13 +144,7 @@ class Proposal:
 
 
 def single_driven(model: RigModel) -> RigModel:
-    """The rig, if it has a single drive.
-
-    Raises
-    ------
-    PlanError
-        It has several: their levels would have to be chosen together.
-    """
+    """The rig, if it has a single drive. Raises PlanError if it has several: their levels would have to be chosen together."""
     if model.more_drives:
         raise PlanError(
             f"the rig {model.name!r} has the drives {', '.join(drive.channel for drive in model.drives)}, and runs are proposed "
@@ -162,13 +156,8 @@ def single_driven(model: RigModel) -> RigModel:
 def situation(
     diagnoses: Sequence[Rivals], limits: Limits, plans: Mapping[str, RunPlan] | None = None, declined: Set[str] = frozenset()
 ) -> Situation:
-    """What several diagnoses of one rig, the last one counting, say together.
-
-    Raises
-    ------
-    PlanError
-        Where they are of different rigs, of one that no spring holds, or of one that was never driven.
-    """
+    """What several diagnoses of one rig, the last one counting, say together. Raises PlanError if they are of different rigs, of
+    one that no spring holds, or of one that was never driven."""
     last = diagnoses[-1]
     model = last.explains.variant().model
     plans = plans or {}

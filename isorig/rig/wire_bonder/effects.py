@@ -186,13 +186,8 @@ def drawn_effect(kind: str, model: RigModel, size: float, draw: Draw) -> Hidden:
 
 
 def hidden_in(model: RigModel, kind: str | None, size: float, seed: int) -> Hidden:
-    """The effect that a seed selects for a wire bonder; none if no kind is given.
-
-    Raises
-    ------
-    RigError
-        There is no such kind, the size is not allowed, or the rig has no place for it.
-    """
+    """The effect that a seed selects for a wire bonder; none if no kind is given. Raises RigError if there is no such kind, the
+    size is not allowed, or the rig has no place for it."""
     if kind is None:
         return Hidden(model=model)
     if kind not in KINDS:

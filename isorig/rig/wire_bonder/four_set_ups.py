@@ -208,13 +208,8 @@ def head_to_table(values: Mapping[str, float], frequency: FloatArray) -> Complex
 
 
 def error_surface(set_ups: Mapping[str, SetUp], model: RigModel) -> ErrorSurface:
-    """The error surface over table mass and damping, with the other values from the set-ups.
-
-    Raises
-    ------
-    DataError
-        A set-up has no mode.
-    """
+    """The error surface over table mass and damping, with the other values from the set-ups. Raises DataError if a set-up has no
+    mode."""
     from scipy.optimize import minimize
 
     values = {"head_mass": model.drive.factor, "friction_force": 0.0}

@@ -63,12 +63,8 @@ class Compared:
 def given_models(model: Path | None, parameters: Path | None, method: Method | None) -> tuple[list[Model], list[str]]:
     """The models given by a user, and notes about them: that of a model.json, and the wire bonder of a parameters.json.
 
-    The latter is by the joint fit and by half-power, or by one method.
-
-    Raises
-    ------
-    PlanError
-        A file is invalid, or half-power is requested and the table does not have it.
+    The latter is by the joint fit and by half-power, or by one method. Raises PlanError if a file is invalid, or half-power is
+    requested and the table does not have it.
     """
     models, notes = [], []
     if model is not None:

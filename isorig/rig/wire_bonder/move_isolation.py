@@ -60,13 +60,8 @@ class MoveIsolation:
 
 
 def move_within(distance: float, seconds: float, *, shape: Shape = "sine") -> Move:
-    """The move with a given duration: its peak acceleration is 2 pi d / T^2 (sine) or 4 d / T^2 (constant).
-
-    Raises
-    ------
-    DataError
-        Distance or time is not allowed.
-    """
+    """The move with a given duration: its peak acceleration is 2 pi d / T^2 (sine) or 4 d / T^2 (constant). Raises DataError if
+    distance or time is not allowed."""
     if not (isfinite(seconds) and seconds > 0.0):
         raise DataError(f"a move lasts {seconds:g} s; give a time above zero")
     factor = 2.0 * pi if shape == "sine" else 4.0
@@ -100,12 +95,7 @@ def isolation_by_level(
     """Isolation during moves of one distance (m) at peaks of the head's sinusoidal acceleration, m/s^2, shape (levels,).
 
     Friction is a constant force, so its influence decreases with acceleration: the isolation increases. `tolerance` is that of
-    the bond, m in either direction.
-
-    Raises
-    ------
-    DataError
-        The rig cannot be locked, or an acceleration is not allowed.
+    the bond, m in either direction. Raises DataError if the rig cannot be locked, or an acceleration is not allowed.
     """
     if "locked" not in model.configurations:
         raise DataError(f"the rig {model.name!r} has no locked configuration to compare with; describe one")

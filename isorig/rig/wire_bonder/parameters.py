@@ -73,13 +73,8 @@ OF_THESIS = RigValues(values=THESIS)
 
 
 def read_rig_values(path: Path | None, method: Method = "joint") -> RigValues:
-    """The parameters in a parameters.json; the thesis's table if there is no file.
-
-    Raises
-    ------
-    PlanError
-        The file is not a parameter table, or lacks what the method needs.
-    """
+    """The parameters in a parameters.json; the thesis's table if there is no file. Raises PlanError if the file is not a
+    parameter table, or lacks what the method needs."""
     if path is None:
         return OF_THESIS
     file = read_parameters(path)

@@ -93,12 +93,8 @@ def stroke_study(
     """Stroke over isolation frequency, and the lowest frequency that stays within a limit.
 
     The present rig comes first, followed by copies with parameters drawn from their uncertainty. The frequencies are ascending,
-    Hz; the drive `head` is in m/s^2, shape (n,), at a rate in Hz. The stroke must stay within limit / safety, m.
-
-    Raises
-    ------
-    DataError
-        Frequencies, limit or safety factor are not allowed.
+    Hz; the drive `head` is in m/s^2, shape (n,), at a rate in Hz. The stroke must stay within limit / safety, m. Raises DataError
+    if frequencies, limit or safety factor are not allowed.
     """
     frequencies = np.asarray(frequencies, dtype=np.float64)
     if len(frequencies) < 2 or not (np.diff(frequencies) > 0.0).all() or frequencies[0] <= 0.0:
