@@ -46,16 +46,9 @@ class Stretch:
 
 
 class Alignment:
-    """Splits bytes into scans.
+    """Splits bytes into scans of so many inputs, 16-bit words; `bits` is the resolution of the converter, 12, 14 or 16.
 
-    Parameters
-    ----------
-    inputs, who
-        Words in a scan, and name of the port, for messages.
-    bits
-        Resolution of the converter: 12, 14, or 16; with 16 there are no zero bits to align by.
-    counted
-        Whether a counter is wired to the digital inputs, so that they mark nothing.
+    With 16 there are no zero bits to align by. Digital inputs mark nothing if a counter is wired to them.
     """
 
     def __init__(self, inputs: int, bits: int, who: str, *, counted: bool = False) -> None:
@@ -91,13 +84,8 @@ class Alignment:
         return len(self._buffer) // self._width
 
     def feed(self, data: bytes, now: float) -> Iterator[Stretch]:
-        """Scans whose alignment is certain so far; `data` arrived at `now`, seconds.
-
-        Raises
-        ------
-        ProtocolError
-            No alignment fits for a long stretch.
-        """
+        """Scans whose alignment is certain so far; `data` arrived at `now`, seconds. Raises ProtocolError if no alignment fits
+        for a long stretch."""
         self._buffer += data
         self._arrived.append((len(self._buffer), now))
         if self._mark is None:

@@ -25,15 +25,7 @@ LOUDEST, STEP = 5.0, 0.01
 
 
 class Analyzer:
-    """An analyzer at a link; each kind adds its own commands.
-
-    Parameters
-    ----------
-    port
-        A name as in `isorig.drivers.link.linked`.
-    shows, waits
-        Contents of its displays or traces, and timeouts.
-    """
+    """An analyzer at a link; each kind adds its own commands."""
 
     #: Valid answers to each query, and the command that switches the source off.
     ANSWERS: ClassVar[Mapping[str, WordKind]]

@@ -18,15 +18,8 @@ SHOWN = 60
 
 @dataclass(frozen=True)
 class WordKind:
-    """Valid values of one word of an answer.
-
-    Parameters
-    ----------
-    allowed
-        Description of the valid values, for the message.
-    read
-        Converts a word to its value; None if it is not valid.
-    """
+    """Valid values of one word of an answer: in words, for the message, and a conversion that returns None if a word is not
+    valid."""
 
     allowed: str
     read: Callable[[str], Any]
@@ -63,22 +56,8 @@ def text(longest: int) -> WordKind:
 
 
 def parse(words: Sequence[str], kinds: Sequence[WordKind], *, who: str, command: str) -> tuple[Any, ...]:
-    """The values of the words of an answer.
-
-    Parameters
-    ----------
-    words
-        The words as received.
-    kinds
-        Valid values for each word; an answer must have the same number of words.
-    who, command
-        The port and the command, for the message.
-
-    Raises
-    ------
-    ProtocolError
-        A word is missing, superfluous or invalid.
-    """
+    """The values of the words of an answer, of which there must be as many as kinds; messages name the port `who` and the
+    command. Raises ProtocolError if a word is missing, superfluous or invalid."""
     values = tuple(kind.read(word) for kind, word in zip(kinds, words, strict=False))
     if len(words) != len(kinds) or any(value is None for value in values):
         received = " ".join(words)

@@ -36,18 +36,12 @@ class _Bin(Generic[T]):
 
 
 class Arrivals(Generic[T]):
-    """Compares the number of samples received with the elapsed time, and locates missing samples.
+    """Compares the number of samples received with the elapsed time, and locates missing samples; the rate is in Hz.
 
     Samples arrive late, never early, so the smallest delay in each tenth of a second measures the difference between sample count
     and clock. A smallest delay that steps up and remains there is a loss at that place; one that grows steadily is clock drift.
-    To detect steps that remain, items are returned two seconds late.
-
-    Parameters
-    ----------
-    rate
-        Sample rate of the instrument, Hz.
-    least
-        Smallest loss to search for, in seconds, if shorter losses are detected by other means.
+    To detect steps that remain, items are returned two seconds late. The smallest loss to search for is `least` seconds, if
+    shorter ones are detected by other means.
     """
 
     def __init__(self, rate: float, *, least: float = 0.0) -> None:

@@ -24,19 +24,7 @@ NAME = 80
 
 @dataclass(frozen=True, kw_only=True)
 class Connected:
-    """Something connected.
-
-    Parameters
-    ----------
-    bus
-        How it is reached.
-    port
-        Its port in plans.
-    name
-        Its description by the system.
-    settings
-        Settings of a plan that it determines, e.g. the inputs of an NI device.
-    """
+    """Something connected: its port in plans, its description by the system, and settings of a plan that it determines."""
 
     bus: Bus
     port: str
@@ -138,11 +126,10 @@ def ni_devices() -> list[Connected]:
 
     return [
         Connected(
-            bus="ni", port=port, name=_printable(name),
-            settings={"inputs": inputs} | ({"output": outputs[0]} if outputs else {}),
+            bus="ni", port=port, name=_printable(name), settings={"inputs": inputs} | ({"output": outputs[0]} if outputs else {})
         )
         for port, (name, inputs, outputs) in devices().items()
-    ]  # fmt: skip
+    ]
 
 
 def sound_devices() -> list[Connected]:

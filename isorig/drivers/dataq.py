@@ -35,15 +35,7 @@ STALE = 50
 
 
 class DataqInstrument:
-    """A DI-1100 at a serial port.
-
-    Parameters
-    ----------
-    port
-        Path or URL.
-    settings, waits
-        The settings of the plan, and the timeouts.
-    """
+    """A DI-1100 at a serial port, by its path or URL."""
 
     def __init__(self, port: str, settings: DataqSettings, waits: Waits = WAITS) -> None:
         self._port = Port(port, baud_rate=115200, waits=waits)
@@ -135,9 +127,7 @@ class DataqInstrument:
 
     def _begin(self) -> None:
         inputs = len(self.inputs)
-        self._alignment = Alignment(
-            inputs, self._settings.bits, self._port.name, counted=self._settings.counter is not None
-        )  # fmt: skip
+        self._alignment = Alignment(inputs, self._settings.bits, self._port.name, counted=self._settings.counter is not None)
         self._marks = None if self._settings.counter is None else Marks(self._rate, self._settings.counter)
         least = 0.0 if self._marks is None else self._marks.reach / self._rate
         self._arrivals: Arrivals[Stretch] = Arrivals(self._rate, least=least)

@@ -56,21 +56,8 @@ class FramedSettings(Settings, frozen=True):
 
 
 class FramedInstrument:
-    """An instrument on a serial line or any other port that pyserial can open (a path, `socket://127.0.0.1:port`).
-
-    Parameters
-    ----------
-    port
-        Path or URL.
-    settings, waits
-        The settings of the plan, and the timeouts.
-
-    Raises
-    ------
-    ConnectionLostError
-        The port cannot be opened, or there is no answer.
-    ProtocolError
-        The answer is from another protocol.
+    """An instrument on a serial line or any other port that pyserial can open (a path, `socket://127.0.0.1:port`). Raises
+    ConnectionLostError if the port cannot be opened, or there is no answer; ProtocolError if the answer is from another protocol.
     """
 
     def __init__(self, port: str, settings: FramedSettings, waits: Waits = WAITS) -> None:
@@ -118,13 +105,7 @@ class FramedInstrument:
         return self._rate
 
     def set_gain(self, gain: float) -> None:
-        """Set the drive gain of the next run.
-
-        Raises
-        ------
-        SettingError
-            The instrument answers with another gain.
-        """
+        """Set the drive gain of the next run. Raises SettingError if the instrument answers with another gain."""
         (reply,) = self._ask(f"GAIN {gain:.9g}")
         if abs(reply - gain) > GAIN_STEP * abs(gain):
             raise SettingError(
@@ -148,9 +129,7 @@ class FramedInstrument:
         self._warnings, self._counted = [], None
         began = time.monotonic()
         (first,) = self._ask("START", patience=self._waits.start, tries=1)
-        self._order = Order(
-            who=self._name, began=began, first=first, rate=self._rate, real_time=in_real_time(self)
-        )  # fmt: skip
+        self._order = Order(who=self._name, began=began, first=first, rate=self._rate, real_time=in_real_time(self))
 
     def read(self, timeout: float) -> Block | None:
         """The next block, or None if none arrives within `timeout` seconds."""
@@ -234,7 +213,7 @@ class FramedInstrument:
 
     def _exchange(
         self, command: str, *, drive: Values | None = None, patience: float | None = None, tries: int = TRIES
-    ) -> list[str]:  # fmt: skip
+    ) -> list[str]:
         # The words of a command's answer after the first. Commands may be received twice, so each is repeated until answered.
         if not (command.isascii() and command.isprintable()):
             raise SettingError(f"{command!r} cannot be sent to {self._name}; use ASCII in the plan's names")

@@ -148,20 +148,8 @@ class _Line:
 
 
 class LinesInstrument:
-    """An instrument that sends lines of numbers.
-
-    Parameters
-    ----------
-    port
-        A name as in `isorig.drivers.link.linked`; without a command that asks for lines, a serial line or a socket.
-    settings, waits
-        The settings of the plan, and the timeouts.
-
-    Raises
-    ------
-    SettingError
-        The port cannot send lines unasked.
-    """
+    """An instrument that sends lines of numbers; without a command that asks for them, at a serial line or a socket. Raises
+    SettingError if the port cannot send lines unasked."""
 
     def __init__(self, port: str, settings: LinesSettings, waits: Waits = WAITS) -> None:
         self._settings = settings
@@ -447,9 +435,7 @@ class LinesInstrument:
                 first_tick=last.first_tick, samples=joined, host_time=lines[-1].host, device_time=last.device_time, status=status
             )
             return
-        self._ready.append(
-            Block(first_tick=tick, samples=samples, host_time=lines[-1].host, device_time=seconds, status=status)
-        )  # fmt: skip
+        self._ready.append(Block(first_tick=tick, samples=samples, host_time=lines[-1].host, device_time=seconds, status=status))
 
     def _flush(self) -> None:
         self._discard_doubtful()

@@ -4,58 +4,24 @@ from __future__ import annotations
 
 import re
 import time
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from isorig.drivers.port import Port
 from isorig.drivers.waits import WAITS, Waits
+
+if TYPE_CHECKING:
+    from isorig.drivers.prologix import PrologixLink
+    from isorig.drivers.visa import VisaLink
 
 #: Names of VISA resources, and of a GPIB address at an adapter: GPIB::11@/dev/ttyUSB0.
 RESOURCE = re.compile(r"(GPIB|TCPIP|USB|ASRL|PXI|VXI)[^@]*::[^@]+", re.IGNORECASE)
 ADAPTED = re.compile(r"GPIB\d*::(\d{1,2})(::INSTR)?@(.+)", re.IGNORECASE)
 
 
-class CommandLink(Protocol):
-    """A connection for commands and their answers.
-
-    Its methods raise ConnectionLostError if the instrument is gone or late, ProtocolError if it sends what was not requested.
-    """
-
-    @property
-    def name(self) -> str:
-        """Its name in plans."""
-
-    @property
-    def bus(self) -> bool:
-        """Whether it transfers messages with an end, as GPIB does; False for a line of bytes."""
-
-    def send(self, command: str) -> None:
-        """Send a command; the link adds its end."""
-
-    def line(self) -> bytes:
-        """The next line of an answer, without LF."""
-
-    def exactly(self, count: int) -> bytes:
-        """The next `count` bytes of an answer."""
-
-    def expect_nothing(self) -> None:
-        """Check that no unexpected answer is waiting, so that no answer is assigned to the wrong command."""
-
-    def clear(self) -> None:
-        """Device clear: the instrument forgets unfinished commands and unread answers; a line is read until it is silent."""
-
-    def status_byte(self) -> int | None:
-        """The status byte by serial poll; None if this link has none, then `*STB?` asks for it."""
-
-    def wait(self, seconds: float) -> None:
-        """Wait until the instrument requests service, at most for `seconds`; a link without service requests just waits."""
-
-    def close(self) -> None:
-        """Close the connection; may be called twice."""
-
-
 class LineLink(Port):
     """A line: any port that pyserial opens."""
 
+    #: Whether it transfers messages with an end, as GPIB does.
     bus = False
 
     def send(self, command: str) -> None:
@@ -63,20 +29,22 @@ class LineLink(Port):
         self.write(command.encode("ascii") + b"\n")
 
     def clear(self) -> None:
-        """Discard input until nothing more arrives."""
+        """Device clear: the instrument forgets unfinished commands and unread answers; a line is read until it is silent."""
         self.drop_input()
 
     def status_byte(self) -> int | None:
-        """A line has no serial poll."""
+        """The status byte by serial poll; None if this link has none, as a line: then `*STB?` asks for it."""
         return None
 
     def wait(self, seconds: float) -> None:
-        """Wait."""
+        """Wait until the instrument requests service, at most for `seconds`; a line just waits."""
         time.sleep(seconds)
 
 
-def linked(name: str, *, baud_rate: int, waits: Waits = WAITS) -> CommandLink:
-    """Open the link that a name in a plan denotes.
+def linked(name: str, *, baud_rate: int, waits: Waits = WAITS) -> LineLink | PrologixLink | VisaLink:
+    """Open the link that a name in a plan denotes; every kind has the methods of `LineLink`.
+
+    They raise ConnectionLostError if the instrument is gone or late, ProtocolError if it sends what was not requested.
 
     Parameters
     ----------

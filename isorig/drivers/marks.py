@@ -19,13 +19,7 @@ SEEN = 3.5
 
 
 class Marks:
-    """Compares the number of scans between two counter steps with the expected number.
-
-    Parameters
-    ----------
-    rate, counter
-        Scan rate and counting rate, Hz.
-    """
+    """Compares the number of scans between two counter steps with the expected number; scan rate and counting rate in Hz."""
 
     def __init__(self, rate: float, counter: float) -> None:
         self._step = rate / counter

@@ -113,12 +113,7 @@ class MtiSettings(Settings, frozen=True):
 class MtiInstrument:
     """An MTi-600 configured to send counter, time, acceleration and status; its rate is part of its configuration.
 
-    Parameters
-    ----------
-    port
-        Port of the adapter, or the channel of another interface.
-    settings, waits
-        The settings of the plan, and the timeouts.
+    The port is that of the adapter, or the channel of another interface.
     """
 
     def __init__(self, port: str, settings: MtiSettings, waits: Waits = WAITS) -> None:

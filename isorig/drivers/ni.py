@@ -88,20 +88,8 @@ class NiSettings(OutputSettings, frozen=True, kw_only=True):
 
 
 class NiInstrument(AnalogOutput):
-    """A device or chassis of National Instruments.
-
-    Parameters
-    ----------
-    port
-        Its name, e.g. cDAQ1.
-    settings, waits
-        The settings of the plan, and the timeouts.
-
-    Raises
-    ------
-    SettingError
-        The package, NI's runtime, or the device is missing.
-    """
+    """A device or chassis of National Instruments, by its name, e.g. cDAQ1. Raises SettingError if the package, NI's runtime, or
+    the device is missing."""
 
     def __init__(self, port: str, settings: NiSettings, waits: Waits = WAITS) -> None:
         self._ni, self._errors = _package()
@@ -380,12 +368,7 @@ class NiInstrument(AnalogOutput):
 
 def devices() -> dict[str, tuple[str, list[str], list[str]]]:
     """Devices of this computer with analog inputs: by port the name, the inputs and the outputs; modules belong to their chassis.
-
-    Raises
-    ------
-    SettingError
-        The package or NI's runtime is missing.
-    """
+    Raises SettingError if the package or NI's runtime is missing."""
     package, errors = _package()
     found: dict[str, tuple[str, list[str], list[str]]] = {}
     try:

@@ -122,12 +122,7 @@ class Order:
 
     def place(self, reading: BlockHeader) -> Place | None:
         """Position of a block; None if it is a duplicate, of an earlier run, or so late that its ticks already count as lost.
-
-        Raises
-        ------
-        InstrumentError
-            The instrument was restarted, or the position cannot be determined.
-        """
+        Raises InstrumentError if the instrument was restarted, or the position cannot be determined."""
         key = (reading.counter, reading.sequence, reading.clock, reading.rows, reading.mark)
         if key in self._seen or self._is_early(reading):
             return None

@@ -25,26 +25,10 @@ SCHEMES = ("socket", "rfc2217")
 
 
 class Port:
-    """One end of a serial line.
+    """One end of a serial line: a path like /dev/ttyACM0 with a baud rate, or a URL like socket://127.0.0.1:4000.
 
     Its methods raise ConnectionLostError if the instrument is gone or late, or accepts no bytes; ProtocolError if it sends what
-    was not requested.
-
-    Parameters
-    ----------
-    name
-        A path like /dev/ttyACM0, or a URL like socket://127.0.0.1:4000.
-    baud_rate
-        Baud rate of a real serial line.
-    waits
-        Its timeouts.
-
-    Raises
-    ------
-    SettingError
-        The name is not a port.
-    ConnectionLostError
-        The port cannot be opened.
+    was not requested. Raises SettingError if the name is not a port; ConnectionLostError if the port cannot be opened.
     """
 
     def __init__(self, name: str, *, baud_rate: int, waits: Waits = WAITS) -> None:
@@ -161,13 +145,7 @@ class Port:
 
 
 def check_name(name: str) -> None:
-    """Check a port's name before anything is opened.
-
-    Raises
-    ------
-    SettingError
-        It is neither a path nor a URL with host and port.
-    """
+    """Check a port's name before anything is opened. Raises SettingError if it is neither a path nor a URL with host and port."""
     if not name or not name.isprintable():
         raise SettingError(f"{name!r} is not a port; give a path like /dev/ttyACM0, or socket://127.0.0.1:4000")
     if "://" not in name:

@@ -15,9 +15,7 @@ ESCAPE = bytes([27])
 SPECIAL = b"\x1b\r\n+"
 #: Set-up: controller, not saved, no read without request, LF and EOI at the end of commands, no character added to answers,
 #: clear the bus. The adapter gives up a read after 3 s of silence, its maximum: later than the driver does.
-SET_UP = (
-    "++savecfg 0", "++mode 1", "++auto 0", "++eos 2", "++eoi 1", "++eot_enable 0", "++read_tmo_ms 3000", "++ifc",
-)  # fmt: skip
+SET_UP = ("++savecfg 0", "++mode 1", "++auto 0", "++eos 2", "++eoi 1", "++eot_enable 0", "++read_tmo_ms 3000", "++ifc")
 #: Highest primary address of a GPIB device (IEEE 488.1).
 HIGHEST = 30
 #: Message available: the bit of the status byte while an answer waits (IEEE 488.2).
@@ -27,26 +25,8 @@ POLL = 0.05
 
 
 class PrologixLink:
-    """A GPIB address at an adapter.
-
-    Parameters
-    ----------
-    name
-        Its name in the plan.
-    port
-        Path or URL of the adapter.
-    address
-        Primary address.
-    waits
-        Its timeouts.
-
-    Raises
-    ------
-    SettingError
-        There is no such address or port.
-    ConnectionLostError, ProtocolError
-        The port cannot be opened, or there is no adapter.
-    """
+    """The GPIB device at an address of the adapter at a port. Raises SettingError if there is no such address or port;
+    ConnectionLostError or ProtocolError if the port cannot be opened, or there is no adapter."""
 
     bus = True
 

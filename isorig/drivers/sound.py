@@ -88,20 +88,8 @@ class SoundSettings(OutputSettings, frozen=True, kw_only=True):
 
 
 class SoundInstrument(AnalogOutput):
-    """A sound interface.
-
-    Parameters
-    ----------
-    port
-        Its name in the list of `rig instruments`, or a part of it that no other has.
-    settings, waits
-        The settings of the plan, and the timeouts.
-
-    Raises
-    ------
-    SettingError
-        The package, PortAudio or the interface is missing.
-    """
+    """A sound interface, by its name in the list of `rig instruments`, or a part of it that no other has. Raises SettingError if
+    the package, PortAudio or the interface is missing."""
 
     def __init__(self, port: str, settings: SoundSettings, waits: Waits = WAITS) -> None:
         self._sound = _package()
@@ -305,13 +293,7 @@ class SoundInstrument(AnalogOutput):
 
 
 def devices() -> list[tuple[str, str]]:
-    """Sound interfaces with inputs: name and description.
-
-    Raises
-    ------
-    SettingError
-        The package or PortAudio is missing.
-    """
+    """Sound interfaces with inputs: name and description. Raises SettingError if the package or PortAudio is missing."""
     package = _package()
     hosts = package.query_hostapis()
     return [

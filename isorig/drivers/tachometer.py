@@ -13,18 +13,8 @@ from isorig.drivers.block import FloatArray
 class Tachometer:
     """Counts rising edges on the clock of the inputs: its sample k belongs to their sample k.
 
-    Parameters
-    ----------
-    package
-        NI's package `nidaqmx`.
-    counter
-        The counter, e.g. cDAQ1/_ctr0.
-    terminal
-        Where the pulses arrive, e.g. /cDAQ1/PFI1; the counter's default without it.
-    rate, clock
-        Rate of the inputs in Hz, and the terminal of their sample clock.
-    buffer
-        Samples kept for the host.
+    The pulses arrive at a terminal, that of the counter by default. The inputs have a rate in Hz, and `buffer` samples are kept
+    for the host.
     """
 
     def __init__(self, package: Any, counter: str, terminal: str, *, rate: float, clock: str, buffer: int) -> None:

@@ -68,18 +68,8 @@ class _Bits:
 
 
 def decode(data: bytes) -> Teds:
-    """The data sheet in a sensor's memory.
-
-    Parameters
-    ----------
-    data
-        The memory without checksums, lowest bit first.
-
-    Raises
-    ------
-    ProtocolError
-        It holds none.
-    """
+    """The data sheet in a sensor's memory, which is given without checksums, lowest bit first. Raises ProtocolError if it holds
+    none."""
     if len(data) > LARGEST or 8 * len(data) < BASIC or not any(data) or set(data) == {0xFF}:
         raise ProtocolError(f"the sensor's memory of {len(data)} bytes holds no data sheet; give the sensor's values by hand")
     bits = _Bits(data)

@@ -31,13 +31,7 @@ SLOWEST = 9600
 
 
 def manager() -> ResourceManager:
-    """PyVISA's resource manager.
-
-    Raises
-    ------
-    SettingError
-        The package, or the library of its backend, is missing.
-    """
+    """PyVISA's resource manager. Raises SettingError if the package, or the library of its backend, is missing."""
     try:
         import pyvisa
     except ImportError:
@@ -55,24 +49,8 @@ def manager() -> ResourceManager:
 
 
 class VisaLink:
-    """A VISA resource.
-
-    Parameters
-    ----------
-    name
-        Its name, e.g. GPIB0::11::INSTR, TCPIP0::192.168.1.5::INSTR, ASRL/dev/ttyUSB0::INSTR.
-    baud_rate
-        Baud rate of a serial resource.
-    waits
-        Its timeouts.
-
-    Raises
-    ------
-    SettingError
-        PyVISA is missing.
-    ConnectionLostError
-        The resource cannot be opened.
-    """
+    """A VISA resource by its name, e.g. GPIB0::11::INSTR, TCPIP0::192.168.1.5::INSTR, ASRL/dev/ttyUSB0::INSTR. Raises
+    SettingError if PyVISA is missing; ConnectionLostError if the resource cannot be opened."""
 
     def __init__(self, name: str, *, baud_rate: int = SLOWEST, waits: Waits = WAITS) -> None:
         self.name, self._waits = name, waits

@@ -55,13 +55,7 @@ class OutputSettings(Settings, frozen=True):
 
 
 class AnalogOutput:
-    """The drive of an instrument with an analog output, which plays it and does not lock the rig.
-
-    Parameters
-    ----------
-    name, settings
-        The instrument, for messages, and the settings of the output.
-    """
+    """The drive of an instrument with an analog output, which plays it and does not lock the rig."""
 
     def __init__(self, name: str, settings: OutputSettings) -> None:
         self._name, self._output_settings = name, settings
@@ -89,19 +83,8 @@ class AnalogOutput:
 class Voltage:
     """A drive in volts, which fades in from its first value that is not zero and out to its last; zero outside.
 
-    Parameters
-    ----------
-    drive, factor
-        The drive at gain 1, and volts per unit of it, with the gain of the run.
-    limit, ramp
-        Largest voltage, V, and samples of the fade.
-    who
-        The instrument, for the message.
-
-    Raises
-    ------
-    SettingError
-        The drive exceeds the limit, or is not finite.
+    `factor` is in volts per unit of the drive, with the gain of the run; the limit is in V, the ramp in samples. Raises
+    SettingError if the drive exceeds the limit, or is not finite.
     """
 
     def __init__(self, drive: Values, *, factor: float, limit: float, ramp: int, who: str) -> None:

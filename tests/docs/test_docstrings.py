@@ -16,10 +16,11 @@ from isorig import names
 from isorig.analysis import errors as analysis_errors
 from isorig.drivers import errors as driver_errors
 from isorig.rig import errors as rig_errors
+from isorig.rig.acquire import locks
 from isorig.rig.files import hdf_walk
 
-#: Where a short name of an exception comes from; `hdf_walk` runs alone and has its own.
-EXCEPTIONS = (builtins, analysis_errors, driver_errors, rig_errors, hdf_walk)
+#: Where a short name of an exception comes from; `hdf_walk`, which runs alone, and `locks` have their own.
+EXCEPTIONS = (builtins, analysis_errors, driver_errors, rig_errors, hdf_walk, locks)
 SECTION = griffe.DocstringSectionKind
 Described = griffe.Function | griffe.Class
 
@@ -62,7 +63,9 @@ def untrue(item: Described) -> list[str]:
     found = [f"{item.path}: {name!r} is no parameter" for name in told if name not in names]
     if told and isinstance(item, griffe.Function) and not item.name.startswith("_"):
         found += [f"{item.path}: {name} is not described" for name in names if name not in told]
+    assert item.docstring is not None
     raised = [name for entry in entries(item, SECTION.raises) for name in re.findall(r"[^\s(),]+", str(entry.annotation))]
+    raised += re.findall(r"(?<![\w.])[A-Z]\w*Error\b", item.docstring.value)
     return found + [f"{item.path}: {name!r} is no exception" for name in raised if not is_exception(name)]
 
 
@@ -157,6 +160,7 @@ def test_a_missing_shape_or_unit_is_found(text: str, said: list[str]) -> None:
         ("Raises\n------\nRecordingError\n    A file.\nValueError\n    A value.", []),
         ("Raises\n------\nIn one sentence.\n    A file.", ["'In' is no", "'one' is no", "'sentence.' is no exception"]),
         ("Raises\n------\nmsgspec.ValidationError\n    A value.\nPath\n    None.", ["'Path' is no exception"]),
+        ("Raises OSError if the disk is full; DiskFullError if it is not.", ["'DiskFullError' is no exception"]),
     ],
 )
 def test_an_untrue_docstring_is_found(section: str, said: list[str]) -> None:

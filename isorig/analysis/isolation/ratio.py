@@ -294,9 +294,7 @@ def _peaks(piece: Piece, around: tuple[float, float]) -> Peaks:
     size_u, size_k = float(np.abs(unlocked.value[u])), float(np.abs(locked.value[k]))
     relative = float(np.hypot(unlocked.magnitude_std[u] / size_u, locked.magnitude_std[k] / size_k))
     ratio = size_u / size_k
-    return Peaks(
-        unlocked=float(f[u]), locked=float(f[k]), ratio=ratio, std=ratio * relative, by_line=float(piece.ratio[u])
-    )  # fmt: skip
+    return Peaks(unlocked=float(f[u]), locked=float(f[k]), ratio=ratio, std=ratio * relative, by_line=float(piece.ratio[u]))
 
 
 def stuck_share(model: RigModel, run: Run, link: str = "isolation") -> float:

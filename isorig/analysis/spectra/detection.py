@@ -19,16 +19,8 @@ from isorig.analysis.spectra.periodic import driven_lines, settled_periods
 class Detection:
     """Composition of a response within the band of the drive, relative to the rms at the excited frequencies.
 
-    Parameters
-    ----------
-    response
-        Channel name.
-    periods
-        Whole periods after the first.
-    noise
-        rms noise in a frequency bin of one period.
-    odd, even
-        rms distortion in a frequency bin that is not excited, corrected for noise.
+    Noise is the rms in a frequency bin of one period; odd and even distortion are the rms in a bin that is not excited, corrected
+    for noise. There were so many whole periods after the first.
     """
 
     response: str
@@ -39,13 +31,8 @@ class Detection:
 
 
 def detect(run: Run, *, response: str, reference: str) -> Detection:
-    """Separate noise and distortion in a run with a periodic drive.
-
-    Raises
-    ------
-    DataError
-        The run has no period, too few of them, no drive, or one that excites every frequency.
-    """
+    """Separate noise and distortion in a run with a periodic drive. Raises DataError if the run has no period, too few of them,
+    no drive, or one that excites every frequency."""
     drive, answer = settled_periods(run, (reference, response))
     count = len(answer)
     line = np.arange(drive.shape[1])

@@ -48,14 +48,9 @@ class HalfPower:
 
 
 def half_power(frf: Frf, band: tuple[float, float]) -> HalfPower:
-    """The damping ratio (f_high - f_low) / (2 f0) at the highest peak in a band, with interpolation between frequency bins.
+    """The damping ratio (f_high - f_low) / (2 f0) at the highest peak in a band (Hz), with interpolation between frequency bins.
 
-    Parameters
-    ----------
-    frf
-        A transfer function; bins outside the band are searched for neighbouring peaks.
-    band
-        Search range for the peak, Hz.
+    Bins outside the band are searched for neighbouring peaks.
 
     Notes
     -----

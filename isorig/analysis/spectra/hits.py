@@ -96,15 +96,7 @@ class Pulses:
 
 
 def pulses(run: Run, reference: str) -> Pulses | None:
-    """The pulses of a hammer's force, or None if the channel is not a hammer's.
-
-    Parameters
-    ----------
-    run
-        The run; the whole channel is read.
-    reference
-        The channel of the force.
-    """
+    """The pulses of a hammer's force in a whole run, or None if the channel is not a hammer's."""
     if len(run) < SHORTEST or len(run.channel(reference)) < SHORTEST:
         return None
     values = run.read(reference)
@@ -178,21 +170,10 @@ def longest_record(found: Sequence[Pulses], runs: Sequence[Run]) -> int:
     return int(np.quantile(room, 1.0 - WHOLE) / (1.0 + BEFORE))
 
 
-def checked(
-    run: Run, reference: str, responses: Sequence[str], blows: Pulses, length: int, median: float
-) -> list[Hit]:  # fmt: skip
-    """Every hit of a run, with its faults.
+def checked(run: Run, reference: str, responses: Sequence[str], blows: Pulses, length: int, median: float) -> list[Hit]:
+    """Every hit of a run in records of `length` samples, with its faults.
 
-    Parameters
-    ----------
-    run, reference, responses
-        The run, the channel of the force, and the responses.
-    blows
-        Its pulses.
-    length
-        Samples of a record.
-    median
-        Of the hits' highest forces, in the channel's unit.
+    `median` is that of the hits' highest forces, in the channel's unit.
     """
     force = blows.sign * (run.read(reference) - blows.offset)
     unit, rate = run.channel(reference).unit, run.sample_rate
@@ -232,10 +213,9 @@ def checked(
         last = first + length if reason != "too soon" else int(end)
         hits.append(
             Hit(
-                run=run.id, seconds=top / rate, peak=peak, first=first, pulse_end=after, rejected=reason, text=text,
-                moving=moving,
+                run=run.id, seconds=top / rate, peak=peak, first=first, pulse_end=after, rejected=reason, text=text, moving=moving
             )
-        )  # fmt: skip
+        )
     return hits
 
 

@@ -83,14 +83,8 @@ def error_moments(
 def record_moments(variance: FloatArray, decay: float, before: float) -> tuple[ComplexArray, ComplexArray]:
     """The same for transforms of whole records that start and end at rest, so that only noise remains.
 
-    Parameters
-    ----------
-    variance
-        Of the complex value in each bin, shape (bins,).
-    decay
-        Exponential window, in 1 / (length of the record): it correlates neighbouring bins.
-    before
-        Share of the record before its pulse, the reference time of the phase.
+    `variance` is that of the complex value in each bin, shape (bins,). An exponential window of `decay`, in 1 / (length of the
+    record), correlates neighbouring bins; `before` is the share of the record before its pulse, the reference time of the phase.
     """
     # The transform of exp(-2 decay u), 0 <= u < 1, at whole bins -d is 2 decay / (2 decay - 2 pi i d) of that at 0.
     apart = min(int(np.ceil(decay / (np.pi * SLIGHT))), len(variance) - 1)

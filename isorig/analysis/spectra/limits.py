@@ -78,14 +78,9 @@ class _Peak(NamedTuple):
 
 
 def magnitude_limits(frf: Frf, reference_density: FloatArray) -> MagnitudeLimits:
-    """95 % limits of the magnitude of a transfer function.
+    """95 % limits of the magnitude of a transfer function from segments or hammer hits.
 
-    Parameters
-    ----------
-    frf
-        An estimate from segments or hammer hits.
-    reference_density
-        Power spectral density of its reference in its bins, unit^2 / Hz, shape (bins,).
+    `reference_density` is the power spectral density of its reference in its bins, unit^2 / Hz, shape (bins,).
 
     Notes
     -----

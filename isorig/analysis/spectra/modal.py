@@ -256,9 +256,9 @@ class _Grid:
 def _candidates(poles: Sequence[Pole]) -> FloatArray:
     # Poles that persist over the orders: the median of the later half of each track, the longest tracks first.
     halves = [track[len(track) // 2 :] for track in persistent(poles)[:CANDIDATES]]
-    return np.array(
-        [(np.median([p.frequency for p in half]), np.median([p.damping for p in half])) for half in halves]
-    ).reshape(-1, 2)  # fmt: skip
+    return np.array([(np.median([p.frequency for p in half]), np.median([p.damping for p in half])) for half in halves]).reshape(
+        -1, 2
+    )
 
 
 def persistent(poles: Sequence[Pole]) -> list[list[Pole]]:
@@ -269,7 +269,7 @@ def persistent(poles: Sequence[Pole]) -> list[list[Pole]]:
         open_tracks = [track for track in tracks if n - track[-1].order <= GAP + 1]
         pairs = sorted(
             (_pole_distance(track[-1], pole), i, j) for i, track in enumerate(open_tracks) for j, pole in enumerate(fresh)
-        )  # fmt: skip
+        )
         used: set[int] = set()
         taken: set[int] = set()
         for distance, i, j in pairs:

@@ -246,7 +246,7 @@ class _Shape:
 
 def _deviations(
     frf: Frf, shape: _Shape, pairs: FloatArray, amplitudes: FloatArray, sigma: FloatArray, misfit: float
-) -> FloatArray:  # fmt: skip
+) -> FloatArray:
     # Weighted least squares with correlated errors: (J'J)^-1 J'CJ (J'J)^-1, J the weighted derivatives with respect to
     # frequencies, damping ratios and amplitudes.
     columns = shape.columns(pairs)

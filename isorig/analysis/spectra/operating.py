@@ -56,22 +56,10 @@ class OperatingMode(ModeShape):
 
 @dataclass(frozen=True, kw_only=True)
 class OperatingModes:
-    """Result of an operating modal analysis.
+    """Result of an operating modal analysis: modes ascending in frequency, with shapes in the order of the responses.
 
-    Parameters
-    ----------
-    modes
-        Ascending in frequency.
-    responses
-        Channel names, in the order of the shapes.
-    frequency
-        Frequency bins of the band, Hz, shape (bins,).
-    power
-        Power spectral density of each response, unit^2/Hz, shape (responses, bins).
-    poles
-        Of every order: the stabilization diagram.
-    warnings
-        Sentences.
+    `frequency` are the bins of the band, Hz, shape (bins,); `power` is the density of each response, unit^2/Hz, shape (responses,
+    bins); `poles` are those of every order: the stabilization diagram.
     """
 
     modes: tuple[OperatingMode, ...]
@@ -146,16 +134,10 @@ def operating_modes(
 
 
 def envelope_variation(values: FloatArray | ComplexArray, rate: float, frequency: float, damping: float) -> float:
-    """Relative variance of the squared envelope of a signal in a band of a mode's half bandwidths around a frequency.
+    """Relative variance of the squared envelope of a signal, shape (n,), in a band of a mode's half bandwidths around a
+    frequency.
 
-    Parameters
-    ----------
-    values
-        Shape (n,).
-    rate, frequency
-        Hz.
-    damping
-        Half the width of the band relative to the frequency.
+    Rate and frequency are in Hz; `damping` is half the width of the band relative to the frequency.
     """
     n = len(values)
     bins = np.fft.fftfreq(n, 1.0 / rate)

@@ -34,20 +34,13 @@ RESOLVED = 1e-6
 def drives_in_pauses(run: Run, reference: str, begin: IntArray, end: IntArray) -> bool:
     """Whether a response of the rig follows the reference in the second half of the pauses, where vibrations have decayed.
 
-    False where the pauses are too short, the reference is zero there, or the run has no response that is a motion.
-
-    Parameters
-    ----------
-    run, reference
-        The run, and the channel with pulses.
-    begin, end
-        First sample of each pulse and first sample after it, shape (pulses,).
+    False where the pauses are too short, the reference is zero there, or the run has no response that is a motion. Pulses have
+    their first samples in `begin`, the first samples after them in `end`, shape (pulses,).
     """
     size = len(run.channel(reference))
     names = [
-        name for name, channel in run.sensors.items()
-        if name != reference and channel.quantity in MOTION and len(channel) == size
-    ]  # fmt: skip
+        name for name, channel in run.sensors.items() if name != reference and channel.quantity in MOTION and len(channel) == size
+    ]
     records = {name: run.channel(name).read(0, FIRST) for name in (reference, *names)}
     highest = float(np.abs(records[reference]).max())
     # A pulse begins about its own width before it crosses the trigger level.

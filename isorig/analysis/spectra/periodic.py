@@ -54,19 +54,9 @@ class PeriodicFrf:
 
 
 def periodic(runs: Sequence[Run], *, response: str, reference: str) -> PeriodicFrf:
-    """Average runs with a periodic drive; each run is one realization.
+    """Average runs with a periodic drive of one rate and one period; each run is one realization.
 
-    Parameters
-    ----------
-    runs
-        With one rate and one period. Data after a gap are not used.
-    response, reference
-        Channels.
-
-    Raises
-    ------
-    DataError
-        A run has no period or too few of them, or the runs are incompatible.
+    Data after a gap are not used. Raises DataError if a run has no period or too few of them, or the runs are incompatible.
     """
     if not runs:
         raise DataError("no run was given; give at least one")
@@ -105,13 +95,8 @@ def periodic(runs: Sequence[Run], *, response: str, reference: str) -> PeriodicF
 
 
 def settled_periods(run: Run, names: Sequence[str]) -> tuple[ComplexArray, ...]:
-    """Spectra of channels in each period of a run after the transient, each shape (periods, bins).
-
-    Raises
-    ------
-    DataError
-        The run has no period or too few of them.
-    """
+    """Spectra of channels in each period of a run after the transient, each shape (periods, bins). Raises DataError if the run
+    has no period or too few of them."""
     if run.period is None:
         raise DataError(f"run {run.id!r} has no period; give a run with a periodic drive that states its period")
     start, stop = next(stretches(run))
@@ -127,13 +112,7 @@ def settled_periods(run: Run, names: Sequence[str]) -> tuple[ComplexArray, ...]:
 
 
 def driven_lines(drives: Sequence[ComplexArray], where: str) -> IntArray:
-    """The frequency bins in which every one of the mean drives has power.
-
-    Raises
-    ------
-    DataError
-        There is none.
-    """
+    """The frequency bins in which every one of the mean drives has power. Raises DataError if there is none."""
     power = np.min([np.abs(drive) ** 2 for drive in drives], axis=0)
     power[0] = 0.0
     kept: NDArray[np.bool_] = power > DRIVEN * power.max()

@@ -40,7 +40,7 @@ class Pole:
 
 def poles_by_order(
     values: ComplexArray, frequency: FloatArray, weights: FloatArray, order: int | None = None
-) -> tuple[Pole, ...]:  # fmt: skip
+) -> tuple[Pole, ...]:
     """The poles at every order from 1 up.
 
     Parameters
@@ -72,7 +72,7 @@ def poles_by_order(
 
 def _normal_blocks(
     values: ComplexArray, frequency: FloatArray, weights: FloatArray, most: int
-) -> list[tuple[ComplexArray, ComplexArray, ComplexArray]]:  # fmt: skip
+) -> list[tuple[ComplexArray, ComplexArray, ComplexArray]]:
     # For each response the sums over bins of basis * basis, basis * H and H * H, each for all powers up to `most`.
     turn = -2j * np.pi * CIRCLE / (frequency[-1] - frequency[0])
     basis = np.exp(turn * np.outer(frequency - frequency[0], np.arange(most + 1)))

@@ -124,7 +124,7 @@ def solve(data: Data, pairs: FloatArray) -> SolvedPoles:
             gains[m] += float(amplitudes[own] @ np.linalg.pinv(covariance[own, own]) @ amplitudes[own])
     return SolvedPoles(
         pairs=pairs, residues=residues, background=background, chi2=chi2, normal=normal, gradient=gradient, gains=gains
-    )  # fmt: skip
+    )
 
 
 def _columns(data: Data, pairs: FloatArray) -> tuple[ComplexArray, list[ComplexArray]]:

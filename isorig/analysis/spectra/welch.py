@@ -224,7 +224,7 @@ class Spectra:
 
 def _group_changes(
     spectra: Spectra, response: str, references: tuple[str, ...], j: int, estimator: Estimator, frequency: FloatArray
-) -> ComplexArray:  # fmt: skip
+) -> ComplexArray:
     # Leaving a group out changes the estimate by 1 / (1 - h) times its contribution, h being its share of the power. The root
     # of that factor makes the sum of squares unbiased (HC2 of MacKinnon and White 1985).
     row, lines = spectra.channels.index(references[j]), np.searchsorted(spectra.frequency, frequency - 0.5 * spectra.resolution)
@@ -336,15 +336,15 @@ def frfs_on_common_lines(frfs: Sequence[Frf]) -> list[Frf]:
     lines, spacing = common_lines(frfs)
     return [
         replace(
-            frf, frequency=lines, resolution=spacing,
+            frf,
+            frequency=lines,
+            resolution=spacing,
             **{
-                name: _moved(frf.frequency, rows[None], lines)[0]
-                for name in FRF_ROWS
-                if (rows := getattr(frf, name)) is not None
+                name: _moved(frf.frequency, rows[None], lines)[0] for name in FRF_ROWS if (rows := getattr(frf, name)) is not None
             },
         )
         for frf in frfs
-    ]  # fmt: skip
+    ]
 
 
 def _on_lines(part: Spectra, lines: FloatArray, spacing: float) -> Spectra:
@@ -412,13 +412,8 @@ class RunningSpectra:
 
 
 def merged(parts: Sequence[Spectra]) -> Spectra:
-    """The average of spectra with the same channels and bins, weighted by their segments.
-
-    Raises
-    ------
-    DataError
-        They have different channels or bins.
-    """
+    """The average of spectra with the same channels and bins, weighted by their segments. Raises DataError if they have different
+    channels or bins."""
     first = parts[0]
     if any(part.channels != first.channels or not np.array_equal(part.frequency, first.frequency) for part in parts):
         raise DataError("the spectra have different channels or frequency bins; average compatible spectra only")

@@ -22,12 +22,8 @@ NEAR, SERIES = 0.1, [1.0 / factorial(k + 2) for k in reversed(range(9))]
 class WindowEffect:
     """The window of an estimated transfer function.
 
-    Parameters
-    ----------
-    window, span
-        The window of the segments and their duration in s; none for transforms of whole records.
-    decay
-        Rate of an exponential window, 1/s.
+    The window of the segments and their duration in s, none for transforms of whole records, and the rate of an exponential
+    window, 1/s.
     """
 
     window: Window | None = None

@@ -94,13 +94,7 @@ OVERLAP_MOST = 0.95
 
 
 def window_named(name: str) -> Window:
-    """The window of that name.
-
-    Raises
-    ------
-    DataError
-        There is none.
-    """
+    """The window of that name. Raises DataError if there is none."""
     if name not in WINDOWS:
         raise DataError(f"there is no window {name!r}; there are {', '.join(get_args(WindowName))}, so give one of these")
     return WINDOWS[name]

@@ -53,10 +53,7 @@ class DatedChange:
 def dated(value: FloatArray, variance: FloatArray) -> tuple[int, int, int]:
     """The first index after a single step, and the ends of its 95 % interval.
 
-    Parameters
-    ----------
-    value, variance
-        The series and the variance of each value about its level, shape (n,), n at least 2.
+    The series has two values or more, and `variance` is that of each about its level, shape (n,).
 
     Notes
     -----
@@ -90,14 +87,8 @@ def _parts(value: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArra
 def described(time: FloatArray, value: FloatArray, variance: FloatArray, *, alarm: int, begin: int = 0) -> DatedChange:
     """The change in a series that contains one, with its date, its size and its kind.
 
-    Parameters
-    ----------
-    time, value, variance
-        The series from the change before it to the one after it, shape (n,), n at least 2.
-    alarm
-        Index of the campaign that raised the alarm.
-    begin
-        Index of the first of these campaigns, if more precede them.
+    The series is that from the change before it to the one after it, shape (n,), n at least 2. The campaign `alarm` raised the
+    alarm; the first of these campaigns is `begin`.
     """
     weight = 1.0 / variance
     first, earliest, latest = dated(value, variance)

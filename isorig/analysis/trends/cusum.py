@@ -27,12 +27,8 @@ LONGEST = 1e12
 def run_length(threshold: float, slack: float, scale: FloatArray | float = 1.0) -> FloatArray:
     """Mean number of campaigns to a false alarm of one side, starting from zero; `LONGEST` if it is longer.
 
-    Parameters
-    ----------
-    threshold, slack
-        Of the chart, in the standard deviations by which z was divided.
-    scale
-        True standard deviation of z (1 if it is known exactly), shape (n,) or scalar.
+    Threshold and slack are in the standard deviations by which z was divided; `scale` is the true standard deviation of z (1 if
+    it is known exactly), shape (n,) or scalar.
 
     Returns
     -------
@@ -73,12 +69,8 @@ def thresholds(rate: float, freedom: float = np.inf) -> tuple[float, ...]:
     """A threshold for each of `POLICY.slacks`, so that all together raise at most this many false alarms per campaign.
 
     Each chart gets an equal share. No threshold is so low that a single campaign could exceed it (`POLICY.clip`), so for a high
-    allowed rate there are fewer alarms.
-
-    Raises
-    ------
-    DataError
-        The rate is not between 0 and 1, or the standard deviation has fewer than `POLICY.fewest_freedom` degrees of freedom.
+    allowed rate there are fewer alarms. Raises DataError if the rate is not between 0 and 1, or the standard deviation has fewer
+    than `POLICY.fewest_freedom` degrees of freedom.
     """
     if not 0.0 < rate < 1.0:
         raise DataError(f"the rate is {rate:g} false alarms per campaign; give one above 0 and below 1")
@@ -124,12 +116,7 @@ class Alarms:
 def alarms(value: FloatArray, variance: FloatArray, limits: Sequence[float]) -> Alarms:
     """Apply the charts to a series.
 
-    Parameters
-    ----------
-    value, variance
-        The series and the variance of each value about its level, shape (n,).
-    limits
-        Thresholds in the order of `POLICY.slacks`.
+    `variance` is that of each value about its level, shape (n,); the limits are in the order of `POLICY.slacks`.
 
     Notes
     -----

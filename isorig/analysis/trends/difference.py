@@ -58,12 +58,8 @@ class CauseOfChange:
 class ProblemWithPriors(Problem):
     """The residuals of a campaign, with the earlier fit as further residuals: distances in standard deviations.
 
-    Parameters
-    ----------
-    trials
-        The prepared runs.
-    known
-        Parameters of the earlier fit that may scatter: fitted parameter, its search coordinate, and its standard deviation there.
+    `known` are the parameters of the earlier fit that may scatter: fitted parameter, its search coordinate, and its standard
+    deviation there.
     """
 
     def __init__(self, trials: Sequence[Trial], known: Sequence[tuple[Free, float, float]]) -> None:

@@ -17,17 +17,8 @@ from isorig.analysis.trends.series import Series
 
 @dataclass(frozen=True, kw_only=True)
 class Followed:
-    """Result for one parameter.
-
-    Parameters
-    ----------
-    changes
-        In order of time.
-    level, std
-        The present level and its standard deviation.
-    alone
-        Indices of outlying campaigns between regular neighbours.
-    """
+    """Result for one parameter: its changes in order of time, its present level, and outlying campaigns between regular
+    neighbours."""
 
     changes: tuple[DatedChange, ...]
     level: float
@@ -36,16 +27,9 @@ class Followed:
 
 
 def follow(series: Series, between: float, limits: Sequence[float]) -> Followed:
-    """Search for changes in a series.
+    """Search for changes in a series of one campaign or more, with a campaign-to-campaign variance.
 
-    Parameters
-    ----------
-    series
-        At least one campaign.
-    between
-        Campaign-to-campaign variance.
-    limits
-        The thresholds of the charts (`isorig.analysis.trends.cusum.thresholds`).
+    The limits are the thresholds of the charts (`isorig.analysis.trends.cusum.thresholds`).
     """
     variance = series.variance(between)
     raised = alarms(series.value, variance, limits)

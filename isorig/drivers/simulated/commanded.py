@@ -65,15 +65,7 @@ class Commanded:
 
 
 class Streaming(Commanded):
-    """Streams samples while it is running, with faults on request; `sent` ticks were due so far.
-
-    Parameters
-    ----------
-    rate
-        Hz.
-    asked
-        Its speed, the length of its signal, and its faults.
-    """
+    """Streams samples at a rate in Hz while it is running, with faults on request; `sent` ticks were due so far."""
 
     #: The faults that it has, and its name in a refusal of others.
     FAULTS = frozenset({"drop", "duplicate", "corrupt", "stall", "overload", "unplug_after", "first_tick", "ppm"})

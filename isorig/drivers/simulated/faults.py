@@ -48,13 +48,7 @@ class Faults:
     seed: int = 0
 
     def only(self, known: Collection[str], who: str) -> Faults:
-        """These faults, if an instrument supports them.
-
-        Raises
-        ------
-        SettingError
-            A requested fault is not supported.
-        """
+        """These faults, if an instrument supports them. Raises SettingError if a requested fault is not supported."""
         asked = [f.name for f in fields(self) if f.name != "seed" and getattr(self, f.name) != f.default]
         unknown = next((name for name in asked if name not in known), None)
         if unknown is not None:

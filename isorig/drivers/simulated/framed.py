@@ -36,18 +36,9 @@ class Plant(Protocol):
 
 
 class SimulatedFramed(Streaming):
-    """Answers commands and streams frames; `runs` were started so far.
+    """Answers commands and streams frames of `rows` samples; `runs` were started so far.
 
     The signal is as long as the drive; with a drive of a single sample, it continues until it is stopped.
-
-    Parameters
-    ----------
-    plant
-        The simulated system.
-    asked
-        Its speed and its faults.
-    rows
-        Samples per frame.
     """
 
     FAULTS, NAME = Streaming.FAULTS | {"turn_after"}, "a framed instrument"

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Protocol
 
-from isorig.drivers.simulated.wire import PtyWire, Wire
+from isorig.drivers.simulated.wire import PtyWire
 
 #: Bytes that may wait for the connection before a peer is asked for more.
 BACKLOG = 1 << 12
@@ -67,7 +67,7 @@ class TcpWire:
         self._listening.close()
 
 
-def exchange(wire: Wire, peer: Peer, over: Callable[[], bool]) -> None:
+def exchange(wire: PtyWire | TcpWire, peer: Peer, over: Callable[[], bool]) -> None:
     """Transfer bytes between a connection and a peer until `over`, or until the peer is unplugged."""
     waiting, busy = b"", False
     while not over():

@@ -28,14 +28,9 @@ def axes(acceleration: FloatArray) -> Raw:
 
 
 class SimulatedDataq(Streaming):
-    """A DI-1100: echoes commands and streams the signal of a source.
+    """A DI-1100: echoes commands and streams the signal of a source, int16 counts of all inputs.
 
-    Parameters
-    ----------
-    source
-        Returns the counts of all inputs, int16.
-    asked
-        Its options; `drop` is the probability per second of signal that half of its scans are acquired and not sent.
+    The fault `drop` is the probability per second of signal that half of its scans are acquired and not sent.
     """
 
     END, NAME = b"\r", "a DI-1100"
@@ -102,15 +97,8 @@ def slcan(frame: tuple[int, bytes]) -> bytes:
 
 
 class SimulatedSlcan(Streaming):
-    """A serial CAN adapter with an MTi-600 on its bus.
-
-    Parameters
-    ----------
-    source
-        Returns the counts of three axes, int16.
-    asked
-        Its options; the faults are those of the adapter's frames.
-    """
+    """A serial CAN adapter with an MTi-600 on its bus; faults are those of its frames, and the source returns counts of three
+    axes."""
 
     END, NAME = b"\r", "an MTi-600"
 
@@ -143,12 +131,7 @@ class SimulatedSlcan(Streaming):
 class SimulatedLines(Streaming):
     """A microcontroller that sends lines "count,milliseconds,volts..." between `go` and `halt`, with a counter of 16 bits.
 
-    Parameters
-    ----------
-    source
-        Returns the voltages of all inputs.
-    asked
-        Its options; the faults are those of its lines.
+    Faults are those of its lines.
     """
 
     NAME = "an instrument of lines"

@@ -7,22 +7,8 @@ import select
 import sys
 import tempfile
 from pathlib import Path
-from typing import Protocol
 
 from isorig.drivers.errors import SettingError
-
-
-class Wire(Protocol):
-    """A byte connection."""
-
-    def read(self, timeout: float) -> bytes:
-        """Bytes that arrived within `timeout` seconds."""
-
-    def write(self, data: bytes, timeout: float) -> int:
-        """Send what fits within `timeout` seconds; returns the number of bytes sent."""
-
-    def close(self) -> None:
-        """Disconnect."""
 
 
 class PtyWire:

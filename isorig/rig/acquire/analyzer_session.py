@@ -17,15 +17,8 @@ PATIENCE = 60.0
 
 
 def measure_with_analyzer(instrument: Records, plan: Plan, run: RunPlan, name: str) -> tuple[Run, int]:
-    """Measure a run; returns the run, and the number of its records with an overload.
-
-    Raises
-    ------
-    DriverError
-        The analyzer fails.
-    DataError
-        Its time records are inconsistent.
-    """
+    """Measure a run; returns the run, and the number of its records with an overload. Raises DriverError if the analyzer fails;
+    DataError if its time records are inconsistent."""
     started = datetime.now(UTC)
     instrument.measure(run.seconds + PATIENCE)
     records = instrument.records()

@@ -9,13 +9,7 @@ from isorig.drivers.block import Block
 
 
 class BlockQueue:
-    """One thread puts items, another takes all of them.
-
-    Parameters
-    ----------
-    most
-        Maximum number of samples in the queue.
-    """
+    """One thread puts items, another takes all of them; at most `most` samples wait."""
 
     def __init__(self, most: int) -> None:
         self._most = most

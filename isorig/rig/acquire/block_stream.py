@@ -12,21 +12,9 @@ from isorig.rig.acquire.waits import SessionWaits
 
 
 class BlockStream:
-    """Reads one run.
+    """Reads `ticks` of a run at a `rate` in Hz; it ends as soon as `stopped`, called continuously, returns True."""
 
-    Parameters
-    ----------
-    instrument, waits
-        The instrument, which is streaming, and timeouts.
-    ticks, rate
-        Number of ticks to read, and sample rate, Hz.
-    stopped
-        Called continuously, also without blocks; True ends the run.
-    """
-
-    def __init__(
-        self, instrument: Stream, ticks: int, rate: float, *, waits: SessionWaits, stopped: Callable[[], bool]
-    ) -> None:  # fmt: skip
+    def __init__(self, instrument: Stream, ticks: int, rate: float, *, waits: SessionWaits, stopped: Callable[[], bool]) -> None:
         self._instrument, self._ticks, self._rate, self._stopped = instrument, ticks, rate, stopped
         self._waits = waits
         self._end = 0
@@ -35,13 +23,8 @@ class BlockStream:
         self.returned = 0
 
     def blocks(self) -> Iterator[Block]:
-        """Blocks until all ticks were read, the run was stopped, or nothing arrives any more.
-
-        Raises
-        ------
-        DriverError
-            The connection remains lost, or the instrument cannot continue.
-        """
+        """Blocks until all ticks were read, the run was stopped, or nothing arrives any more. Raises DriverError if the
+        connection remains lost, or the instrument cannot continue."""
         moved = asked = time.monotonic()
         reached = 0
         while reached < self._ticks and not self._stopped():
@@ -67,13 +50,7 @@ class BlockStream:
                 return
 
     def rest(self) -> Iterator[Block]:
-        """Blocks in transit when the instrument was stopped.
-
-        Raises
-        ------
-        InstrumentError
-            The instrument keeps sending.
-        """
+        """Blocks in transit when the instrument was stopped. Raises InstrumentError if the instrument keeps sending."""
         end = time.monotonic() + self._waits.transit
         while (block := self._instrument.read(0.1)) is not None:
             yield block

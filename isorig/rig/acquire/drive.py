@@ -28,14 +28,7 @@ SINE_PER_GAIN = 2.0**0.5 * HEAD_PER_GAIN
 class RunDrive:
     """The head's acceleration at gain 1, m/s^2, computed on demand, so that memory does not grow with the length of a run.
 
-    Parameters
-    ----------
-    length
-        Number of samples.
-    make
-        Returns the samples from one index up to another.
-    period
-        Samples per period, for a periodic drive.
+    `make` returns the samples from one index up to another; a periodic drive has a `period` in samples.
     """
 
     length: int
@@ -78,19 +71,14 @@ def drive_of(run: RunPlan, repeat: int, sample_rate: float) -> RunDrive:
         return RunDrive(n, _random(n, sample_rate, run.band, run.seed + repeat))
     period = round(run.period * sample_rate)
     values, _ = multisine(
-        period=period, periods=1, sample_rate=sample_rate, rms=HEAD_PER_GAIN, band=run.band, seed=run.seed + repeat,
-    )  # fmt: skip
+        period=period, periods=1, sample_rate=sample_rate, rms=HEAD_PER_GAIN, band=run.band, seed=run.seed + repeat
+    )
     return RunDrive(n, lambda start, stop: values[np.arange(start, stop) % period], period)
 
 
 def check_limits(run: RunPlan, drive: Values, limits: Limits) -> None:
-    """Compare the drive of a run with the limits that follow from the drive alone: gain, band, duration, magnitude.
-
-    Raises
-    ------
-    PlanError
-        The run exceeds a limit.
-    """
+    """Compare the drive of a run with the limits that follow from the drive alone: gain, band, duration, magnitude. Raises
+    PlanError if the run exceeds a limit."""
     for name, limit, found in (("gains", limits.gains, (run.gain, run.gain)), ("band", limits.band, run.band)):
         if limit is not None and found is not None and not limit[0] <= found[0] <= found[1] <= limit[1]:
             raise PlanError(
@@ -101,9 +89,7 @@ def check_limits(run: RunPlan, drive: Values, limits: Limits) -> None:
         raise PlanError(f"run {run.id!r} lasts {run.seconds:g} s; limits.seconds allows {limits.seconds:g}, so shorten it")
     if limits.drive is None or not run.played:
         return
-    highest = max(
-        float(np.abs(drive[at : at + PART]).max()) for at in range(0, len(drive), PART)
-    )  # fmt: skip
+    highest = max(float(np.abs(drive[at : at + PART]).max()) for at in range(0, len(drive), PART))
     if run.gain * highest > limits.drive:
         raise PlanError(
             f"run {run.id!r} drives the rig with up to {run.gain * highest:.3g} m/s^2; limits.drive allows {limits.drive:g}, so "
@@ -112,15 +98,8 @@ def check_limits(run: RunPlan, drive: Values, limits: Limits) -> None:
 
 
 def load(instrument: Stream, run: RunPlan, drive: Values, limits: Limits) -> None:
-    """Load the drive and gain of a run into an instrument that plays them.
-
-    Raises
-    ------
-    SettingError
-        The run needs a drive and the instrument has no drive output.
-    PlanError
-        The run exceeds a limit of the rig.
-    """
+    """Load the drive and gain of a run into an instrument that plays them. Raises SettingError if the run needs a drive and the
+    instrument has no drive output; PlanError if the run exceeds a limit of the rig."""
     check_limits(run, drive, limits)
     if isinstance(instrument, Exciter):
         instrument.set_gain(run.gain)

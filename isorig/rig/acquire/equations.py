@@ -6,22 +6,10 @@ import msgspec
 
 
 class EquationsReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What the equations of motion tell of a run.
+    """What the equations of motion tell of a run from its first `seconds`.
 
-    Parameters
-    ----------
-    run
-        The run.
-    seconds
-        Duration of the record they were computed from.
-    residuals
-        Residual of each equation over noise: about one if it holds.
-    limit
-        Residual up to which an equation holds.
-    known
-        Whether the answer is certain.
-    text
-        The answer in words; empty without one.
+    The residual of each equation is over noise: about one if it holds, as it does up to `limit`. `known` is whether the answer is
+    certain, `text` the answer in words, empty without one.
     """
 
     run: str

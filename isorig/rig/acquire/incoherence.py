@@ -38,19 +38,10 @@ class Incoherence:
 
 def incoherence(
     run: Run, spectra: Spectra, name: str, drive: str, *, others: Sequence[Run] = (), detections: Sequence[Detection] = ()
-) -> Incoherence:  # fmt: skip
-    """The reason for a low coherence of a response.
+) -> Incoherence:
+    """The reason for a low coherence of the response `name`, from its run and from others of the session.
 
-    Parameters
-    ----------
-    run, spectra
-        The run, and its spectra.
-    name, drive
-        The response and the drive's channel.
-    others
-        Other runs of the session.
-    detections
-        Noise and distortion of the responses, if the drive is periodic.
+    The `detections` are noise and distortion of the responses, if the drive is periodic.
     """
     run, others = _begun(run, name, drive), [_begun(other, name, drive) for other in others if _alike(run, other, name, drive)]
     driven = driven_bins(run, spectra, drive)
@@ -121,7 +112,7 @@ def _not_repeated(run: Run, spectra: Spectra, name: str, drive: str, others: Seq
         channels = {
             key: replace(run.channels[key], samples=a[:n] - b[:n], scale=1.0, offset=0.0)
             for key, a, b in zip((drive, name), one, other, strict=True)
-        }  # fmt: skip
+        }
         with suppress(DataError):
             apart = estimate([replace(run, channels=channels, gaps=())], references=[drive], resolution=spectra.resolution)
             return 0.5 * _incoherent_power(apart, name, drive, driven) / whole, what

@@ -96,13 +96,8 @@ class Journal:
             os.fsync(file.fileno())
 
     def append(self, kind: int, run: int, take: int, content: bytes) -> None:
-        """Append a block.
-
-        Raises
-        ------
-        OSError
-            The disk refuses, or an earlier sync failed; the file then ends with its last complete block.
-        """
+        """Append a block. Raises OSError if the disk refuses, or an earlier sync failed; the file then ends with its last
+        complete block."""
         if self._failed is not None:
             raise self._failed
         block = memoryview(_block(self._id, self._end, self._number, kind, run, take, content))
@@ -126,13 +121,8 @@ class Journal:
         _sync_data(self._file.fileno())
 
     def put_back(self) -> bool:
-        """Write the file again if its name was removed or replaced; returns whether that was so.
-
-        Raises
-        ------
-        OSError
-            It cannot be written again.
-        """
+        """Write the file again if its name was removed or replaced; returns whether that was so. Raises OSError if it cannot be
+        written again."""
         ours = os.fstat(self._file.fileno())
         try:
             there = self.path.stat()
@@ -172,13 +162,8 @@ class Journal:
 
 
 class Reader:
-    """Returns the complete blocks of a log, also of one that is still being written.
-
-    Raises
-    ------
-    RecordingError
-        The file does not exist, or is not a log.
-    """
+    """Returns the complete blocks of a log, also of one that is still being written. Raises RecordingError if the file does not
+    exist, or is not a log."""
 
     def __init__(self, path: Path) -> None:
         try:
@@ -205,13 +190,7 @@ class Reader:
         return (there.st_dev, there.st_ino) != (ours.st_dev, ours.st_ino)
 
     def read(self, place: int, count: int) -> bytes:
-        """Bytes of the file; may be called from several threads.
-
-        Raises
-        ------
-        RecordingError
-            The file has become shorter.
-        """
+        """Bytes of the file; may be called from several threads. Raises RecordingError if the file has become shorter."""
         with self._lock:
             self._file.seek(place)
             parts, left = [], count

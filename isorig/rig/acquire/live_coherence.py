@@ -14,15 +14,7 @@ SEGMENT = 2.0
 
 
 class RunningCoherence:
-    """Accumulates spectra segment by segment (Welch without overlap, ignoring gaps, for display only).
-
-    Parameters
-    ----------
-    channels, drive
-        All channels, and that of the drive.
-    band, rate
-        The driven band and the sample rate, Hz.
-    """
+    """Accumulates spectra segment by segment (Welch without overlap, ignoring gaps, for display); `band` and `rate` in Hz."""
 
     def __init__(self, channels: tuple[str, ...], *, drive: str, band: tuple[float, float], rate: float) -> None:
         self._channels = channels

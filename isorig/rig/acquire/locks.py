@@ -32,13 +32,7 @@ class HeldError(Exception):
 
 @contextmanager
 def output_locked(output: Path) -> Iterator[None]:
-    """Lock the output file for this session.
-
-    Raises
-    ------
-    OutputError
-        Another session has locked it, or it cannot be written.
-    """
+    """Lock the output file for this session. Raises OutputError if another session has locked it, or it cannot be written."""
     with ExitStack() as stack:
         try:
             output.parent.mkdir(parents=True, exist_ok=True)
@@ -56,12 +50,8 @@ def output_locked(output: Path) -> Iterator[None]:
 def port_locked(port: str) -> Iterator[None]:
     """Lock a port for this session; different names of one device, and of one address, are the same port.
 
-    The port "virtual" is never in use: every session has its own simulated instrument.
-
-    Raises
-    ------
-    PlanError
-        Another session has locked it.
+    The port "virtual" is never in use: every session has its own simulated instrument. Raises PlanError if another session has
+    locked it.
     """
     with ExitStack() as stack:
         try:

@@ -25,15 +25,8 @@ TURN = 0.1
 
 @contextmanager
 def opened_loggers(plan: Plan, waits: Waits = WAITS) -> Iterator[Mapping[str, Stream]]:
-    """The loggers of a plan by name, prepared; the port "virtual" is a simulated one.
-
-    Raises
-    ------
-    DriverError
-        One of them cannot be opened or prepared.
-    PlanError
-        A channel is not among its inputs.
-    """
+    """The loggers of a plan by name, prepared; the port "virtual" is a simulated one. Raises DriverError if one of them cannot be
+    opened or prepared; PlanError if a channel is not among its inputs."""
     with ExitStack() as stack:
         yield {name: _opened(stack, name, logger, waits) for name, logger in plan.loggers.items()}
 

@@ -97,26 +97,14 @@ class BlockSummary:
 
 
 class PaceCheck:
-    """Compares the rate of a running stream with the host's clock, each `RATE_SECONDS` seconds anew: a rate may become wrong.
-
-    Parameters
-    ----------
-    who, rate
-        The instrument, for the message, and its stated sample rate, Hz.
-    """
+    """Compares the rate of a running stream with the host's clock, each `RATE_SECONDS` seconds anew: a rate may become wrong."""
 
     def __init__(self, who: str, rate: float) -> None:
         self._who, self._rate = who, rate
         self._blocks: list[tuple[int, float]] = []
 
     def add(self, block: Block) -> None:
-        """Add a block.
-
-        Raises
-        ------
-        InstrumentError
-            The sample rate certainly deviates by more than `RATE_REFUSED`.
-        """
+        """Add a block. Raises InstrumentError if the sample rate certainly deviates by more than `RATE_REFUSED`."""
         self._blocks.append((block.end_tick, block.host_time))
         if block.host_time - self._blocks[0][1] < RATE_SECONDS:
             return
@@ -147,15 +135,11 @@ def measure_run(
     waits: SessionWaits = SESSION_WAITS,
     force: bool = False,
 ) -> Tally:
-    """Measure one run; the status of its blocks is added to `remarks`. It ends early if `stopped` or `answered`
-    returns True, and is complete in the second case. The `loggers` run along.
+    """Measure one run; the status of its blocks is added to `remarks`. It ends early if `stopped` or `answered` returns True, and
+    is complete in the second case. The `loggers` run along.
 
-    Unless it is to `force` the run, a wrong sample rate by the host's clock ends it.
-
-    Raises
-    ------
-    DriverError, OutputError
-        The instrument or the disk fails; the data measured until then are in the file.
+    Unless it is to `force` the run, a wrong sample rate by the host's clock ends it. Raises DriverError or OutputError if the
+    instrument or the disk fails; the data measured until then are in the file.
     """
     rate, name = plan.instrument.sample_rate, run.ids()[repeat]
     drive = drive_of(*plan.original(run, repeat), rate)

@@ -44,13 +44,8 @@ FIELDS = Note.__struct_fields__
 
 
 def add_note(output: Path, run: str, text: str) -> Note:
-    """Add a note to the file next to the working file of a recording; it is synced to disk on return.
-
-    Raises
-    ------
-    OutputError
-        It cannot be written.
-    """
+    """Add a note to the file next to the working file of a recording; it is synced to disk on return. Raises OutputError if it
+    cannot be written."""
     printable = "".join(letter if letter.isprintable() else " " for letter in text)
     note = Note(time=datetime.now(UTC).isoformat(timespec="seconds"), run=run, text=printable.strip()[:LONGEST])
     with _LOCK:
@@ -106,17 +101,8 @@ def reopen_notes(output: Path) -> None:
 def settle_notes(output: Path, session: Path | None = None) -> None:
     """Move the notes into a finished recording; they also stay in the separate file while there is a working file.
 
-    Parameters
-    ----------
-    output
-        The recording.
-    session
-        The recording of the session that wrote the notes, if it is another one; its notes stay.
-
-    Raises
-    ------
-    OutputError
-        The disk is full; the notes stay in the separate file.
+    The notes may be those of the session of another recording, where they stay. Raises OutputError if the disk is full; the notes
+    then stay in the separate file.
     """
     if session is None and working_file(output).exists():
         return

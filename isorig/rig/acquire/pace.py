@@ -47,13 +47,7 @@ class ClockDrift:
 
 
 class Pace:
-    """The arrivals of a run.
-
-    Parameters
-    ----------
-    rate
-        Stated sample rate, Hz.
-    """
+    """The arrivals of a run whose stated sample rate is `rate`, Hz."""
 
     def __init__(self, rate: float) -> None:
         self._rate = rate

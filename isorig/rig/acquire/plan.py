@@ -196,25 +196,15 @@ def as_virtual(plan: Plan) -> Plan:
 
 
 def load_plan(path: Path) -> Plan:
-    """Read a plan; `isorig.rig.acquire.plan_check` validates its values.
-
-    Raises
-    ------
-    PlanError
-        In one sentence: which key, what was found, what is allowed.
-    """
+    """Read a plan; `isorig.rig.acquire.plan_check` validates its values. Raises PlanError, a sentence with the key and what is
+    allowed, if it is invalid."""
     plan = read_toml(path, plan_of, "a plan")
     return msgspec.structs.replace(plan, sensors=str(path.parent / plan.sensors)) if plan.sensors else plan
 
 
 def plan_of(tree: Mapping[str, Any]) -> Plan:
-    """A plan from plain dicts and lists, before validation of its values.
-
-    Raises
-    ------
-    msgspec.ValidationError
-        With the key, what was found and what is allowed.
-    """
+    """A plan from plain dicts and lists, before validation of its values. Raises msgspec.ValidationError, with the key and what
+    is allowed, if they are no plan."""
     instrument, loggers = tree.get("instrument"), tree.get("loggers")
     if isinstance(instrument, Mapping):
         keys = ("kind", "port", "sample_rate", "usable_to", "shows")

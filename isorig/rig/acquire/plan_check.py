@@ -28,26 +28,15 @@ REPEATED = ("configuration", "gain", "seconds", "excitation", "band", "period", 
 
 
 def read_plan(path: Path, *, runs: bool = True) -> Plan:
-    """Read and validate a plan; with `runs` False it may have no runs.
-
-    Raises
-    ------
-    PlanError
-        In one sentence: which key, what was found, what is allowed.
-    """
+    """Read and validate a plan; with `runs` False it may have no runs. Raises PlanError, a sentence with the key and what is
+    allowed, if it is invalid."""
     plan = load_plan(path)
     check_plan(plan, str(path), runs=runs)
     return plan
 
 
 def check_plan(plan: Plan, where: str, *, runs: bool = True) -> None:
-    """Validate every value; with `runs` False there may be no runs.
-
-    Raises
-    ------
-    PlanError
-        In one sentence.
-    """
+    """Validate every value; with `runs` False there may be no runs. Raises PlanError, in one sentence, if one is not allowed."""
     fault = next(_faults(plan, where, runs=runs), None)
     if fault is not None:
         raise PlanError(fault)

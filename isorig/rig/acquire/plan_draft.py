@@ -24,20 +24,8 @@ HEAD = """# Proposed by rig instruments for {name}.
 
 
 def draft_plan(one: Connected, kind: str) -> str:
-    """The text of a plan.
-
-    Parameters
-    ----------
-    one
-        What is connected.
-    kind
-        The kind of instrument that it is.
-
-    Raises
-    ------
-    PlanError
-        There is no such kind, or it is not connected in this way.
-    """
+    """The text of a plan for what is connected, as an instrument of a kind. Raises PlanError if there is no such kind, or it is
+    not connected in this way."""
     if kind not in kinds():
         raise PlanError(f"there is no kind of instrument {kind!r}; there are {', '.join(kinds())}")
     about = kinds()[kind]

@@ -96,13 +96,7 @@ def check_record(measured: Run, plan: Plan) -> list[str]:
 
 
 def refuse(run: str, reasons: list[str]) -> None:
-    """Raise the findings as one sentence.
-
-    Raises
-    ------
-    PlanError
-        There are findings.
-    """
+    """Raise the findings, if there are any, as a PlanError of one sentence."""
     if reasons:
         raise PlanError(f"run {run!r} was not started: {'; '.join(reasons)}; --force starts it anyway")
 
@@ -113,7 +107,7 @@ def _measured(instrument: Stream, ticks: int, rate: float, guard: Guard) -> list
     watched = in_real_time(instrument)
     incoming = BlockStream(
         instrument, ENDLESS if watched else ticks, rate, waits=IMPATIENT, stopped=lambda: watched and _known(blocks, ticks, rate)
-    )  # fmt: skip
+    )
     instrument.start()
     for block in incoming.blocks():
         guard.check(block)
@@ -175,9 +169,7 @@ def _channel(name: str, values: FloatArray, full: float | None) -> list[str]:
 def _response(values: dict[str, FloatArray], resting: np.ndarray) -> list[str]:
     if not resting.any() or resting.all() or not values:
         return []
-    livelier = {
-        name: float(v[~resting].std()) / max(float(v[resting].std()), 1e-9) for name, v in values.items()
-    }  # fmt: skip
+    livelier = {name: float(v[~resting].std()) / max(float(v[resting].std()), 1e-9) for name, v in values.items()}
     still = [name for name, ratio in livelier.items() if ratio < policy.RESPONSE_RATIO]
     if len(still) == len(livelier):
         return ["the drive causes no response on any channel; switch its amplifier on and check its cable"]

@@ -89,13 +89,8 @@ class WorkingFileWriter:
         self._ticking_ns = time.monotonic_ns()
 
     def begin(self, run_id: str, period: int | None) -> tuple[int, int]:
-        """Start a run, or repeat it; returns its index in the plan, and the number of runs started before.
-
-        Raises
-        ------
-        OSError
-            The disk refuses.
-        """
+        """Start a run, or repeat it; returns its index in the plan, and the number of runs started before. Raises OSError if the
+        disk refuses."""
         run = next(k for k, planned in enumerate(self.layout.runs) if planned.id == run_id)
         take, self._takes = self._takes, self._takes + 1
         started = self._opened_ns + time.monotonic_ns() - self._ticking_ns
@@ -105,13 +100,7 @@ class WorkingFileWriter:
         return run, take
 
     def close(self) -> None:
-        """Sync and close the file.
-
-        Raises
-        ------
-        OutputError
-            The disk refuses.
-        """
+        """Sync and close the file. Raises OutputError if the disk refuses."""
         try:
             self.journal.close()
         except OSError as error:
@@ -130,22 +119,10 @@ class Tally:
 class RunWriter:
     """Writes one run to the working file from a separate thread; its methods raise OutputError if the disk refuses or is stuck.
 
-    Parameters
-    ----------
-    file, run_id
-        The working file, and the run's id.
-    period, waits
-        Samples per period of a periodic drive, and timeouts.
-
-    Raises
-    ------
-    OutputError
-        The disk refuses to write.
+    A periodic drive has a `period` in samples.
     """
 
-    def __init__(
-        self, file: WorkingFileWriter, run_id: str, *, period: int | None, waits: SessionWaits = SESSION_WAITS
-    ) -> None:  # fmt: skip
+    def __init__(self, file: WorkingFileWriter, run_id: str, *, period: int | None, waits: SessionWaits = SESSION_WAITS) -> None:
         self._file, self._patience = file, waits.disk
         self._waiting = BlockQueue(int(waits.queue * file.layout.sample_rate) + 1)
         self.tally = Tally()

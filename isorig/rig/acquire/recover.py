@@ -31,7 +31,7 @@ from isorig.rig.acquire.layout import (
     log_of,
     shape_of,
     timing_of,
-)  # fmt: skip
+)
 from isorig.rig.acquire.pace import ClockDrift, Pace
 from isorig.rig.acquire.policy import RATE_REPORTED
 from isorig.rig.errors import RecordingError
@@ -39,23 +39,14 @@ from isorig.rig.errors import RecordingError
 T = TypeVar("T")
 #: Index entry of each block of samples: its offset, its size, the range of the streamed gain in it.
 ENTRY = np.dtype(
-    [
-        ("number", "i8"), ("place", "i8"), ("first", "i8"), ("rows", "i8"), ("blocks", "i8"), ("low", "f8"), ("high", "f8"),
-    ]
-)  # fmt: skip
+    [("number", "i8"), ("place", "i8"), ("first", "i8"), ("rows", "i8"), ("blocks", "i8"), ("low", "f8"), ("high", "f8")]
+)
 
 
 class Saved:
     """A sequence stored in the blocks of the file, read from disk by slice.
 
-    Parameters
-    ----------
-    counts
-        Number of items in each block, shape (blocks,).
-    part
-        Returns items `start` to `stop` of block `k`.
-    dtype
-        Their data type.
+    The blocks have `counts` items, shape (blocks,); `part` returns items `start` to `stop` of block `k`.
     """
 
     def __init__(self, counts: NDArray[np.int64], part: Callable[[int, int, int], NDArray[Any]], dtype: np.dtype[Any]) -> None:
@@ -169,9 +160,7 @@ class _StartedRun:
         if self._count == len(self._entries):
             self._entries = np.concatenate([self._entries, np.zeros_like(self._entries)])
         low, high = (gains.min(), gains.max()) if len(gains) else (np.nan, np.nan)
-        self._entries[self._count] = (
-            block.number, block.place, shape.first_tick, shape.rows, shape.blocks, low, high,
-        )  # fmt: skip
+        self._entries[self._count] = (block.number, block.place, shape.first_tick, shape.rows, shape.blocks, low, high)
         self._count += 1
         self.next = shape.first_tick + shape.rows
         self.stored += shape.rows
@@ -182,13 +171,8 @@ class _StartedRun:
 
 
 class WorkingFileReader:
-    """A working file that is finished, being written, or was left by a killed session.
-
-    Raises
-    ------
-    RecordingError
-        The file is not a working file.
-    """
+    """A working file that is finished, being written, or was left by a killed session. Raises RecordingError if the file is not a
+    working file."""
 
     def __init__(self, path: Path) -> None:
         self._reader = Reader(path)
@@ -410,25 +394,13 @@ def _decoded(block: JournalBlock, kind: type[T]) -> T | None:
 @contextmanager
 def working(path: Path) -> Iterator[tuple[dict[str, float | str], list[Recovered]]]:
     """The known values of the rig, and every planned run, from a working file: finished, being written, or left by a killed
-    session.
-
-    Raises
-    ------
-    RecordingError
-        The file is not a working file.
-    """
+    session. Raises RecordingError if the file is not a working file."""
     with closing(WorkingFileReader(path)) as file:
         yield file.known, file.runs()
 
 
 def campaign_of(known: Mapping[str, float | str], runs: Sequence[Run], source: str) -> Campaign:
-    """The campaign of these runs, in the order of their measurement.
-
-    Raises
-    ------
-    RecordingError
-        There is no run.
-    """
+    """The campaign of these runs, in the order of their measurement. Raises RecordingError if there is no run."""
     if not runs:
         raise RecordingError(f"{source} contains no sample; there is nothing to recover, so acquire again")
     description = known.get("description")

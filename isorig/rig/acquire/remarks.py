@@ -34,13 +34,7 @@ CLAUSES = 3
 
 @dataclass
 class Remarks:
-    """Counts the status flags of blocks.
-
-    Parameters
-    ----------
-    rate
-        Sample rate, Hz.
-    """
+    """Counts the status flags of blocks; the sample rate is in Hz."""
 
     rate: float
     counts: dict[Status, int] = field(default_factory=dict)

@@ -26,12 +26,8 @@ def check_responses(plan: Plan, runs: Iterable[tuple[RunPlan, int]]) -> None:
     """Simulate runs, each with the index of its repeat, and compare the rig's response with the limits of the plan and the rig.
 
     The rig has the values of its description or of the plan, so a prediction refuses a run only if it exceeds `CERTAIN` times a
-    limit. Nothing is simulated without a limit for strokes, channels or force.
-
-    Raises
-    ------
-    PlanError
-        A run would certainly exceed a limit.
+    limit. Nothing is simulated without a limit for strokes, channels or force. Raises PlanError if a run would certainly exceed a
+    limit.
     """
     model = plan.nominal(friction="friction_force" in plan.rig)
     try:
@@ -59,13 +55,7 @@ def check_responses(plan: Plan, runs: Iterable[tuple[RunPlan, int]]) -> None:
 
 
 class Guard:
-    """Ends a run whose records exceed `limits.channels`.
-
-    Parameters
-    ----------
-    plan, instrument
-        The plan, and the instrument, prepared.
-    """
+    """Ends a run whose records exceed `limits.channels`."""
 
     def __init__(self, plan: Plan, instrument: Stream) -> None:
         self._watched = [
@@ -75,13 +65,8 @@ class Guard:
         ]
 
     def check(self, block: Block) -> None:
-        """Compare a block with the limits.
-
-        Raises
-        ------
-        InstrumentError
-            A value exceeds its limit; whoever ends the run stops the drive.
-        """
+        """Compare a block with the limits. Raises InstrumentError if a value exceeds its limit; whoever ends the run stops the
+        drive."""
         for name, channel, source, most in self._watched:
             raw = block.samples[:, channel.input]
             reached = np.abs(source.physical(raw) / channel.sensitivity).max(initial=0.0)

@@ -53,7 +53,7 @@ class Verdict:
 
 def check_run(
     recovered: Recovered, *, rig: RigModel, against: Iterable[str] = (), remarks: Iterable[str] = (), others: Sequence[Run] = ()
-) -> Verdict:  # fmt: skip
+) -> Verdict:
     """Check a run after its measurement.
 
     Parameters
@@ -90,21 +90,11 @@ def check_run(
     )  # fmt: skip
 
 
-def incoherences(
-    campaign: Campaign, drives: Sequence[str], responses: Sequence[str] | None = None
-) -> list[Incoherence]:  # fmt: skip
+def incoherences(campaign: Campaign, drives: Sequence[str], responses: Sequence[str] | None = None) -> list[Incoherence]:
     """Why responses of a recording are incoherent: one reason for each, a nonlinearity before what is undecided and noise.
 
-    None for several drives, whose coherences with the response are low in any rig, and for hammer tests.
-
-    Parameters
-    ----------
-    campaign
-        The recording.
-    drives
-        The channels that drive.
-    responses
-        The channels that may be incoherent; all others if None.
+    None for several drives, whose coherences with the response are low in any rig, and for hammer tests. Only `responses` are
+    checked, all channels if None.
     """
     drive, *more = drives
     if responses is not None and not responses:
@@ -254,16 +244,12 @@ def _detections(run: Run, drive: str) -> tuple[Detection, ...]:
         return ()
 
 
-def _spectra(
-    run: Run, drive: str, longest: int | None = None, responses: Sequence[str] | None = None
-) -> Spectra | None:  # fmt: skip
+def _spectra(run: Run, drive: str, longest: int | None = None, responses: Sequence[str] | None = None) -> Spectra | None:
     if drive not in run.channels or not broad([run]):
         return None
     try:
         resolution = max(0.5, 8.0 / run.duration)
-        return estimate(
-            [run], references=[drive], channels=responses, resolution=resolution, jackknife=False, longest=longest
-        )  # fmt: skip
+        return estimate([run], references=[drive], channels=responses, resolution=resolution, jackknife=False, longest=longest)
     except DataError:
         return None
 

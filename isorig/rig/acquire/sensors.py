@@ -19,9 +19,7 @@ from isorig.rig.files.inputs import content_of
 #: Standard acceleration of gravity, m/s^2, for sensitivities per g.
 GRAVITY = 9.80665
 #: Units of sensitivities in the list, in the unit of the plan.
-UNITS = {
-    "V/(m/s^2)": 1.0, "mV/(m/s^2)": 1e-3, "V/g": 1.0 / GRAVITY, "mV/g": 1e-3 / GRAVITY, "V/N": 1.0, "mV/N": 1e-3, "V/V": 1.0,
-}  # fmt: skip
+UNITS = {"V/(m/s^2)": 1.0, "mV/(m/s^2)": 1e-3, "V/g": 1.0 / GRAVITY, "mV/g": 1e-3 / GRAVITY, "V/N": 1.0, "mV/N": 1e-3, "V/V": 1.0}
 #: Columns of the list; the others are ignored.
 NEEDED, OPTIONAL = ("serial_number", "sensitivity", "unit"), ("calibrated", "due", "model")
 #: Largest list.
@@ -42,13 +40,7 @@ class Sheet:
 
 
 def read_list(path: Path) -> dict[str, Sheet]:
-    """The sensors of a list by serial number.
-
-    Raises
-    ------
-    PlanError
-        In one sentence: the row, what was found, what is allowed.
-    """
+    """The sensors of a list by serial number. Raises PlanError, with the row and what is allowed, if one is invalid."""
     try:
         rows = list(csv.reader(content_of(path, LARGEST).decode("utf-8-sig").splitlines()))
     except OSError as error:
@@ -102,13 +94,8 @@ def _date(text: str, here: str) -> date | None:
 
 
 def memories(plan: Plan, instrument: object) -> dict[str, Sheet]:
-    """The data sheets in the sensors' memories by channel, where the instrument hands them out.
-
-    Raises
-    ------
-    ProtocolError
-        A memory holds something else.
-    """
+    """The data sheets in the sensors' memories by channel, where the instrument hands them out. Raises ProtocolError if a memory
+    holds something else."""
     if not isinstance(instrument, Describing):
         return {}
     found = {name: instrument.memory(channel.input) for name, channel in plan.channels.items()}
@@ -126,31 +113,15 @@ def _of_teds(teds: Teds, instrument: Describing, place: int) -> Sheet:
 def compare(plan: Plan, known: Mapping[str, Sheet], read: Mapping[str, Sheet], today: date) -> list[str]:
     """What contradicts the plan, each as a sentence with the remedy.
 
-    Parameters
-    ----------
-    plan
-        The plan.
-    known
-        The laboratory's list by serial number.
-    read
-        The sheets in the sensors' memories by channel.
-    today
-        The date of the measurement.
+    `known` is the laboratory's list by serial number, `read` are the sheets in the sensors' memories by channel.
     """
     channels = plan.channels.items()
     return [*_twice(plan), *(text for name, channel in channels for text in _one(plan, name, channel, known, read, today))]
 
 
 def refuse_sensors(plan: Plan, instrument: object) -> None:
-    """Compare the plan with its list and with the memories that an instrument hands out, before the first run.
-
-    Raises
-    ------
-    PlanError
-        They contradict each other, or the list cannot be read.
-    ProtocolError
-        A memory cannot be read.
-    """
+    """Compare the plan with its list and with the memories that an instrument hands out, before the first run. Raises PlanError
+    if they contradict each other, or the list cannot be read; ProtocolError if a memory cannot be read."""
     known = read_list(Path(plan.sensors)) if plan.sensors else {}
     found = compare(plan, known, memories(plan, instrument), date.today())
     if found:

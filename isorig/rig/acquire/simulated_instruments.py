@@ -34,18 +34,7 @@ REPEATED = 10.0
 class VirtualRig:
     """A rig with accelerometers of 0.2 V per m/s^2 on a 24-bit instrument of +-10 V, see `isorig.drivers.kinds.DrivenRig`.
 
-    Its inputs are the drive channel and then the model's sensors in order.
-
-    Parameters
-    ----------
-    model
-        The rig.
-    noise
-        Standard deviation of each sensor's noise, m/s^2.
-    seed
-        Random seed of the noise and of the random drive.
-    hidden
-        An effect hidden in the rig.
+    Its inputs are the drive channel and then the model's sensors in order; `noise` is the standard deviation of each, m/s^2.
     """
 
     def __init__(self, model: RigModel, *, noise: float = 1e-3, seed: int = 0, hidden: Hidden | None = None) -> None:
@@ -104,12 +93,8 @@ def far_end(
 ) -> Peer:  # fmt: skip
     """A simulated instrument of that kind, connected to a rig.
 
-    Without a speed it measures in real time, or, if it plays a drive, as fast as the connection allows.
-
-    Raises
-    ------
-    SettingError
-        The kind has no simulated counterpart, or a requested fault is not supported.
+    Without a speed it measures in real time, or, if it plays a drive, as fast as the connection allows. Raises SettingError if
+    the kind has no simulated counterpart, or a requested fault is not supported.
     """
     if kind not in simulated_kinds():
         raise SettingError(f"the kind {kind!r} cannot be simulated; available are {', '.join(simulated_kinds())}")

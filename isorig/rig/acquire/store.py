@@ -46,12 +46,7 @@ def keep_session(partial: Path, output: Path, *, add: bool) -> None:
     """Convert a working file to a recording, and remove it when its content is safe.
 
     If it is to `add` to a recording of an earlier part of the session, the runs there stay unless they were measured again
-    completely, or longer than before.
-
-    Raises
-    ------
-    OutputError
-        The disk is full; the working file stays.
+    completely, or longer than before. Raises OutputError if the disk is full; the working file then stays.
     """
     with working(partial) as (known, found), _earlier(output, add) as earlier:
         runs = dict(earlier)
@@ -71,15 +66,9 @@ def keep_session(partial: Path, output: Path, *, add: bool) -> None:
 
 
 def keep_recovered(working_file: Path, output: Path) -> list[Recovered]:
-    """Make a recording of a working file, which is not changed; with the available data of each planned run.
-
-    Raises
-    ------
-    RecordingError
-        It is not a working file, or contains no sample.
-    OutputError
-        The recording cannot be written, or a session is writing it.
-    """
+    """Make a recording of a working file, which is not changed; with the available data of each planned run. Raises
+    RecordingError if it is not a working file, or contains no sample; OutputError if the recording cannot be written, or a
+    session is writing it."""
     with output_locked(output), working(working_file) as (known, found):
         sweep(output)
         _write(output, known, _kept(found), str(working_file))
@@ -112,13 +101,8 @@ def _ended(runs: Iterable[Run]) -> datetime | None:
 
 
 def whole_runs(output: Path, plan: Plan) -> frozenset[str]:
-    """The runs of a plan that an earlier part of the session has completed.
-
-    Raises
-    ------
-    PlanError
-        A run was measured with settings that differ from the plan.
-    """
+    """The runs of a plan that an earlier part of the session has completed. Raises PlanError if a run was measured with settings
+    that differ from the plan."""
     if not output.exists():
         return frozenset()
     done = set()
@@ -182,9 +166,7 @@ def _earlier(output: Path, wanted: bool) -> Iterator[dict[str, _Kept]]:
 
 
 def _extra_in(group: h5py.Group, run: Run) -> Extra:
-    sensors = {
-        name: {key: _plain(group[name].attrs[key]) for key in SENSOR if key in group[name].attrs} for name in run.channels
-    }  # fmt: skip
+    sensors = {name: {key: _plain(group[name].attrs[key]) for key in SENSOR if key in group[name].attrs} for name in run.channels}
     names = [TIMING] if TIMING in group else []
     names += [f"{LOGS}/{name}" for name in group.get(LOGS, ())]
     return Extra(

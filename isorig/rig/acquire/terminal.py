@@ -30,13 +30,7 @@ BAR = 10
 
 
 class Terminal:
-    """The live view: a table for the current run, a line for each measured run.
-
-    Parameters
-    ----------
-    json
-        JSON lines for a program on standard output instead.
-    """
+    """The live view: a table for the current run, a line for each measured run; or JSON lines for a program."""
 
     def __init__(self, *, json: bool) -> None:
         from rich.console import Console

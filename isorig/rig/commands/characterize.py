@@ -59,12 +59,9 @@ def characterize(campaign: Path, *, output: Output, model: str | None = None) ->
     # A note that applies to several values is printed once.
     common = next((note for note, count in Counter(e.note for e in table.values() if e.note).most_common(1) if count > 1), "")
     rows = [
-        (
-            name, number(e.value, 6), number(e.uncertainty, 2), e.unit, e.method,
-            "*" if e.note and e.note == common else e.note,
-        )
+        (name, number(e.value, 6), number(e.uncertainty, 2), e.unit, e.method, "*" if e.note and e.note == common else e.note)
         for name, e in table.items()
-    ]  # fmt: skip
+    ]
     for doubt in found.doubts:
         print(f"CHECK UNITS, CHANNELS AND GIVEN VALUES FIRST. {doubt.text}")
     title = f"{campaign.name}: held-out error {of_signal(found.error)}, noise alone {found.noise_alone}"

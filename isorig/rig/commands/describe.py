@@ -5,13 +5,7 @@ from __future__ import annotations
 from isorig.rig.options import Flag, Output
 
 
-def describe(
-    rig: str | None = None,
-    *,
-    output: Output | None = None,
-    new: Flag = False,
-    sensors: bool = True,
-) -> None:
+def describe(rig: str | None = None, *, output: Output | None = None, new: Flag = False, sensors: bool = True) -> None:
     """Show a rig's description: bodies, springs, contacts, drive and sensors, what is known, and what its sensors determine.
 
     Without a rig, list the descriptions that come with the package. With --new, ask for a rig and write its description.

@@ -74,9 +74,7 @@ def design(
     print(output)
 
 
-def _parameters(
-    plan: Path, output: Path, model: str, table: Path | None, *, points: int, draws: int, seed: int
-) -> list[str]:  # fmt: skip
+def _parameters(plan: Path, output: Path, model: str, table: Path | None, *, points: int, draws: int, seed: int) -> list[str]:
     from rich.console import Console
 
     from isorig.rig.design.parameters import designed_parameters, read_parameter_plan, write_parameter_design
@@ -99,9 +97,7 @@ def _moves(
 
     plan = read_design(profile)
     values = with_head(read_rig_values(parameters, method), plan)
-    found = designed(
-        plan, values, draws=draws, seed=seed, points=points, offsets=offset, rocking_frequency=rocking_frequency
-    )  # fmt: skip
+    found = designed(plan, values, draws=draws, seed=seed, points=points, offsets=offset, rocking_frequency=rocking_frequency)
     sentences = write_design(output, plan, values, found)
     rows = [(name, _shown(s.lowest), f"{s.std:.2g}", _shown(s.recommended)) for name, s in found.studies.items()]
     title = f"stroke within {1e3 * plan.limit / plan.safety:.3g} mm"

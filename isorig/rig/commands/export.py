@@ -49,6 +49,6 @@ def export(
     else:
         written = export_campaign(
             source, output, what=what, runs=run, reference=reference, resolution=resolution, binary=not text
-        )  # fmt: skip
+        )
     for path in written:
         print(path)

@@ -227,13 +227,7 @@ def watch(
 
 
 @fleet.command
-def report(
-    *,
-    output: Output,
-    catalogue: Where = HERE,
-    baseline: Baseline = "coulomb",
-    false_alarms: float | None = None,
-) -> None:
+def report(*, output: Output, catalogue: Where = HERE, baseline: Baseline = "coulomb", false_alarms: float | None = None) -> None:
     """Write one page about the fleet that works offline: changes, an overview of all rigs, and a page for each rig.
 
     Example: rig fleet report -o fleet.html

@@ -158,7 +158,7 @@ def _write(
     several = len(found) > 1
     shown = [
         (f"{stem}: {item.label}" if several else item.label, item) for stem, (items, _, _) in found.items() for item in items
-    ]  # fmt: skip
+    ]
     for job in _figures(shown, output, view, band):
         drawing.draw(job)
     # Meanwhile this process does the rest.

@@ -12,12 +12,7 @@ from isorig.rig.options import Flag, Output
 
 
 def import_(
-    files: Annotated[list[Path], Parameter(negative=())],
-    /,
-    *,
-    output: Output,
-    data: Path | None = None,
-    draft: Flag = False,
+    files: Annotated[list[Path], Parameter(negative=())], /, *, output: Output, data: Path | None = None, draft: Flag = False
 ) -> None:
     """Import files of other programs according to a mapping, as one recording.
 

@@ -7,13 +7,7 @@ from pathlib import Path
 from isorig.rig.options import Output
 
 
-def predict(
-    model: Path,
-    runs: Path,
-    *,
-    output: Output,
-    as_recorded: bool = False,
-) -> None:
+def predict(model: Path, runs: Path, *, output: Output, as_recorded: bool = False) -> None:
     """Predict the responses of a model to the drive of a recording.
 
     Example: rig predict diagnosis/model.json later.h5 -o predicted.h5

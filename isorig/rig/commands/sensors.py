@@ -8,12 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 
-def sensors(
-    plan: Path,
-    *,
-    listed: Annotated[Path | None, Parameter(name="--list")] = None,
-    port: str | None = None,
-) -> None:
+def sensors(plan: Path, *, listed: Annotated[Path | None, Parameter(name="--list")] = None, port: str | None = None) -> None:
     """Compare the sensors of a plan with the laboratory's list, and with the data sheets in their memories (TEDS).
 
     Reported are expired calibrations, sensors at another input than in the plan, and sensitivities that differ by more than 1 %.

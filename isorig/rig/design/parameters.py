@@ -111,13 +111,7 @@ def is_parameter_plan(path: Path) -> bool:
 
 
 def read_parameter_plan(path: Path) -> ParameterPlan:
-    """Read and validate a design plan.
-
-    Raises
-    ------
-    PlanError
-        In one sentence: which key, what was found, what is allowed.
-    """
+    """Read and validate a design plan. Raises PlanError, a sentence with the key and what is allowed, if it is invalid."""
     plan = read_toml(path, lambda tree: msgspec.convert(tree, ParameterPlan, strict=False), "a design plan")
     if not plan.vary:
         raise PlanError(f"{path}: vary is empty; give at least one parameter with low and high")
@@ -356,9 +350,7 @@ def write_parameter_design(folder: Path, design: ParameterDesign) -> list[str]:
 
 def _row(outcome: Outcome) -> dict[str, Any]:
     finite = {name: share if math.isfinite(share) else None for name, share in outcome.used.items()}
-    return {
-        "target": outcome.value if math.isfinite(outcome.value) else None, "share_of_limit": finite, "inside": outcome.inside,
-    }  # fmt: skip
+    return {"target": outcome.value if math.isfinite(outcome.value) else None, "share_of_limit": finite, "inside": outcome.inside}
 
 
 def sweeps_figure(design: ParameterDesign) -> Figure:

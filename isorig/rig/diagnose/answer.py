@@ -29,18 +29,8 @@ def findings_of(
 ) -> stored.Findings:
     """The content of findings.json, as a reader of the file gets it.
 
-    The baseline of a rig with its own description is that description, whatever friction it has.
-
-    Parameters
-    ----------
-    diagnosis
-        The result of the diagnosis.
-    campaign
-        The measurement.
-    origin
-        The source of the findings: the baseline's name, the recording's name and hash, this program's version.
-    limit
-        The given time limit, s.
+    The baseline of a rig with its own description is that description, whatever friction it has. `origin` is the baseline's name,
+    the name and hash of the recording, and the version of this program; the given time limit is in s.
     """
     improvement = diagnosis.improvement
     baseline, extended = (_budget(budget) for budget in diagnosis.budgets)
@@ -178,18 +168,9 @@ def write_answer(
     limit: float | None = None,
     page: bool = True,
 ) -> stored.Findings:
-    """Write findings.json, both models, rivals.json and report.html into a folder.
+    """Write findings.json, both models, rivals.json and, unless `page` is False, report.html into a folder.
 
     findings.json is written last: where it is, the answer is complete.
-
-    Parameters
-    ----------
-    folder
-        The folder for the files.
-    diagnosis, campaign, origin, limit
-        As for `findings_of`.
-    page
-        Whether to write report.html.
     """
     findings = findings_of(diagnosis, campaign, origin, limit)
     began = min((run.started for run in campaign.runs if run.started is not None), default=None)

@@ -31,21 +31,9 @@ R = TypeVar("R")
 def on_cluster(function: Callable[[J], R], jobs: Iterable[J], scheduler: str) -> Iterator[tuple[J, R | Exception]]:
     """As `isorig.rig.diagnose.many.shared_out`, by the workers of a cluster.
 
-    If a worker dies, another one does its job; a job that ends several workers results in an exception.
-
-    Parameters
-    ----------
-    function
-        The work to do; it and the jobs must be picklable.
-    jobs
-        Consumed on demand.
-    scheduler
-        Address of a Dask scheduler, or the file that it writes (`--scheduler-file`, ending in .json).
-
-    Raises
-    ------
-    RigError
-        Dask is not installed, no scheduler answers at the address, or it has had no worker for `WORKER_PATIENCE`.
+    If a worker dies, another one does its job; a job that ends several workers results in an exception. The scheduler of Dask is
+    given by its address, or by the file that it writes (`--scheduler-file`, ending in .json). Raises RigError if Dask is not
+    installed, no scheduler answers at the address, or it has had no worker for `WORKER_PATIENCE`.
     """
     waiting = iter(jobs)
     first = list(islice(waiting, 1))

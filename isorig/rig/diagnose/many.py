@@ -105,18 +105,7 @@ def diagnose_files(
 ) -> Iterator[CampaignOutcome]:
     """Diagnose recordings into a folder each, yielding outcomes as they arrive; those with an answer come first.
 
-    Parameters
-    ----------
-    jobs
-        Recording and folder.
-    baseline
-        Name of the baseline.
-    scheduler
-        Dask scheduler, as for `shared_out`, whose workers see the same files; threads of this process if None.
-    again
-        Whether to diagnose recordings that already have an answer.
-    tolerance, limit
-        As for `diagnose_file`.
+    With `again`, those are diagnosed, too. For the scheduler see `shared_out`, for tolerance and limit `diagnose_file`.
     """
     from isorig.rig.files.findings import read_findings
 
@@ -135,13 +124,7 @@ def diagnose_files(
 
 
 def time_limit(seconds: float | None) -> float | None:
-    """The same seconds; None for infinity.
-
-    Raises
-    ------
-    RigError
-        They are not a valid time limit.
-    """
+    """The same seconds; None for infinity. Raises RigError if they are not a valid time limit."""
     if seconds is not None and not seconds > 0.0:
         raise RigError(f"--seconds is {seconds:g}; give a positive time, or inf for no limit")
     return None if seconds is not None and math.isinf(seconds) else seconds
@@ -162,21 +145,9 @@ def _refused(file: Path, why: str) -> CampaignOutcome:
 def shared_out(function: Callable[[J], R], jobs: Iterable[J], scheduler: str | None = None) -> Iterator[tuple[J, R | Exception]]:
     """Do jobs in parallel, yielding each with its result as it arrives, or with the exception that ended it.
 
-    Few jobs wait at a time, so that no longer taking results stops the rest.
-
-    Parameters
-    ----------
-    function
-        The work to do; it and the jobs must be picklable if there is a scheduler.
-    jobs
-        Consumed on demand.
-    scheduler
-        Dask scheduler, as for `isorig.rig.diagnose.cluster.on_cluster`; threads of this process if None.
-
-    Raises
-    ------
-    RigError
-        The cluster cannot be used.
+    Few jobs wait at a time, so that no longer taking results stops the rest. They are done by threads of this process, or by the
+    workers of a Dask scheduler (`isorig.rig.diagnose.cluster.on_cluster`), for which function and jobs must be picklable. Raises
+    RigError if the cluster cannot be used.
     """
     if scheduler is None:
         return _in_threads(function, iter(jobs))
@@ -215,13 +186,8 @@ def _in_threads(function: Callable[[J], R], waiting: Iterator[J]) -> Iterator[tu
 
 
 def fingerprint(file: Path) -> dict[str, str]:
-    """Origin of a result: the recording's name and hash, and the version of this program.
-
-    Raises
-    ------
-    RigError
-        The file cannot be read.
-    """
+    """Origin of a result: the recording's name and hash, and the version of this program. Raises RigError if the file cannot be
+    read."""
     try:
         with file.open("rb") as stream:
             digest = hashlib.file_digest(stream, "sha256").hexdigest()
@@ -266,13 +232,8 @@ def summary(outcomes: Sequence[CampaignOutcome]) -> str:
 
 
 def recordings_in(given: Sequence[Path]) -> list[Path]:
-    """The given recordings; a folder stands for all of its .h5 files.
-
-    Raises
-    ------
-    RigError
-        There is none, or two have the same name.
-    """
+    """The given recordings; a folder stands for all of its .h5 files. Raises RigError if there is none, or two have the same
+    name."""
     files = [f for place in given for f in (sorted(place.glob("*.h5")) if place.is_dir() else [place])]
     if not files:
         raise RigError("no recording was given; give a file, or a folder that contains .h5 files")

@@ -111,25 +111,10 @@ def _is_even(name: str, column: Column) -> bool:
 
 
 def column_rate(name: str, column: Column, here: str, unit: str = "", first: int = 0) -> float:
-    """Sample rate from a time column, Hz.
+    """Sample rate from a time column in `unit`, that of the file if empty, Hz.
 
-    Parameters
-    ----------
-    name, column
-        The column.
-    here
-        Its location, for error messages.
-    unit
-        Its unit of time; the file's if empty.
-    first
-        Number of the file's rows before the column's first value, for error messages.
-
-    Raises
-    ------
-    PlanError
-        Its unit is not a unit of time.
-    RecordingError
-        It is not even.
+    Messages name its place `here`, and count rows from the `first` of the file. Raises PlanError if the unit is not one of time;
+    RecordingError if the column is not even.
     """
     said = unit or time_unit(name, column)
     factor = seconds_per(said)
@@ -139,26 +124,11 @@ def column_rate(name: str, column: Column, here: str, unit: str = "", first: int
 
 
 def even_rate(time: FloatArray, here: str, factor: float = 1.0, first: int = 0) -> float:
-    """Rate of an evenly spaced clock, Hz: from the slope of a line through its readings.
+    """Rate of an evenly spaced clock, Hz: from the slope of a line through its readings, shape (n,), NaN for missing ones.
 
     A rounded clock, for example in milliseconds, may deviate from that line by half a step; the rate is then the integer rate in
-    Hz that agrees with all readings, if there is one.
-
-    Parameters
-    ----------
-    time
-        Readings, shape (n,), NaN for missing ones.
-    here
-        Their location, for error messages.
-    factor
-        Seconds per unit of the readings.
-    first
-        Number of rows before the first reading, for error messages.
-
-    Raises
-    ------
-    RecordingError
-        The clock does not ascend, or is not even.
+    Hz that agrees with all readings, if there is one. A unit of the readings has `factor` seconds; messages name their place
+    `here`, and count rows from the `first` of the file. Raises RecordingError if the clock does not ascend, or is not even.
     """
     index = np.flatnonzero(np.isfinite(time)).astype(np.int64)
     readings = time[index]

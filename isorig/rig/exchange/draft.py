@@ -55,21 +55,8 @@ class _Part:
 def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file: str) -> tuple[str, str]:
     """A mapping in TOML: one run for each commonly sampled part of a file, with the channels that it has.
 
-    If the columns are not those of the wire bonder, a description of a rig in TOML is proposed too, otherwise "".
-
-    Parameters
-    ----------
-    tables
-        Content of the files.
-    folder
-        Folder of the mapping.
-    description_file
-        Name of the description's file in that folder.
-
-    Raises
-    ------
-    RecordingError
-        None of them contains a time record.
+    If the columns are not those of the wire bonder, a description of a rig in TOML is proposed too, otherwise "". The mapping is
+    to be in `folder`, and names the description there. Raises RecordingError if no file contains a time record.
     """
     parts = [part for table in tables for group, columns in _groups(table).items() for part in _parts(table, group, columns)]
     if not parts:
@@ -302,7 +289,7 @@ def _configuration(part: _Part) -> str:
 
 def _run(
     part: _Part, own: Sequence[str], other: Mapping[str, str], folder: Path, ids: set[str], configuration: str, excitation: str
-) -> list[str]:  # fmt: skip
+) -> list[str]:
     table, group, text = part.table, part.group, _run_text(part)
     name = text if text not in ids else f"{text}_{len(ids)}"
     ids.add(name)

@@ -40,13 +40,7 @@ def export_campaign(
     source: Path, output: Path, *, what: Literal["samples", "frf"], runs: Sequence[str], reference: str | None, resolution: float,
     binary: bool,
 ) -> list[Path]:  # fmt: skip
-    """Export a recording; returns the paths written.
-
-    Raises
-    ------
-    PlanError
-        The output's extension or a run's name is unknown.
-    """
+    """Export a recording; returns the paths written. Raises PlanError if the output's extension or a run's name is unknown."""
     ending = _ending(output, ENDINGS)
     with open_recording(source) as whole:
         campaign = _chosen(whole, runs)
@@ -132,13 +126,8 @@ class ParameterRows(msgspec.Struct, frozen=True, kw_only=True, tag_field="format
 
 
 def parameters_frame(path: Path) -> pd.DataFrame:
-    """The table of a parameters.json, or the baseline's parameters of a findings.json.
-
-    Raises
-    ------
-    PlanError
-        The file is neither.
-    """
+    """The table of a parameters.json, or the baseline's parameters of a findings.json. Raises PlanError if the file is
+    neither."""
     try:
         found = msgspec.json.decode(content_of(path), type=Findings | ParameterRows)
     except OSError as error:

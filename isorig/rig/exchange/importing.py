@@ -213,15 +213,8 @@ def _column(table: ForeignTable, name: str, here: str) -> Column:
 
 
 def channel_of(name: str, wanted: ChannelMap, column: Column, kept: IntArray | slice, here: str) -> Channel:
-    """A channel in SI: the file's values are kept as raw samples, and the mapping becomes scale and offset.
-
-    Raises
-    ------
-    PlanError
-        The file gives another unit of the same quantity than the mapping.
-    RecordingError
-        A value is not finite.
-    """
+    """A channel in SI: the file's values are kept as raw samples, and the mapping becomes scale and offset. Raises PlanError if
+    the file gives another unit of the same quantity than the mapping; RecordingError if a value is not finite."""
     meant = unit(wanted.unit, here)
     said = known_unit(column.unit)
     if said is not None and wanted.sensitivity == 1.0 and said != known_unit(wanted.unit):
@@ -381,12 +374,7 @@ def _digest(channel: Channel) -> bytes:
 def repeats(campaign: Campaign, references: Sequence[str]) -> Campaign:
     """The same campaign with `repeat_of` of every run that has the drive of an earlier one, to `SAME_DRIVE`, and is no copy.
 
-    Parameters
-    ----------
-    campaign
-        The runs; those that have a `repeat_of` keep it.
-    references
-        The channels that drive.
+    Runs that have a `repeat_of` keep it; `references` are the channels that drive.
     """
     runs: list[Run] = []
     for run in campaign.runs:

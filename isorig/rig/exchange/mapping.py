@@ -112,13 +112,7 @@ class Mapping(MappingPart, frozen=True):
 
 
 def read_mapping(path: Path) -> Mapping:
-    """Read and validate a mapping.
-
-    Raises
-    ------
-    PlanError
-        In one sentence: which key, what was found, what is allowed.
-    """
+    """Read and validate a mapping. Raises PlanError, a sentence with the key and what is allowed, if it is invalid."""
     mapping = read_toml(
         path,
         lambda tree: msgspec.convert(tree, Mapping, strict=False),

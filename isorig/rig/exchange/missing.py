@@ -16,15 +16,10 @@ LOST_MOST = 0.1
 
 
 def completed(columns: Mapping[str, Column]) -> tuple[dict[str, Column], list[str]]:
-    """Columns with an interpretation of their empty cells (NaN), and sentences about them.
+    """Columns of equal length with an interpretation of their empty cells (NaN), and sentences about them.
 
     Empty cells at the end mean a shorter column; a value in every k-th cell only means a record with 1/k of the rate; a few empty
     cells are lost samples, listed in `Column.lost`.
-
-    Parameters
-    ----------
-    columns
-        Columns of equal length, NaN in empty cells.
     """
     rate = next((column_rate(name, column, "") for name, column in columns.items() if is_time(name, column)), None)
     found: dict[str, Column] = {}

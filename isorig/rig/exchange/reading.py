@@ -28,13 +28,7 @@ OTHERS = (
 
 
 def read_foreign(path: Path) -> ForeignTable:
-    """The columns of a file in another program's format.
-
-    Raises
-    ------
-    RecordingError
-        In one sentence: the fault of the file and what to do.
-    """
+    """The columns of a file in another program's format. Raises RecordingError with the fault of the file and what to do."""
     found = FORMATS.get(path.suffix.lower())
     unknown = f"{path} ends in {path.suffix or 'nothing'}; files that can be imported end in {', '.join(FORMATS)}"
     try:

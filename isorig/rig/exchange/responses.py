@@ -20,12 +20,7 @@ def read_responses(path: Path) -> list[Frf]:
     """The transfer functions of a file in another program's format (.uff, .mat, .csv, .npz ...), with even frequency steps.
 
     Their coherence is the file's if it has one, otherwise 1. The number of averages is unknown, so `averages` is 1 and the
-    standard deviations are meaningless.
-
-    Raises
-    ------
-    RecordingError
-        It has none: what it has, and what to do.
+    standard deviations are meaningless. Raises RecordingError, with what the file has and what to do, if it has none.
     """
     table = read_foreign(path)
     responses = [spectrum for spectrum in table.spectra if spectrum.kind == "transfer_function"]

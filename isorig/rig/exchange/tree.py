@@ -69,19 +69,7 @@ def _plain(name: str) -> str:
 
 
 def table_of(path: Path, items: Iterable[tuple[str, Any]], remarks: Sequence[str] = (), dot: str = ".") -> ForeignTable:
-    """A table of a file's items.
-
-    Parameters
-    ----------
-    path
-        The file.
-    items
-        Name and array, number or text; names are preceded by their structures, joined by `dot`.
-    remarks
-        Findings.
-    dot
-        Separator between the parts of a name.
-    """
+    """A table of a file's items: name, and array, number or text; names are preceded by their structures, joined by `dot`."""
     content = _sorted(items, dot)
     columns: dict[str, Column] = {}
     spectra: list[Spectrum] = []

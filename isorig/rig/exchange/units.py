@@ -57,13 +57,7 @@ def known_unit(text: str) -> str | None:
 
 
 def unit(text: str, where: str) -> Unit:
-    """The unit with that name.
-
-    Raises
-    ------
-    PlanError
-        It is not in the table; `where` names the key.
-    """
+    """The unit with that name. Raises PlanError if it is not in the table; `where` names the key."""
     name = known_unit(text)
     if name is None and text.strip() in COUNTS:
         raise PlanError(

@@ -265,13 +265,8 @@ class Findings(msgspec.Struct, frozen=True, kw_only=True, tag_field="format", ta
 
 
 def as_read(findings: Findings) -> Findings:
-    """The findings as a reader of the file gets them: a number that is not finite becomes None.
-
-    Raises
-    ------
-    msgspec.ValidationError
-        A value is not one that the file format allows.
-    """
+    """The findings as a reader of the file gets them: a number that is not finite becomes None. Raises msgspec.ValidationError if
+    a value is not one that the file format allows."""
     return msgspec.json.decode(msgspec.json.encode(findings), type=Findings)
 
 
@@ -281,24 +276,14 @@ def write_findings(folder: Path, findings: Findings) -> Path:
 
 
 def read_findings(folder: Path) -> Findings:
-    """Read the findings.json of a folder.
-
-    Raises
-    ------
-    PlanError
-        The folder contains no findings, damaged ones, or those of another version.
-    """
+    """Read the findings.json of a folder. Raises PlanError if the folder contains no findings, damaged ones, or those of another
+    version."""
     return read_answer(folder, NAME, Findings)
 
 
 def read_answer(folder: Path, name: str, kind: type[T]) -> T:
-    """Read a file of a diagnosis as a type.
-
-    Raises
-    ------
-    PlanError
-        The folder does not contain it, or it is damaged or of another version.
-    """
+    """Read a file of a diagnosis as a type. Raises PlanError if the folder does not contain it, or it is damaged or of another
+    version."""
     path = folder / name
     try:
         return msgspec.json.decode(content_of(path), type=kind)

@@ -55,13 +55,8 @@ class _Walker:
         self._started = False
 
     def ask(self, kind: Kind, path: Path, patience: float) -> dict[str, str] | None:
-        """The answer for a file; None if the process crashed or hung on it.
-
-        Raises
-        ------
-        RecordingError
-            The process does not start.
-        """
+        """The answer for a file; None if the process crashed or hung on it. Raises RecordingError if the process does not
+        start."""
         if not self._started and self._answer(START) is None:
             raise RecordingError(f"{sys.executable} could not be started to check a file; check the installation")
         self._started = True
@@ -102,13 +97,7 @@ def start_checks() -> None:
 
 
 def survived(path: Path) -> None:
-    """Reject a file of MATLAB's version 5 whose reading crashes or hangs a process.
-
-    Raises
-    ------
-    RecordingError
-        In one sentence.
-    """
+    """Reject, with a RecordingError, a file of MATLAB's version 5 whose reading crashes or hangs a process."""
     with _lock:
         _asked("matlab", path, STILL + path.stat().st_size / SPEED)
 
@@ -146,13 +135,7 @@ def _walk(path: Path, begin: bytes, identity: tuple[int, ...]) -> None:
 
 @contextmanager
 def opened(path: Path) -> Iterator[h5py.File]:
-    """An HDF5 file open for reading, after the check.
-
-    Raises
-    ------
-    RecordingError
-        In one sentence: what is wrong with the file, and what to do.
-    """
+    """An HDF5 file open for reading, after the check. Raises RecordingError with what is wrong with the file, and what to do."""
     import h5py
 
     begin, identity = _begin(path)

@@ -51,13 +51,7 @@ class Walk:
         self._waiting: list[tuple[str, Any]] = [("/", file["/"].id)]
 
     def run(self) -> None:
-        """Check the file.
-
-        Raises
-        ------
-        RefusedError
-            The first object that is not allowed.
-        """
+        """Check the file. Raises RefusedError at the first object that is not allowed."""
         while self._waiting:
             self._group(*self._waiting.pop())
 

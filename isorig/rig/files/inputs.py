@@ -25,13 +25,8 @@ def import_first(path: Path) -> str:
 
 
 def content_of(path: Path, most: int = TEXT_MOST) -> bytes:
-    """The content of a file.
-
-    Raises
-    ------
-    OSError
-        It does not exist, is a pipe or a device (which may block forever), or is longer than `most` bytes.
-    """
+    """The content of a file. Raises OSError if it does not exist, is a pipe or a device (which may block forever), or is longer
+    than `most` bytes."""
     regular(path)
     size = path.stat().st_size
     if size > most:
@@ -40,13 +35,8 @@ def content_of(path: Path, most: int = TEXT_MOST) -> bytes:
 
 
 def opened_regular(path: Path) -> BufferedReader:
-    """A regular file open for reading, even if its path becomes that of a pipe in the meantime.
-
-    Raises
-    ------
-    OSError
-        There is nothing, a folder, a pipe or a device.
-    """
+    """A regular file open for reading, even if its path becomes that of a pipe in the meantime. Raises OSError if there is
+    nothing, or a folder, a pipe or a device."""
     regular(path)
     # Without O_NONBLOCK, opening a pipe waits for its writer.
     file = os.fdopen(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb")
@@ -57,13 +47,7 @@ def opened_regular(path: Path) -> BufferedReader:
 
 
 def regular(path: Path) -> None:
-    """Reject anything that is not a regular file.
-
-    Raises
-    ------
-    OSError
-        There is nothing, a folder, a pipe or a device.
-    """
+    """Raise OSError for anything that is not a regular file: nothing, a folder, a pipe or a device."""
     # For an absent file the system raises its own error.
     path.stat()
     if path.is_dir():

@@ -47,13 +47,8 @@ def free_of(tree: Mapping[str, Any]) -> Free:
 
 
 def read_model(path: str | Path) -> tuple[RigModel, datetime | None, tuple[Free, ...]]:
-    """The model in a JSON file, the time of its zero, and its fitted parameters; none if the file does not list them.
-
-    Raises
-    ------
-    PlanError
-        The file is not a model.
-    """
+    """The model in a JSON file, the time of its zero, and its fitted parameters; none if the file does not list them. Raises
+    PlanError if the file is not a model."""
     path = Path(path)
     try:
         content = msgspec.json.decode(content_of(path))

@@ -84,13 +84,8 @@ def cell(value: Any) -> Any:
 
 
 def reserve(path: Path, size: int) -> None:
-    """Reserve disk space for a file, if the system supports it: HDF5 does not survive a full disk.
-
-    Raises
-    ------
-    OSError
-        There is not enough space.
-    """
+    """Reserve disk space for a file, if the system supports it: HDF5 does not survive a full disk. Raises OSError if there is not
+    enough space."""
     if hasattr(os, "posix_fallocate") and size > 0:
         with path.open("r+b") as file:
             os.posix_fallocate(file.fileno(), 0, size)

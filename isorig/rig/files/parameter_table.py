@@ -27,22 +27,8 @@ COLUMNS = ("value", "std", "unit", "method", "note")
 
 
 def characterize_campaign(campaign: Campaign, tell: Callable[[str], None], given: GivenRig | None = None) -> Characterization:
-    """The parameter table of a recording: of its own rig, or of a given model.
-
-    Parameters
-    ----------
-    campaign
-        The recording.
-    tell
-        Called with one line for each stage.
-    given
-        A description, or an extended model whose fitted parameters are fitted again.
-
-    Raises
-    ------
-    RecordingError
-        The recording lacks what the rig needs.
-    """
+    """The parameter table of a recording: of its own rig, or of a given model whose fitted parameters are fitted again. Raises
+    RecordingError if the recording lacks what the rig needs."""
     if given is None:
         return characterize(campaign, baseline_model(campaign), progress=tell)
     first = campaign.runs[0]
@@ -146,13 +132,7 @@ def drive_levels(campaign: Campaign, channel: str) -> tuple[Level, ...]:
 
 
 def read_parameters(path: Path) -> ParameterFile:
-    """Read a parameters.json.
-
-    Raises
-    ------
-    PlanError
-        The file is not a parameter table.
-    """
+    """Read a parameters.json. Raises PlanError if the file is not a parameter table."""
     try:
         content = msgspec.json.decode(content_of(path))
         rows = dict(content["parameters"]) if content["format"] == "rig-parameters" else {}

@@ -122,13 +122,8 @@ class Stored:
         return tuple(self._dataset.shape)
 
     def __getitem__(self, key: slice, /) -> NDArray[Any]:
-        """The samples of a slice.
-
-        Raises
-        ------
-        RecordingError
-            They cannot be read, are not finite, or their values are too large to compute with.
-        """
+        """The samples of a slice. Raises RecordingError if they cannot be read, are not finite, or their values are too large to
+        compute with."""
         try:
             raw = np.asarray(self._dataset[key])
         except (OSError, RuntimeError, MemoryError) as error:
@@ -374,16 +369,10 @@ def _spectrum(group: Any, name: str, here: str) -> Spectrum:
 
 @dataclass(frozen=True, kw_only=True)
 class Extra:
-    """Data of a run in addition to the format.
+    """Data of a run in addition to the format: attributes of the run and of its channels, and tables with their attributes, by
+    name.
 
-    Parameters
-    ----------
-    attributes, channels
-        Attributes of the run, and of its channels by name.
-    tables
-        Datasets by name, within a group if the name has a slash.
-    about
-        Attributes of the tables by name.
+    A table whose name has a slash is within a group.
     """
 
     attributes: Mapping[str, float | str] = field(default_factory=dict)

@@ -82,37 +82,21 @@ def read_rig(given: str | Path) -> GivenRig:
 
 
 def rig_of(campaign: Campaign) -> RigModel:
-    """The rig of a campaign: the one described in it, or the wire bonder.
-
-    Raises
-    ------
-    PlanError
-        The description cannot be used.
-    """
+    """The rig of a campaign: the one described in it, or the wire bonder. Raises PlanError if the description cannot be used."""
     if campaign.description is None:
         return wire_bonder()
     return _described(campaign.description, "it")
 
 
 def references_of(campaign: Campaign) -> tuple[str, ...]:
-    """The channels that drive: those of the rig's description, or the wire bonder's head.
-
-    Raises
-    ------
-    PlanError
-        Where the description cannot be used.
-    """
+    """The channels that drive: those of the rig's description, or the wire bonder's head. Raises PlanError if the description
+    cannot be used."""
     return tuple(drive.channel for drive in rig_of(campaign).drives)
 
 
 def read_description(path: Path) -> tuple[RigModel, str]:
-    """A rig and its description from a TOML file.
-
-    Raises
-    ------
-    PlanError
-        In one sentence: which key, what was found, what is allowed.
-    """
+    """A rig and its description from a TOML file. Raises PlanError, a sentence with the key and what is allowed, if it is
+    invalid."""
     try:
         text = content_of(path, TOML_MOST).decode()
     except FileNotFoundError:

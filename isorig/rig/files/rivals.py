@@ -122,13 +122,7 @@ def write_rivals(folder: Path, diagnosis: Diagnosis, campaign: Campaign, origin:
 
 
 def read_rivals(folder: Path) -> Rivals:
-    """Read the rivals.json of a diagnosis.
-
-    Raises
-    ------
-    PlanError
-        The folder contains no diagnosis, or one of an older version.
-    """
+    """Read the rivals.json of a diagnosis. Raises PlanError if the folder contains no diagnosis, or one of an older version."""
     found = read_answer(folder, NAME, Rivals)
     try:
         for each in (found.explains, *(model for one in found.open for model in one.models)):

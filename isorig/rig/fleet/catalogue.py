@@ -122,25 +122,13 @@ def key_of(content: str, version: str, baseline: str) -> str:
 
 
 class Catalogue:
-    """The files of a fleet in a folder.
-
-    Parameters
-    ----------
-    folder
-        Their folder; created when something is stored in it.
-    """
+    """The files of a fleet in a folder, which is created when something is stored in it."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
     def existing(self) -> Catalogue:
-        """The catalogue itself, if it exists.
-
-        Raises
-        ------
-        RigError
-            It does not exist.
-        """
+        """The catalogue itself; raises RigError if it does not exist."""
         if not (self.folder / "folders").is_dir():
             raise RigError(f"{self.folder} is not a fleet's catalogue; create it with rig fleet add FOLDER, or give another -c")
         return self
@@ -164,13 +152,8 @@ class Catalogue:
         return self.folder / "diagnoses" / key[:2] / key
 
     def put(self, answer: StoredAnswer) -> None:
-        """Store an answer, replacing an earlier one with the same key.
-
-        Raises
-        ------
-        OutputError
-            It could not be written; nothing else is changed.
-        """
+        """Store an answer, replacing an earlier one with the same key. Raises OutputError if it cannot be written; nothing else
+        is changed."""
         _write(self.folder / "answers" / answer.key[:2] / f"{answer.key}.parquet", _rows(answer))
 
     def answers(self) -> pd.DataFrame:
@@ -227,13 +210,7 @@ class Catalogue:
         return {path.stem for path in (self.folder / "changes").glob("*.parquet")}
 
     def change(self, name: str) -> list[dict[str, Any]]:
-        """The explanations of a change, best first; empty if there is none.
-
-        Raises
-        ------
-        RigError
-            It was not searched for.
-        """
+        """The explanations of a change, best first; empty if there is none. Raises RigError if it was not searched for."""
         rows: list[dict[str, Any]] = _load(self.folder / "changes" / f"{name}.parquet", CHANGES).to_pylist()
         return [row for row in rows if row["cause"]]
 

@@ -112,9 +112,7 @@ def _explain(question: ChangeToExplain) -> None:
     earlier = read_model(folder / "model.json")[0]
     known = [f for f in base_parameters(earlier) if f.path in question.levels]
     earlier = earlier.replace({f.path: question.levels[f.path] for f in known})
-    scatter = {
-        f.path: question.scatter[f.path] * (1.0 if f.log else abs(question.levels[f.path])) for f in known
-    }  # fmt: skip
+    scatter = {f.path: question.scatter[f.path] * (1.0 if f.log else abs(question.levels[f.path])) for f in known}
     own, _, fitted = read_model(catalogue.diagnosis(key_of(question.after, question.version, question.baseline)) / "model.json")
     today = {f.path: own.get(f.path) for f in fitted if f.path in question.levels}
     found = explanations(read(question.path), earlier, scatter, today=today, changed=question.changed)

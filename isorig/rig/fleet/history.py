@@ -108,13 +108,8 @@ class Track:
 class NewCause:
     """A cause that the diagnoses of a rig name from some campaign on, and did not name before.
 
-    Parameters
-    ----------
-    cause
-        Its name and place.
-    begun, first, alarm
-        Indices of the rig's campaigns: the first one that it may have changed, as no model explains it; the first that names it;
-        the one that raised the alarm.
+    Indices of the rig's campaigns: it may have changed from `begun` on, as no model explains that one; the `first` names it; one
+    raised the alarm.
     """
 
     cause: str
@@ -182,24 +177,11 @@ class TrackedRig:
 
 @dataclass(frozen=True, kw_only=True)
 class Fleet:
-    """All rigs.
+    """All rigs by name, and what their tracking used: by parameter the campaign-to-campaign variance, the thresholds of the CUSUM
+    charts and the comparison with the other rigs.
 
-    Parameters
-    ----------
-    baseline
-        Of the diagnoses.
-    rigs
-        By name.
-    scatter
-        Campaign-to-campaign variance of each parameter.
-    limits
-        Thresholds of each parameter's CUSUM charts.
-    false_per_month
-        Allowed false alarms per month in the whole fleet.
-    siblings
-        Each parameter compared with the other rigs.
-    notes
-        Sentences about recordings that could not be used or tracked.
+    `false_per_month` is the allowed number of false alarms in the whole fleet; `notes` are about recordings that could not be
+    tracked.
     """
 
     baseline: str
@@ -232,21 +214,10 @@ def with_std(value: float, std: float) -> str:
 
 
 def followed(answers: pd.DataFrame, baseline: str, *, false_per_month: float | None = None) -> Fleet:
-    """Track every parameter of every rig.
+    """Track every parameter of every rig by the diagnoses with a baseline.
 
-    Parameters
-    ----------
-    answers
-        From the catalogue.
-    baseline
-        The diagnoses to use.
-    false_per_month
-        Allowed false alarms per month in the whole fleet; None for those of `POLICY`.
-
-    Raises
-    ------
-    RigError
-        No campaign can be tracked, or the rate is not positive.
+    The whole fleet may raise `false_per_month` false alarms per month, by default those of `POLICY`. Raises RigError if no
+    campaign can be tracked, or the rate is not positive.
     """
     if false_per_month is not None and not false_per_month > 0.0:
         raise RigError(f"the rate of false alarms is {false_per_month:g} a month; give a positive one")
@@ -368,7 +339,7 @@ def _campaigns(rows: pd.DataFrame) -> tuple[DiagnosedCampaign, ...]:
             name=name, started=day, verdict=verdict, causes=_split(cause), alike=_split(alike), content=content, path=path
         )
         for name, verdict, cause, alike, content, path, day in zip(*columns, _days(rows)[first].tolist(), strict=True)
-    )  # fmt: skip
+    )
 
 
 def _split(causes: str) -> frozenset[str]:

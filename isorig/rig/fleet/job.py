@@ -24,20 +24,9 @@ FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 class DiagnosisJob(msgspec.Struct, frozen=True, kw_only=True):
-    """A recording to be diagnosed, and the catalogue for its answer.
+    """A recording to be diagnosed, the catalogue for its answer, and the known part of it: rig, recording, version and baseline.
 
-    Parameters
-    ----------
-    catalogue
-        Folder of the catalogue.
-    answer
-        The known part of the answer: rig, recording, version and baseline.
-    limit
-        Time limit, seconds.
-    pages
-        Whether to write report.html too.
-    again
-        Whether to diagnose it although there are findings.
+    `limit` is a time limit in seconds; with `again`, it is diagnosed although there are findings.
     """
 
     catalogue: str
@@ -48,13 +37,8 @@ class DiagnosisJob(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def answer_job(job: DiagnosisJob) -> StoredAnswer | None:
-    """Diagnose a recording, store the answer, and return it; None if another process is working on it.
-
-    Raises
-    ------
-    RigError
-        The update cannot continue: answers cannot be stored, or this worker runs another version of the program.
-    """
+    """Diagnose a recording, store the answer, and return it; None if another process is working on it. Raises RigError if the
+    update cannot continue: answers cannot be stored, or this worker runs another version of the program."""
     if program_version() != job.answer.version:
         raise RigError(
             f"a worker runs version {program_version()} of this program, not {job.answer.version}; "
@@ -97,13 +81,7 @@ def _answered(job: DiagnosisJob, folder: Path) -> StoredAnswer:
 
 
 def from_findings(folder: Path, blank: StoredAnswer) -> StoredAnswer:
-    """The answer from findings.json and baseline.json of a folder.
-
-    Raises
-    ------
-    RigError
-        They are not the output of a diagnosis.
-    """
+    """The answer from findings.json and baseline.json of a folder. Raises RigError if they are not the output of a diagnosis."""
     try:
         found = read_findings(folder)
         began = msgspec.json.decode((folder / "baseline.json").read_bytes()).get("origin")

@@ -17,14 +17,8 @@ SECONDS, ROWS, MEMORY = 60.0, 1_000_000, "2GB"
 def query_answers(catalogue: Catalogue, query: str) -> str:
     """The rows of a query as CSV; the table `answers` is the catalogue.
 
-    The query can access this table only: no file, no network.
-
-    Raises
-    ------
-    RigError
-        DuckDB is not installed, the query is empty or wrong, or its result is too long.
-    TimeLimitError
-        The query takes longer than `SECONDS`.
+    The query can access this table only: no file, no network. Raises RigError if DuckDB is not installed, the query is empty or
+    wrong, or its result is too long; TimeLimitError if the query takes longer than `SECONDS`.
     """
     try:
         import duckdb

@@ -141,10 +141,8 @@ def _glance(fleet: Fleet, rigs: Sequence[TrackedRig], anchors: Mapping[str, str]
     return Section(
         title="All rigs",
         text=[SHORT],
-        tables=[
-            Table(columns=("rig", "state", "last", "verdict", *(parameter_words(n) for n in names)), rows=rows)
-        ],
-    )  # fmt: skip
+        tables=[Table(columns=("rig", "state", "last", "verdict", *(parameter_words(n) for n in names)), rows=rows)],
+    )
 
 
 def _spark(track: Track) -> Cell:
@@ -187,7 +185,7 @@ def _scatter(fleet: Fleet) -> Section:
         title="Campaign-to-campaign scatter",
         text=[SCATTER],
         tables=[Table(columns=("parameter", "between campaigns", "of a fit", "degrees of freedom", "thresholds"), rows=rows)],
-    )  # fmt: skip
+    )
 
 
 def _without(fleet: Fleet) -> list[Section]:
@@ -211,9 +209,7 @@ def _page(fleet: Fleet, rig: TrackedRig, explanations: Explanations, anchors: Ma
     if far:
         sections.append(Section(title="Outlying campaigns", text=far))
     sections += [_parameters(fleet, rig), Section(title="Over time", charts=[_chart(rig)]), _campaigns(rig)]
-    return Page(
-        name=anchors[rig.name], title=rig.name, verdict=capitalized(f"{state_of(fleet, rig)}."), sections=sections
-    )  # fmt: skip
+    return Page(name=anchors[rig.name], title=rig.name, verdict=capitalized(f"{state_of(fleet, rig)}."), sections=sections)
 
 
 def _change_section(fleet: Fleet, incident: Incident, explanations: Explanations) -> Section:
@@ -261,7 +257,7 @@ def _parameters(fleet: Fleet, rig: TrackedRig) -> Section:
         away = difference_words(fleet.siblings[name].away[rig.name])
         rows.append(
             (parameter_words(name), number(track.level, 5), number(std, 2), track.unit, away, "odd" if name in odd else "")
-        )  # fmt: skip
+        )
     return Section(
         title="Parameters compared with the other rigs",
         tables=[Table(columns=("parameter", "level", "std", "unit", "difference, standard deviations", ""), rows=rows)],

@@ -7,14 +7,7 @@ from collections.abc import Callable
 from isorig.analysis.wording import first_of
 from isorig.rig.errors import RigError
 from isorig.rig.fleet.history import Fleet, Track, TrackedRig
-from isorig.rig.fleet.sentences import (
-    change_words,
-    difference_words,
-    odd_parameters,
-    parameter_words,
-    rigs_in_order,
-    state_of,
-)
+from isorig.rig.fleet.sentences import change_words, difference_words, odd_parameters, parameter_words, rigs_in_order, state_of
 from isorig.rig.process.terminal import show_table
 from isorig.rig.report.sections import number
 
@@ -61,11 +54,8 @@ def show_parameter(fleet: Fleet, parameter: str, rig: str | None) -> None:
         track = fleet.rigs[each].tracks[name]
         changes = [change_words(track, change) for change in track.followed.changes[-1:]]
         rows.append(
-            (
-                each, number(track.level, 5), difference_words(away), "outlier" if each in found.odd else "",
-                *(changes or ["–"]),
-            )
-        )  # fmt: skip
+            (each, number(track.level, 5), difference_words(away), "outlier" if each in found.odd else "", *(changes or ["–"]))
+        )
     unit = fleet.rigs[next(iter(found.away))].tracks[name].unit
     show_table(f"{parameter_words(name)}, {unit}", ("rig", "level", "against others", "", "last change"), rows)
 

@@ -26,16 +26,9 @@ PATIENCE = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class Work:
-    """The work of an update.
+    """The work of an update: recordings without an answer, grouped by rig and sorted by name; the number of those with one.
 
-    Parameters
-    ----------
-    jobs
-        Recordings without an answer, grouped by rig and sorted by name.
-    known
-        Number of recordings with an answer.
-    notes
-        Sentences about folders and recordings that could not be used as they are.
+    `notes` are sentences about folders and recordings that could not be used as they are.
     """
 
     jobs: tuple[DiagnosisJob, ...]
@@ -55,20 +48,8 @@ def work_of(
 ) -> Work:
     """Compare the folders with the catalogue; the entries of moved or replaced recordings are corrected.
 
-    Parameters
-    ----------
-    catalogue
-        Has the folders that were added.
-    baseline
-        Name of the baseline.
-    limit, pages
-        As for `DiagnosisJob`.
-    again
-        Whether recordings whose diagnosis failed or took too long are tried again.
-    reread
-        Whether every file is read, not only those with a new size or modification time.
-    only
-        Restrict to these recordings.
+    With `again`, recordings whose diagnosis failed or took too long are tried again; with `reread`, every file is read, not only
+    those with a new size or modification time. `only` restricts the work to these recordings.
     """
     folders = catalogue.folders()
     stored = _Stored(catalogue)
@@ -179,19 +160,8 @@ def update(
 ) -> list[StoredAnswer]:
     """Do the work, store each answer when it is complete, merge the catalogue's files, and return the answers.
 
-    Parameters
-    ----------
-    catalogue, jobs
-        From `work_of`.
-    scheduler
-        Dask scheduler, as for `shared_out`, whose workers see the same files; threads of this process if None.
-    tell
-        Called with each answer.
-
-    Raises
-    ------
-    RigError
-        Answers cannot be stored, or the workers cannot be used: the remaining work is not started, and stored answers are kept.
+    `tell` is called with each answer. For the scheduler, whose workers see the same files, see `shared_out`. Raises RigError if
+    answers cannot be stored, or the workers cannot be used: the remaining work is not started, and stored answers are kept.
     """
     answers = []
     for answer in _answers(catalogue, jobs, scheduler):

@@ -44,22 +44,9 @@ def watch(
     seconds: float | None = None,
     tell: Callable[[str], None] = print,
 ) -> None:
-    """Diagnose new recordings as they arrive, and report each answer and each change of a rig.
+    """Diagnose new recordings as they arrive, and report each answer and each change of a rig in a line.
 
-    Parameters
-    ----------
-    catalogue
-        The catalogue for the answers.
-    folders
-        The watched folders, and the rig of each.
-    baseline, limit, scheduler
-        As for an update.
-    every
-        Seconds between readings.
-    seconds
-        Duration, seconds; without limit if None.
-    tell
-        Called with one line at a time.
+    `folders` have the rig of each; they are read every `every` seconds, for `seconds` or without limit if None.
     """
     arrivals = NewRecordings()
     end = None if seconds is None else time.monotonic() + seconds

@@ -28,21 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class FrfPicture:
-    """A figure to draw.
-
-    Parameters
-    ----------
-    path
-        Its file.
-    curves
-        Transfer functions by label.
-    band
-        Lowest and highest frequency, Hz.
-    view
-        What it shows of them.
-    periods
-        Estimates period by period, by label: a figure of these has no `curves`.
-    """
+    """A figure to draw in a file: transfer functions by label in a band (Hz), or their estimates period by period."""
 
     path: Path
     curves: Mapping[str, Frf] = field(default_factory=dict)
@@ -58,7 +44,7 @@ class FigureProcess:
         # Ctrl-C is for this process, which then ends the other one.
         self._process = subprocess.Popen(
             python("-m", "isorig.rig.frf.drawing"), stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
-        )  # fmt: skip
+        )
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._input, self._output = cast("BinaryIO", self._process.stdin), cast("BinaryIO", self._process.stdout)
@@ -71,13 +57,7 @@ class FigureProcess:
         self._sent.append(self._sender.submit(self._drawn, job))
 
     def wait(self) -> None:
-        """Wait until all figures are drawn.
-
-        Raises
-        ------
-        OutputError
-            A figure could not be written.
-        """
+        """Wait until all figures are drawn. Raises OutputError if a figure could not be written."""
         sent, self._sent = self._sent, []
         for each in sent:
             each.result()

@@ -376,16 +376,14 @@ def _about_limits(limits: MagnitudeLimits, k: int) -> dict[str, Any]:
         float(rows[k]) if np.isfinite(rows[k]) else None
         for rows in (limits.low, limits.high, limits.leakage, limits.reference_noise)
     )
-    return {
-        "magnitude_limits": None if low is None else [low, high], "leakage": leakage, "largest_reference_noise": noise,
-    }  # fmt: skip
+    return {"magnitude_limits": None if low is None else [low, high], "leakage": leakage, "largest_reference_noise": noise}
 
 
 def _about_hits(test: HammerTest) -> dict[str, Any]:
     hits = [
         {"run": hit.run, "seconds": float(hit.seconds), "peak": hit.peak, "rejected": hit.rejected or None, "text": hit.text}
         for hit in test.hits
-    ]  # fmt: skip
+    ]
     return {"hits": hits, "exponential_window_per_s": test.spectra.decay, "text": list(test.text)}
 
 

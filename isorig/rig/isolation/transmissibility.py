@@ -22,16 +22,9 @@ from isorig.rig.model.prediction import Model, measured_and_simulated
 
 @dataclass(frozen=True, kw_only=True)
 class Ratio:
-    """|response / reference| at a gain, in one configuration or relative to another one.
+    """|response / reference| at a gain, in one configuration or relative to another one, shape (bins,), at frequencies in Hz.
 
-    Parameters
-    ----------
-    gain
-        Drive gain.
-    frequency, value, std
-        Hz, the magnitude and its standard deviation, shape (bins,).
-    mean, mean_std
-        Root mean square over the bins, of numerator over denominator, and its standard deviation.
+    `mean` is the root mean square over the bins, of numerator over denominator.
     """
 
     gain: float

@@ -20,14 +20,8 @@ def baseline_model(campaign: Campaign, baseline: Baseline = "coulomb") -> RigMod
     """The baseline with starting values.
 
     The wire bonder's known masses are read from the recording; starting values for fitted parameters from the recording if
-    available, otherwise from the thesis.
-
-    Raises
-    ------
-    RecordingError
-        The campaign lacks a channel that the rig needs, or its description is unusable.
-    PlanError
-        The description has no sensor.
+    available, otherwise from the thesis. Raises RecordingError if the campaign lacks a channel that the rig needs, or its
+    description is unusable; PlanError if the description has no sensor.
     """
     if campaign.description is not None:
         try:
@@ -55,13 +49,8 @@ def doubts_in(campaign: Campaign, units: Mapping[str, str] | None = None) -> tup
 
 
 def with_sensors(model: RigModel, where: str) -> RigModel:
-    """The same rig, if it has a sensor: without one, no simulation can be compared with a record.
-
-    Raises
-    ------
-    PlanError
-        It has none; `where` names the description.
-    """
+    """The same rig, if it has a sensor: without one, no simulation can be compared with a record. Raises PlanError if it has
+    none; `where` names the description."""
     if not model.sensors:
         raise PlanError(
             f"{where} describes the rig {model.name!r} without a sensor, but a rig needs at least one recorded response; "
@@ -71,15 +60,8 @@ def with_sensors(model: RigModel, where: str) -> RigModel:
 
 
 def recorded_in(model: RigModel, campaign: Campaign) -> RigModel:
-    """The same model, if it has a sensor, and every run has its channels and a configuration of it.
-
-    Raises
-    ------
-    PlanError
-        The model has no sensor.
-    RecordingError
-        A channel is missing, or a configuration is unknown.
-    """
+    """The same model, if it has a sensor, and every run has its channels and a configuration of it. Raises PlanError if the model
+    has no sensor; RecordingError if a channel is missing, or a configuration is unknown."""
     with_sensors(model, campaign.source or "the campaign")
     for run in campaign.runs:
         for name in model.channels:

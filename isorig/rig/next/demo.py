@@ -27,13 +27,8 @@ RUNS, SECONDS, WORK = 6, 120.0, 6.0
 
 
 def show(folder: Path, seed: int) -> None:
-    """Investigate a virtual rig through a real port, and disclose the hidden effect at the end.
-
-    Raises
-    ------
-    OutputError
-        The folder contains an investigation that is not a demo's.
-    """
+    """Investigate a virtual rig through a real port, and disclose the hidden effect at the end. Raises OutputError if the folder
+    contains an investigation that is not a demo's."""
     clock = Clock()
     place = folder / "investigation"
     if place.exists() and not (place / STATE).exists():

@@ -52,24 +52,10 @@ Choose = Callable[..., Proposal]
 
 @dataclass(frozen=True, kw_only=True)
 class Terms:
-    """Resources of an investigation, and its callbacks.
+    """Limits of an investigation, and its callbacks.
 
-    Parameters
-    ----------
-    most_runs, seconds
-        Maximum number of runs, and maximum seconds of measuring, in total.
-    limits
-        The given limits for runs.
-    work
-        Maximum seconds for a proposal.
-    measure
-        Measures the runs.
-    choose
-        Selects the next runs.
-    limit
-        Time limit in seconds for the search for causes in a diagnosis; None for no limit.
-    tell
-        Called with lines for the operator.
+    It measures at most `most_runs` runs and `seconds` in total. A proposal takes at most `work` seconds, the search for causes in
+    a diagnosis at most `limit`. `tell` is called with lines for the operator.
     """
 
     most_runs: int
@@ -85,23 +71,9 @@ class Terms:
 def investigate(plan: Plan, folder: Path, begun: Investigation, terms: Terms) -> Investigation:
     """Continue an investigation until one cause is identified, no allowed run is informative, or its limits are reached.
 
-    Every step is saved before the next one starts, so an interrupted investigation can be continued.
-
-    Parameters
-    ----------
-    plan
-        Instrument, channels, known values of the rig; its runs are the first stage.
-    folder
-        Folder of recording, plans, diagnoses, state and page.
-    begun
-        A new investigation, or an interrupted one.
-    terms
-        Resources and callbacks.
-
-    Raises
-    ------
-    RigError, AnalysisError, DriverError
-        Measuring or diagnosing fails; the results until then are kept.
+    Every step is saved in the folder before the next one starts, so an interrupted investigation can be continued. The runs of
+    the plan are the first stage. Raises RigError, AnalysisError or DriverError if measuring or diagnosing fails; the results
+    until then are kept.
     """
     investigation, stopped = begun, False
     while not (investigation.ended or stopped):
@@ -117,13 +89,7 @@ def investigate(plan: Plan, folder: Path, begun: Investigation, terms: Terms) ->
 
 
 def read_investigation(folder: Path) -> Investigation | None:
-    """The state of an investigation in a folder; None if there is none.
-
-    Raises
-    ------
-    PlanError
-        It is damaged.
-    """
+    """The state of an investigation in a folder; None if there is none. Raises PlanError if it is damaged."""
     path = folder / STATE
     if not path.exists():
         return None
@@ -220,13 +186,8 @@ def _diagnosed(folder: Path, investigation: Investigation, terms: Terms) -> Inve
 
 
 def nothing_known(plan: Plan, limits: Limits, baseline: Baseline) -> Rivals:
-    """The knowledge before the first run: the rig as described, with starting values.
-
-    Raises
-    ------
-    PlanError
-        No limits determine the first run.
-    """
+    """The knowledge before the first run: the rig as described, with starting values. Raises PlanError if no limits determine the
+    first run."""
     if limits.gains is None or limits.band is None:
         raise PlanError("a plan without runs needs limits.gains and limits.band; give the allowed gains and the allowed band")
     model = described_rig(plan, baseline)

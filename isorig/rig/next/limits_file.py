@@ -15,24 +15,14 @@ from isorig.rig.files.tomlfile import read_toml
 
 
 def read_limits(path: Path) -> Limits:
-    """Read a file of limits, at its top or in a table [limits].
-
-    Raises
-    ------
-    PlanError
-        In one sentence: which key, what was found, what is allowed.
-    """
+    """Read a file of limits, at its top or in a table [limits]. Raises PlanError, a sentence with the key and what is allowed, if
+    it is invalid."""
     return read_toml(path, lambda tree: msgspec.convert(tree.get("limits", tree), Limits, strict=False), "a file of limits")
 
 
 def limits_of(model: RigModel, plan: Plan | None, file: Path | None) -> Limits:
-    """All given limits of a rig.
-
-    Raises
-    ------
-    PlanError
-        Two limits exclude each other, or one is for a link or channel that the rig does not have.
-    """
+    """All given limits of a rig. Raises PlanError if two limits exclude each other, or one is for a link or channel that the rig
+    does not have."""
     try:
         return model.limits_within(*([] if plan is None else [plan.limits]), *([] if file is None else [read_limits(file)]))
     except ModelError as error:

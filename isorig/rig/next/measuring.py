@@ -18,16 +18,7 @@ from isorig.rig.next.investigation import Measure, Measured
 def measuring(wire: str, operator: Operator, consent: Callable[[str], Decision] | None = None, *, force: bool = False) -> Measure:
     """A function that measures a plan's runs with the instrument at a port.
 
-    Parameters
-    ----------
-    wire
-        The port.
-    operator
-        The operator's interface.
-    consent
-        Asked before each run by its name; None for no questions.
-    force
-        Start even if the pre-run check fails.
+    `consent` is asked before each run by its name, if given; with `force` a run starts even if the pre-run check fails.
     """
 
     def measure(plan: Plan, recording: Path) -> Measured:

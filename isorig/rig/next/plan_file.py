@@ -39,24 +39,8 @@ def virtual_instrument_of(rivals: Rivals) -> Plan:
 
 
 def write_plan(path: Path, plan: Plan, why: Mapping[str, Sequence[str]], head: Sequence[str] = ()) -> Path:
-    """Write a plan for `rig acquire`, atomically.
-
-    Parameters
-    ----------
-    path
-        The file.
-    plan
-        The plan.
-    why
-        Sentences above a run, by its id.
-    head
-        Sentences at the top.
-
-    Raises
-    ------
-    PlanError
-        The plan itself is not valid.
-    """
+    """Write a plan for `rig acquire`, atomically, with the sentences of `head` at its top and those of `why` above runs, by their
+    ids. Raises PlanError if the plan itself is not valid."""
     check_plan(plan, str(path))
     return write_text(path, plan_text(plan, why, head))
 

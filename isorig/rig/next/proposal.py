@@ -111,18 +111,9 @@ class Situation:
 
 @dataclass(frozen=True, kw_only=True)
 class Proposed:
-    """A run of a proposal.
+    """A run of a proposal: the comparison of causes behind it, or `remarks` that say why it is taken.
 
-    Parameters
-    ----------
-    run
-        The run.
-    choice
-        The comparison of causes behind it, where there was one.
-    remarks
-        Sentences that say why it is taken, where no such comparison does.
-    peaks
-        What the surviving models reach in it, where they were simulated.
+    `peaks` is what the surviving models reach in it, where they were simulated.
     """
 
     run: CandidateRun
@@ -138,22 +129,10 @@ Kind = Literal["rivals", "undecided", "reproducible", "untested", "parameter"]
 
 @dataclass(frozen=True, kw_only=True)
 class Proposal:
-    """What to measure next.
+    """What to measure next: the runs, best first; none where no allowed run gains anything.
 
-    Parameters
-    ----------
-    kind
-        What the runs are for.
-    runs
-        The runs, best first; none where no allowed run gains anything.
-    chosen
-        The comparison behind them.
-    unreached
-        Candidates that there was no time to compare.
-    asked
-        The question in words, where it is another than the kind's own.
-    remedies
-        Pairs of causes that no allowed run distinguishes, and what would.
+    `chosen` is the comparison behind them, without `unreached` candidates that there was no time for; `asked` is the question,
+    where it is another than the kind's own; `remedies` are pairs of causes that no allowed run distinguishes, and what would.
     """
 
     kind: Kind
@@ -165,13 +144,7 @@ class Proposal:
 
 
 def single_driven(model: RigModel) -> RigModel:
-    """The rig, if it has a single drive.
-
-    Raises
-    ------
-    PlanError
-        It has several: their levels would have to be chosen together.
-    """
+    """The rig, if it has a single drive. Raises PlanError if it has several: their levels would have to be chosen together."""
     if model.more_drives:
         raise PlanError(
             f"the rig {model.name!r} has the drives {', '.join(drive.channel for drive in model.drives)}, and runs are proposed "
@@ -182,14 +155,9 @@ def single_driven(model: RigModel) -> RigModel:
 
 def situation(
     diagnoses: Sequence[Rivals], limits: Limits, plans: Mapping[str, RunPlan] | None = None, declined: Set[str] = frozenset()
-) -> Situation:  # fmt: skip
-    """What several diagnoses of one rig, the last one counting, say together.
-
-    Raises
-    ------
-    PlanError
-        Where they are of different rigs, of one that no spring holds, or of one that was never driven.
-    """
+) -> Situation:
+    """What several diagnoses of one rig, the last one counting, say together. Raises PlanError if they are of different rigs, of
+    one that no spring holds, or of one that was never driven."""
     last = diagnoses[-1]
     model = last.explains.variant().model
     plans = plans or {}
@@ -242,20 +210,9 @@ def propose(
 ) -> Proposal:  # fmt: skip
     """The next runs, for the most pressing question that is open.
 
-    Indistinguishable causes come first, then causes that are not certain, then causes that are not identifiable so far.
-
-    Parameters
-    ----------
-    now
-        What is known.
-    budget
-        Seconds of measuring that the runs may take together.
-    work
-        Seconds of processor time that the comparison may take.
-    most
-        Maximum number of runs, in addition to one at rest.
-    tell
-        Called with a line per stage.
+    Indistinguishable causes come first, then causes that are not certain, then causes that are not identifiable so far. The runs
+    may take `budget` seconds of measuring together, their comparison `work` seconds of processor time; there are at most `most`,
+    in addition to one at rest.
     """
     found = _most_pressing(now, budget, most, Deadline(work), tell)
     return replace(found, runs=(*_noise_first(now), *found.runs))

@@ -27,13 +27,7 @@ class RequiredUncertainty:
 
 
 def required_uncertainty(text: str) -> RequiredUncertainty:
-    """A requirement from the command line, e.g. links.spring.damping=2%.
-
-    Raises
-    ------
-    PlanError
-        It is not valid.
-    """
+    """A requirement from the command line, e.g. links.spring.damping=2%. Raises PlanError if it is not valid."""
     name, _, size = text.partition("=")
     try:
         percent = float(size.strip().removesuffix("%"))
@@ -47,13 +41,8 @@ def required_uncertainty(text: str) -> RequiredUncertainty:
 def propose_for(
     now: Situation, wanted: RequiredUncertainty, *, budget: float, tell: Callable[[str], None] = lambda text: None
 ) -> Proposal:
-    """The runs after which a parameter has the required uncertainty.
-
-    Raises
-    ------
-    PlanError
-        The rig has no such parameter, or it does not depend on fitted values.
-    """
+    """The runs after which a parameter has the required uncertainty. Raises PlanError if the rig has no such parameter, or it
+    does not depend on fitted values."""
     variant = now.explains
     try:
         known = KnownPrecision(variant, figure_of(variant.model, wanted.name), now.rivals.noise, now.taken)

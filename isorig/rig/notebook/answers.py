@@ -149,13 +149,8 @@ def of_answer(answer: Answer) -> str:
 
 @shows(Answer, "plot")
 def plot(answer: Answer) -> Figure:
-    """Measurement and both models in the second of held-out data in which the baseline's error is largest, with residuals.
-
-    Raises
-    ------
-    RigError
-        The held-out data are shorter than that.
-    """
+    """Measurement and both models in the second of held-out data in which the baseline's error is largest, with residuals. Raises
+    RigError if the held-out data are shorter than that."""
     models = {BASELINE: simulated(answer.baseline.model, answer.trials)}
     if answer.steps:
         models[EXTENDED] = simulated(answer.extended.model, answer.trials)

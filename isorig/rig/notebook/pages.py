@@ -29,11 +29,9 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> 
 def of_campaign(campaign: Campaign) -> str:
     """The runs."""
     rows = [
-        (
-            run.id, run.set_up, run.excitation, f"{run.duration:g} s", f"{run.sample_rate:g} Hz", ", ".join(run.channels),
-        )
+        (run.id, run.set_up, run.excitation, f"{run.duration:g} s", f"{run.sample_rate:g} Hz", ", ".join(run.channels))
         for run in campaign.runs
-    ]  # fmt: skip
+    ]
     columns = ("run", "set-up", "excitation", "duration", "sample rate", "channels")
     return table(campaign.source or "campaign", columns, rows)
 
@@ -69,7 +67,7 @@ def of_parameters(found: Characterization) -> str:
     """The table, each value in a unit of its size."""
     rows = [
         (name, "–" if e.value is None else sized(e.value, e.unit, e.std), e.method, e.note) for name, e in found.table.items()
-    ]  # fmt: skip
+    ]
     title = f"held-out error {of_signal(found.error)}, noise alone {found.noise_alone}"
     return table(title, ("parameter", "value", "method", "note"), rows)
 

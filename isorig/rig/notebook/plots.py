@@ -87,7 +87,7 @@ def plot_run(run: Run, *others: Run, channels: Sequence[str] = (), seconds: tupl
 
 def _part(
     channels: Mapping[str, FloatArray], rate: float, seconds: tuple[float, float] | None
-) -> dict[str, tuple[FloatArray, FloatArray]]:  # fmt: skip
+) -> dict[str, tuple[FloatArray, FloatArray]]:
     # Times and values within the seconds, or within the first ones.
     start, stop = seconds or (0.0, SHOWN)
     part = slice(max(round(start * rate), 0), round(stop * rate))

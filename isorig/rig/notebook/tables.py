@@ -36,13 +36,7 @@ shows(Campaign, "rig")(baseline_model)
 
 
 def needed(name: str) -> ModuleType:
-    """An optional package.
-
-    Raises
-    ------
-    RigError
-        It is not installed.
-    """
+    """An optional package; raises RigError, with how to install it, if it is missing."""
     from importlib import import_module
 
     try:

@@ -33,13 +33,7 @@ PATIENCE = 2.0
 
 
 class Unhurried(io.TextIOBase):
-    """A terminal's output that delays nobody: what a stopped (Ctrl-S) or closed terminal does not take is dropped.
-
-    Parameters
-    ----------
-    stream
-        Standard output or standard error, connected to a terminal.
-    """
+    """A terminal's output that delays nobody: what a stopped (Ctrl-S) or closed terminal does not take is dropped."""
 
     def __init__(self, stream: TextIO) -> None:
         # Opened anew: without waiting is a property that all processes with the same open terminal share.

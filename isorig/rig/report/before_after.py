@@ -207,12 +207,10 @@ def bars_chart(name: str, caption: str, label: str, names: Sequence[str], sets: 
 
 
 def residual_chart(before: Mapping[str, float], after: Mapping[str, float] | None = None) -> Chart | None:
-    """Residual of each equation of motion divided by its noise, before and after; None without equations.
+    """Residual of each equation of motion divided by its noise, before and after a cause, if there is one; None without
+    equations.
 
-    Parameters
-    ----------
-    before, after
-        By the equation's name, for example "table + motor" for the forces on both; `after` is None without a cause.
+    Equations have names, for example "table + motor" for the forces on both.
     """
     if not before:
         return None

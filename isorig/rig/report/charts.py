@@ -50,20 +50,9 @@ class ChartTrace:
 
 @dataclass(frozen=True, kw_only=True)
 class Panel:
-    """A vertical axis.
+    """A vertical axis with a label of one or more lines; limits (`ends`) and the distance of ticks (`step`) if they are fixed.
 
-    Parameters
-    ----------
-    label
-        Its label, of one or more lines.
-    log
-        Whether it is logarithmic.
-    ends
-        Its limits, if fixed.
-    height
-        Its share of the chart's height.
-    step
-        Distance of its ticks, if fixed.
+    `height` is its share of the height of the chart.
     """
 
     label: str

@@ -34,17 +34,7 @@ EVIDENCE = (
 
 
 def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, findings: Findings) -> str:
-    """The report of a diagnosis as HTML.
-
-    Parameters
-    ----------
-    diagnosis
-        The result of the diagnosis.
-    campaign
-        The measurement.
-    findings
-        The content of findings.json.
-    """
+    """The report of a diagnosis as HTML."""
     models = {BASELINE: simulated(diagnosis.baseline.model, diagnosis.trials)}
     scores = {BASELINE: diagnosis.scores[0]}
     if diagnosis.steps:

@@ -32,23 +32,7 @@ def first_screen(
     campaign: Campaign, found: Characterization, compared: Compared | None, wrong: Sequence[Discrepancy], advice: Sequence[str],
     models: Mapping[tuple[str, Role], Simulated],
 ) -> First:  # fmt: skip
-    """The first screen.
-
-    Parameters
-    ----------
-    campaign
-        The measurement.
-    found
-        Its parameters.
-    compared
-        The isolation ratio measured and simulated; None if it was not measured.
-    wrong
-        Discrepancies of the simulation, largest first.
-    advice
-        Advice, most important first.
-    models
-        Simulations of all runs, by name and role.
-    """
+    """The first screen of a measurement with its parameters; discrepancies and advice have the most important ones first."""
     second = second_chart(held_out_records(found.trials, found.trials, models))
     return First(
         sketch=sketch(found.fit.model),

@@ -53,7 +53,7 @@ def measurement_page(campaign: Campaign, found: Characterization, history: Seque
         ),
         *([Section(title="Further advice for the next measurement", text=asked[1:])] if asked[1:] else []),
         provenance_section(campaign),
-    ]  # fmt: skip
+    ]
     report = Report(
         title=f"Measurement {Path(campaign.source).name}", verdict=_verdict(found),
         summary=[*(doubt.text for doubt in found.doubts), *fault_sentences(found.faults)], sections=sections,

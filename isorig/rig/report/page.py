@@ -112,18 +112,9 @@ class AnsweredQuestion:
 
 @dataclass(frozen=True, kw_only=True)
 class First:
-    """The part of a report that is visible without scrolling.
+    """The part of a report that is visible without scrolling: the rig as SVG, what was measured or follows, answers, main charts.
 
-    Parameters
-    ----------
-    sketch
-        The rig as SVG; always our own drawing, with escaped names.
-    measured
-        The section beside the sketch: what was measured, or what follows from the verdict.
-    answers
-        The questions of a decision maker.
-    pictures
-        The main charts.
+    The sketch is always our own drawing, with escaped names.
     """
 
     sketch: str

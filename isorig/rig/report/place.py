@@ -70,16 +70,8 @@ def place_force(
 ) -> PlaceForce | None:
     """The force in a link on held-out data of the run in which the extension improves it most.
 
-    None if the bodies beyond the link are not all measured.
-
-    Parameters
-    ----------
-    link
-        The link.
-    trials
-        The runs.
-    models
-        Models by name and role, the baseline first, and their simulations of all runs.
+    None if the bodies beyond the link are not all measured. The baseline is the first of the models, which have their simulations
+    of all runs.
     """
     (baseline, _), *_ = models.values()
     free = [
@@ -91,9 +83,7 @@ def place_force(
     return max(found, key=lambda at: at.improvement, default=None)
 
 
-def _in_run(
-    link: Link, trial: Trial, models: Mapping[tuple[str, Role], tuple[RigModel, Simulated]]
-) -> PlaceForce | None:  # fmt: skip
+def _in_run(link: Link, trial: Trial, models: Mapping[tuple[str, Role], tuple[RigModel, Simulated]]) -> PlaceForce | None:
     owners = [owner for owner, _ in models.values()]
     edge = round(EDGE * trial.sample_rate)
     first = max(trial.fitted - edge, 0)
@@ -141,12 +131,7 @@ def held_out_records(
 ) -> list[HeldOutRecord]:
     """Every channel of every run on held-out data, with the models' simulations by name and role.
 
-    Parameters
-    ----------
-    trials, judged
-        The runs, and those whose part after `fitted` samples is held out.
-    models
-        Simulations of all runs.
+    Held out is the part of the `judged` runs after their `fitted` samples.
     """
     # A channel that hardly moves in a run is judged by how it moves in the others.
     held = {trial.run.id: trial for trial in judged}

@@ -115,9 +115,7 @@ def parameters_table(parameters: Mapping[str, Value], caption: str) -> Table:
 
 def entries_table(entries: Mapping[str, Entry]) -> Table:
     """The parameters of a joint fit by name."""
-    rows = [
-        (name, _sized(e.value, e.unit, e.uncertainty), e.method, e.note) for name, e in entries.items()
-    ]  # fmt: skip
+    rows = [(name, _sized(e.value, e.unit, e.uncertainty), e.method, e.note) for name, e in entries.items()]
     return Table(columns=("parameter", "value", "method", "note"), rows=rows)
 
 

@@ -23,18 +23,9 @@ END = 5.0
 def equations_watched(
     output: Path, operator: Operator, tell: Callable[[EquationsReport], None], *, until_known: bool
 ) -> Iterator[Operator]:
-    """Compute the equations of motion of a session's runs during the block.
+    """Compute the equations of motion of a session's runs during the block; `tell` receives each message in another thread.
 
-    Parameters
-    ----------
-    output
-        The session's recording.
-    operator
-        The session's operator.
-    tell
-        Receives each message on the current run, in another thread.
-    until_known
-        Whether a run ends as soon as its equations give a certain answer.
+    With `until_known`, a run ends as soon as its equations give a certain answer.
 
     Yields
     ------

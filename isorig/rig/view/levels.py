@@ -29,13 +29,7 @@ class ChannelLevel(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Levels:
-    """The levels of a growing run; each sample is read once.
-
-    Parameters
-    ----------
-    run
-        The run as far as it has been measured.
-    """
+    """The levels of a growing run; each sample is read once."""
 
     def __init__(self, run: Run) -> None:
         self._names = list(run.sensors)

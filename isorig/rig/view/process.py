@@ -27,11 +27,6 @@ END, PACE = 5.0, 0.1
 class SessionScreen:
     """Shows a running session, and passes the requests of pages to the desk.
 
-    Parameters
-    ----------
-    desk
-        Decides which requests are allowed.
-
     Attributes
     ----------
     address

@@ -23,15 +23,7 @@ MEMORY = 32 << 20
 
 
 class GrowingSpectra:
-    """The spectra of a growing run; there are no averages if its drive is not broad-band.
-
-    Parameters
-    ----------
-    run
-        The run as far as it has been measured.
-    drive
-        The drive channel.
-    """
+    """The spectra of a growing run; there are no averages if its drive is not broad-band."""
 
     def __init__(self, run: Run, drive: str) -> None:
         self.configuration, self.gain = run.configuration, round(run.gain, 6)

@@ -24,14 +24,7 @@ PATIENCE = 10
 class ScreenServer:
     """One page about one session or recording.
 
-    Parameters
-    ----------
-    subject
-        The subject.
-    readings
-        The measured data, reading by reading, in a separate thread.
-    ask
-        Called with the requests of a page.
+    Its readings of the measured data are taken in a separate thread; `ask` is called with the requests of a page.
     """
 
     def __init__(
@@ -49,13 +42,8 @@ class ScreenServer:
         self._standing = standing
 
     def run(self, over: Callable[[], bool], listening: Callable[[str], None]) -> PageTally:
-        """Serve the page until `over` returns True; `listening` is called with its address. Returns what pages have drawn.
-
-        Raises
-        ------
-        RigError, AnalysisError
-            The data to be shown cannot be read.
-        """
+        """Serve the page until `over` returns True; `listening` is called with its address. Returns what pages have drawn. Raises
+        RigError or AnalysisError if the data to be shown cannot be read."""
         return asyncio.run(self._run(over, listening))
 
     async def _run(self, over: Callable[[], bool], listening: Callable[[str], None]) -> PageTally:

@@ -53,18 +53,10 @@ class PageTally:
 
 @dataclass
 class Server:
-    """Serves one screen.
+    """Serves one screen to at most `most_pages` pages; one that has not drawn its last frame for `stalled` seconds is
+    disconnected.
 
-    Parameters
-    ----------
-    content
-        The current state and plots.
-    ask
-        Called with the requests of a page.
-    stalled
-        Seconds after which a page that has not drawn its last frame is disconnected.
-    most_pages
-        Maximum number of pages.
+    `content` gives the current state and plots, and `ask` is called with the requests of a page.
     """
 
     content: Callable[[], tuple[dict[str, Any], dict[str, Plot]]]

@@ -105,15 +105,7 @@ class _Track:
 
 
 class Board:
-    """Follows a session and creates its displayed content.
-
-    Parameters
-    ----------
-    planned
-        The session's runs, if known.
-    judge
-        Whether complete runs are checked here; not if the session itself does so.
-    """
+    """Follows a session and creates its displayed content; complete runs are checked here unless the session itself does so."""
 
     def __init__(self, planned: Sequence[Planned] = (), *, judge: bool) -> None:
         self._planned = {item.id: item for item in planned}

@@ -24,31 +24,16 @@ EVERY = 0.4
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """The data measured so far; valid until the next reading is requested.
-
-    Parameters
-    ----------
-    campaign
-        The runs, the last one growing.
-    whole
-        Complete runs.
-    """
+    """The data measured so far, the last run growing, and the ids of complete runs; valid until the next reading is requested."""
 
     campaign: Campaign
     whole: frozenset[str]
 
 
 def watched(output: Path, over: Callable[[], bool], every: float = EVERY) -> Iterator[Reading]:
-    """The data written by a session, and by an earlier part of it; the writer is not delayed.
+    """The data written by a session, and by an earlier part of it, read every `every` seconds until it is `over`.
 
-    Parameters
-    ----------
-    output
-        The session's recording.
-    over
-        Whether the session has ended; called between two readings.
-    every
-        Seconds between two readings.
+    The writer is not delayed.
     """
     read = 0
     while True:

@@ -19,18 +19,9 @@ from isorig.rig.view.run_list import planned_by
 
 @contextmanager
 def viewed(plan: Plan, output: Path, operator: Operator, terminal: Terminal, *, asks: bool) -> Iterator[tuple[Desk, Operator]]:
-    """Show a session on a page during the block.
+    """Show a session on a page during the block; the page does not wait for the operator, whose terminal has its address.
 
-    Parameters
-    ----------
-    plan, output
-        The session's plan and recording.
-    operator
-        Receives the same calls; the page does not wait for it.
-    terminal
-        Prints the page's address and questions.
-    asks
-        Whether the session waits for the operator.
+    `asks` is whether the session waits for the operator.
 
     Yields
     ------

@@ -20,12 +20,7 @@ SECONDS = 600.0
 @contextmanager
 def virtual_instrument(seed: int, *options: str) -> Iterator[str]:
     """A simulated instrument in a separate process; yields the path of its port. `options` are passed to rig virtual instrument.
-
-    Raises
-    ------
-    ConnectionLostError
-        It does not start.
-    """
+    Raises ConnectionLostError if the process does not start."""
     call = python("-m", "isorig", "virtual", "instrument", "--seed", str(seed), "--seconds", str(SECONDS), *options)
     with subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:

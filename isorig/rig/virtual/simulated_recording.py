@@ -65,13 +65,7 @@ def usual_run(model: RigModel, configuration: str) -> SyntheticDrive:
 
 
 def synthetic_drive(model: RigModel, plan: SyntheticDrive) -> Campaign:
-    """A campaign of one run that contains the drive only.
-
-    Raises
-    ------
-    PlanError
-        A number of the plan cannot be used.
-    """
+    """A campaign of one run that contains the drive only. Raises PlanError if a number of the plan cannot be used."""
     rate = plan.sample_rate
     for name, value in {"sample-rate": rate, "seconds": plan.seconds, "gain": plan.gain}.items():
         if not 0.0 < value < float("inf"):
@@ -138,13 +132,8 @@ def with_forces(given: GivenRig, campaign: Campaign) -> tuple[Campaign, Mapping[
 
     In addition to the sensors' channels there are `<contact>_friction` and `<link>_force` in N, transmitted from body a to body
     b, and `<contact>_held`, the share of each sample's time in which the contact sticks; see `isorig.analysis.simulate.Trace`.
-
-    Raises
-    ------
-    RecordingError
-        A run lacks the drive or has a configuration that the model does not have.
-    PlanError
-        A sensor has the name of one of these channels.
+    Raises RecordingError if a run lacks the drive or has a configuration that the model does not have; PlanError if a sensor has
+    the name of one of these channels.
     """
     model = given.model
     simulated = predicted(model, campaign, origin=given.origin)

@@ -97,16 +97,10 @@ class DesignPlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
 @dataclass(frozen=True, kw_only=True)
 class DriveOffset:
-    """Effect of a drive offset from the motor's centre of gravity.
+    """Effect of a drive offset from the motor's centre of gravity: its largest angle, rad, and stroke relative to the table, m.
 
-    Parameters
-    ----------
-    rocking, stroke
-        Largest angle of the motor, rad, and stroke relative to the table, m.
-    frequency, ratio
-        Isolation ratio of the rig without friction, shape (bins,), Hz and 1.
-    worst
-        Largest ratio, from 5 to 50 Hz, divided by that without offset.
+    The isolation ratio of the rig without friction, shape (bins,), at frequencies in Hz; `worst` is the largest one from 5 to 50
+    Hz, divided by that without offset.
     """
 
     rocking: float
@@ -157,13 +151,7 @@ class Designed:
 
 
 def read_design(path: Path) -> DesignPlan:
-    """Read and validate a move profile.
-
-    Raises
-    ------
-    PlanError
-        In one sentence: which key, what was found, what is allowed.
-    """
+    """Read and validate a move profile. Raises PlanError, a sentence with the key and what is allowed, if it is invalid."""
     plan = read_toml(path, lambda tree: msgspec.convert(tree, DesignPlan, strict=False), "a move profile")
     low, high = plan.frequencies
     if not TRIED[0] <= low < high <= TRIED[1]:

@@ -49,19 +49,10 @@ class Hidden:
 
     def records(
         self, drive: FloatArray, sample_rate: float, *, configuration: str, gain: float, start_time: float, run: str
-    ) -> dict[str, FloatArray]:  # fmt: skip
+    ) -> dict[str, FloatArray]:
         """The channels of a run without their noise, by channel, each shape (n,).
 
-        Parameters
-        ----------
-        drive
-            The drive's true values, shape (n,).
-        sample_rate
-            Hz.
-        configuration, gain, run
-            Configuration of the rig, gain and name of the run.
-        start_time
-            Seconds since the rig's first run.
+        `drive` are the drive's true values, shape (n,), at a rate in Hz; `start_time` is in seconds since the rig's first run.
         """
         name = self.model.drive.channel
         played = Run(
@@ -84,7 +75,7 @@ def amplitudes_of(model: RigModel) -> Amplitudes:
     )
     seen = simulate(
         msgspec.structs.replace(model, sensors=(*model.sensors, *sensors)), Excitation.prepare(head, rate, oversample=4)
-    ).channels  # fmt: skip
+    ).channels
     most = {name: float(np.abs(values).max()) for name, values in seen.items()}
     return Amplitudes(
         deflection={link.name: most[f"d {link.name}"] for link in model.links},
@@ -195,13 +186,8 @@ def drawn_effect(kind: str, model: RigModel, size: float, draw: Draw) -> Hidden:
 
 
 def hidden_in(model: RigModel, kind: str | None, size: float, seed: int) -> Hidden:
-    """The effect that a seed selects for a wire bonder; none if no kind is given.
-
-    Raises
-    ------
-    RigError
-        There is no such kind, the size is not allowed, or the rig has no place for it.
-    """
+    """The effect that a seed selects for a wire bonder; none if no kind is given. Raises RigError if there is no such kind, the
+    size is not allowed, or the rig has no place for it."""
     if kind is None:
         return Hidden(model=model)
     if kind not in KINDS:

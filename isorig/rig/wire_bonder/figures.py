@@ -13,9 +13,7 @@ from isorig.rig.frf.figures import DASHES, PER, Figure, banded, gridded
 from isorig.rig.wire_bonder.four_set_ups import ErrorSurface, SetUp
 
 
-def isolation_figure(
-    ratios: Mapping[str, IsolationRatio], stuck: Mapping[float, float], *, logarithmic: bool = True
-) -> Figure:  # fmt: skip
+def isolation_figure(ratios: Mapping[str, IsolationRatio], stuck: Mapping[float, float], *, logarithmic: bool = True) -> Figure:
     """The isolation ratio from 0 to 15 Hz, and around the heatblock's peaks, measured and simulated.
 
     Gains at which the motor sticks are shaded, and the step at each stitch is labelled. The frequency axis is linear, as in the

@@ -99,14 +99,9 @@ class FourSetUps:
 
 
 def classic(campaign: Campaign, model: RigModel) -> FourSetUps:
-    """Evaluate the thesis's four set-ups for a campaign.
+    """Evaluate the thesis's four set-ups for a campaign of the wire bonder.
 
-    Parameters
-    ----------
-    campaign
-        The wire bonder's; each set-up needs a run whose drive covers its band.
-    model
-        The wire bonder with starting values: expected frequencies, and the known masses.
+    Each set-up needs a run whose drive covers its band; the model has expected frequencies and the known masses.
     """
     guess = {body: uncoupled_frequency(model, link) for body, link in LINKS.items()}
     low = LOW_BAND[0] * guess["motor"], LOW_BAND[1] * guess["table"]
@@ -213,13 +208,8 @@ def head_to_table(values: Mapping[str, float], frequency: FloatArray) -> Complex
 
 
 def error_surface(set_ups: Mapping[str, SetUp], model: RigModel) -> ErrorSurface:
-    """The error surface over table mass and damping, with the other values from the set-ups.
-
-    Raises
-    ------
-    DataError
-        A set-up has no mode.
-    """
+    """The error surface over table mass and damping, with the other values from the set-ups. Raises DataError if a set-up has no
+    mode."""
     from scipy.optimize import minimize
 
     values = {"head_mass": model.drive.factor, "friction_force": 0.0}

@@ -61,21 +61,10 @@ class Compared:
 
 
 def given_models(model: Path | None, parameters: Path | None, method: Method | None) -> tuple[list[Model], list[str]]:
-    """The models given by a user, and notes about them.
+    """The models given by a user, and notes about them: that of a model.json, and the wire bonder of a parameters.json.
 
-    Parameters
-    ----------
-    model
-        A model.json.
-    parameters
-        A parameters.json: its wire bonder by the joint fit and by half-power.
-    method
-        One of the two methods, or None for both.
-
-    Raises
-    ------
-    PlanError
-        A file is invalid, or half-power is requested and the table does not have it.
+    The latter is by the joint fit and by half-power, or by one method. Raises PlanError if a file is invalid, or half-power is
+    requested and the table does not have it.
     """
     models, notes = [], []
     if model is not None:
@@ -100,7 +89,7 @@ def given_models(model: Path | None, parameters: Path | None, method: Method | N
 
 def compared_isolation(
     campaign: Campaign, models: Sequence[Model], *, stitch: float = STITCH, resolution: float = 0.25
-) -> Compared:  # fmt: skip
+) -> Compared:
     """The ratio of a campaign, and of the same runs simulated with each model; the same estimate for all.
 
     A run whose gain changed counts as one run for each gain.

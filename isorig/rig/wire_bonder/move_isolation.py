@@ -28,17 +28,11 @@ RATE = 8192.0
 
 @dataclass(frozen=True, kw_only=True)
 class MoveResponse:
-    """The heatblock relative to the table during one move in one configuration.
+    """The heatblock relative to the table during one move in one configuration, m, shape (n,), its largest magnitude and
+    settling.
 
-    Parameters
-    ----------
-    time, motion
-        Seconds from the start of the move, and heatblock minus table, m; shape (n,).
-    largest
-        max |motion|, m.
-    settling
-        Seconds from the end of the move until `motion` stays within the tolerance: 0 if it never leaves it, NaN if it is still
-        outside at the end of the record.
+    Time is in seconds from the start of the move. Settling is in seconds from its end until the motion stays within the
+    tolerance: 0 if it never leaves it, NaN if it is still outside at the end of the record.
     """
 
     time: FloatArray
@@ -49,16 +43,9 @@ class MoveResponse:
 
 @dataclass(frozen=True, kw_only=True)
 class MoveIsolation:
-    """Isolation over the acceleration of a move.
+    """Isolation over the peak of the head's acceleration in a move, m/s^2, shape (levels,), with the response at each.
 
-    Parameters
-    ----------
-    acceleration
-        Peak of the head's acceleration, m/s^2, shape (levels,).
-    unlocked, locked
-        The responses at each acceleration.
-    tolerance
-        Tolerance of the bond, m in either direction.
+    `tolerance` is that of the bond, m in either direction.
     """
 
     acceleration: FloatArray
@@ -73,13 +60,8 @@ class MoveIsolation:
 
 
 def move_within(distance: float, seconds: float, *, shape: Shape = "sine") -> Move:
-    """The move with a given duration: its peak acceleration is 2 pi d / T^2 (sine) or 4 d / T^2 (constant).
-
-    Raises
-    ------
-    DataError
-        Distance or time is not allowed.
-    """
+    """The move with a given duration: its peak acceleration is 2 pi d / T^2 (sine) or 4 d / T^2 (constant). Raises DataError if
+    distance or time is not allowed."""
     if not (isfinite(seconds) and seconds > 0.0):
         raise DataError(f"a move lasts {seconds:g} s; give a time above zero")
     factor = 2.0 * pi if shape == "sine" else 4.0
@@ -87,18 +69,9 @@ def move_within(distance: float, seconds: float, *, shape: Shape = "sine") -> Mo
 
 
 def on_move(model: RigModel, move: Move, *, tolerance: float, configuration: str = "unlocked") -> MoveResponse:
-    """Simulate one move from rest and evaluate the heatblock relative to the table.
+    """Simulate one move of the head from rest and evaluate the heatblock relative to the table.
 
-    Parameters
-    ----------
-    model
-        The rig.
-    move
-        The motion of the head.
-    tolerance
-        Tolerance of the bond, m in either direction.
-    configuration
-        Configuration of the rig.
+    `tolerance` is that of the bond, m in either direction.
     """
     bond = Sensor(channel="bond", body="heatblock", relative_to="table", quantity="displacement")
     watched = msgspec.structs.replace(model, sensors=(bond,), free=())
@@ -119,25 +92,10 @@ def on_move(model: RigModel, move: Move, *, tolerance: float, configuration: str
 def isolation_by_level(
     model: RigModel, distance: float, accelerations: Sequence[float] | FloatArray, *, tolerance: float
 ) -> MoveIsolation:
-    """Isolation during moves of one distance with sinusoidal acceleration at several levels.
+    """Isolation during moves of one distance (m) at peaks of the head's sinusoidal acceleration, m/s^2, shape (levels,).
 
-    Friction is a constant force, so its influence decreases with acceleration: the isolation increases.
-
-    Parameters
-    ----------
-    model
-        A rig with a locked configuration.
-    distance
-        m.
-    accelerations
-        Peaks of the head's acceleration, m/s^2, shape (levels,).
-    tolerance
-        Tolerance of the bond, m in either direction.
-
-    Raises
-    ------
-    DataError
-        The rig cannot be locked, or an acceleration is not allowed.
+    Friction is a constant force, so its influence decreases with acceleration: the isolation increases. `tolerance` is that of
+    the bond, m in either direction. Raises DataError if the rig cannot be locked, or an acceleration is not allowed.
     """
     if "locked" not in model.configurations:
         raise DataError(f"the rig {model.name!r} has no locked configuration to compare with; describe one")

@@ -21,18 +21,10 @@ CALLED: Mapping[Method, str] = {"joint": "joint fit", "half-power": "half-power"
 
 @dataclass(frozen=True, kw_only=True)
 class RigValues:
-    """The wire bonder's values by the names of `THESIS`, their standard uncertainties, and notes.
+    """The wire bonder's values by the names of `THESIS`, SI, their standard uncertainties, and notes on their origin.
 
-    Parameters
-    ----------
-    values, stds
-        SI; an exact or assumed value has no standard uncertainty.
-    assumed
-        Names missing from the table, for which the thesis's value is used.
-    notes
-        Sentences on the origin of values, where it is not obvious.
-    levels
-        The measured drive levels, by gain and excitation.
+    An exact or assumed value has no standard uncertainty; `assumed` are names missing from the table, for which the thesis's
+    value is used. `levels` are the measured drive levels, by gain and excitation.
     """
 
     values: Mapping[str, float]
@@ -81,13 +73,8 @@ OF_THESIS = RigValues(values=THESIS)
 
 
 def read_rig_values(path: Path | None, method: Method = "joint") -> RigValues:
-    """The parameters in a parameters.json; the thesis's table if there is no file.
-
-    Raises
-    ------
-    PlanError
-        The file is not a parameter table, or lacks what the method needs.
-    """
+    """The parameters in a parameters.json; the thesis's table if there is no file. Raises PlanError if the file is not a
+    parameter table, or lacks what the method needs."""
     if path is None:
         return OF_THESIS
     file = read_parameters(path)

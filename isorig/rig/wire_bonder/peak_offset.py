@@ -73,17 +73,8 @@ class PeakOffset:
 def peak_offset(campaign: Campaign, model: RigModel) -> PeakOffset:
     """Fit the heatblock's peak unlocked and locked at every gain whose drive excites it.
 
-    Parameters
-    ----------
-    campaign
-        Measured or simulated.
-    model
-        The rig with values accurate enough to predict mass loading, e.g. fitted ones.
-
-    Raises
-    ------
-    DataError
-        No gain excites the peak in both configurations.
+    The values of the model are to be accurate enough to predict mass loading, e.g. fitted ones. Raises DataError if no gain
+    excites the peak in both configurations.
     """
     guess, loading = loaded_frequencies(model, "heatblock")
     pairs, reason = [], ""

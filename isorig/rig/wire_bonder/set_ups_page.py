@@ -124,7 +124,7 @@ def _compared(found: Characterization, read: FourSetUps) -> Table:
         )  # fmt: skip
     return Table(
         columns=("parameter", "unit", "joint fit", "std", "fit of modes", "half-power", "error surface", "note"), rows=rows
-    )  # fmt: skip
+    )
 
 
 def _set_up_section(item: SetUp) -> Section:

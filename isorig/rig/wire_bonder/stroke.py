@@ -24,22 +24,11 @@ RADIUS, DAMPING_RATIO, HEIGHT = 0.1, 0.03, 0.02
 
 @dataclass(frozen=True, kw_only=True)
 class StrokeStudy:
-    """Largest stroke over isolation frequency.
+    """Largest displacement of the motor relative to the table, m, over isolation frequency sqrt(k / m) / 2 pi, Hz, shape (n,).
 
-    Parameters
-    ----------
-    frequency
-        Isolation frequencies sqrt(k / m) / 2 pi of the motor alone, Hz, ascending, shape (n,).
-    stroke
-        Largest displacement of the motor relative to the table, m, for the nominal parameters, shape (n,).
-    draws
-        The same for parameters drawn from their uncertainty, shape (draws, n).
-    allowed
-        The limit divided by the safety factor, m.
-    lowest
-        Lowest frequency above which the stroke stays within `allowed`, Hz; NaN if there is none.
-    lowest_of_draws
-        The same for each draw, shape (draws,).
+    `draws` is the same for parameters drawn from their uncertainty, shape (draws, n). The stroke is `allowed` up to the limit
+    divided by the safety factor, m; above the frequency `lowest` it stays within that, NaN if there is none; `lowest_of_draws` is
+    that of each draw, shape (draws,).
     """
 
     frequency: FloatArray
@@ -103,25 +92,9 @@ def stroke_study(
 ) -> StrokeStudy:
     """Stroke over isolation frequency, and the lowest frequency that stays within a limit.
 
-    Parameters
-    ----------
-    models
-        The present rig, followed by copies with parameters drawn from their uncertainty.
-    frequencies
-        Isolation frequencies to try, ascending, Hz.
-    head
-        The drive, shape (n,), m/s^2.
-    sample_rate
-        Of the drive, Hz.
-    limit
-        Largest stroke in either direction, m.
-    safety
-        The stroke must stay within limit / safety.
-
-    Raises
-    ------
-    DataError
-        Frequencies, limit or safety factor are not allowed.
+    The present rig comes first, followed by copies with parameters drawn from their uncertainty. The frequencies are ascending,
+    Hz; the drive `head` is in m/s^2, shape (n,), at a rate in Hz. The stroke must stay within limit / safety, m. Raises DataError
+    if frequencies, limit or safety factor are not allowed.
     """
     frequencies = np.asarray(frequencies, dtype=np.float64)
     if len(frequencies) < 2 or not (np.diff(frequencies) > 0.0).all() or frequencies[0] <= 0.0:
@@ -163,18 +136,9 @@ def linear_ratio(model: RigModel, frequency: FloatArray) -> FloatArray:
 
 
 def rocking(model: RigModel, offset: float, *, frequency: float, bearing_height: float = HEIGHT) -> RigModel:
-    """The rig with a drive offset from the motor's centre of gravity, so that the motor rocks on its bearings.
+    """The rig with a drive offset (m) from the motor's centre of gravity, so that the motor rocks on its bearings (Hz).
 
-    Parameters
-    ----------
-    model
-        The rig.
-    offset
-        Distance of the drive force from the centre of gravity, m.
-    frequency
-        Rocking frequency on the bearings, Hz.
-    bearing_height
-        Distance of the springs from the centre of gravity, m.
+    The springs are `bearing_height` from the centre of gravity, m.
     """
     name = model.link("isolation").a
     inertia = model.body(name).mass * RADIUS**2

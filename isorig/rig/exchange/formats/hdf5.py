@@ -21,13 +21,8 @@ BEGINS = re.compile(rb"(.{512})?\x89HDF", re.DOTALL)
 
 
 def read_hdf5(path: Path) -> ForeignTable:
-    """The datasets of an HDF5 file as columns group/dataset, or group/dataset/field of a table.
-
-    Raises
-    ------
-    RecordingError
-        It is a recording already, or damaged.
-    """
+    """The datasets of an HDF5 file as columns group/dataset, or group/dataset/field of a table. Raises RecordingError if it is a
+    recording already, or damaged."""
     items: list[tuple[str, Any]] = []
     with opened(path) as file:
         if file.attrs.get("format") in (FORMAT, FORMAT.encode()):

@@ -62,13 +62,9 @@ class _Style:
 
 
 def read_text(path: Path) -> ForeignTable:
-    """The columns of a text file; names, units and the sample rate are taken from its header if present.
-
-    Raises
-    ------
-    RecordingError
-        There are no columns of numbers, or a line is truncated or contains a cell that is not a number: which line, which cell.
-    """
+    """The columns of a text file; names, units and the sample rate are taken from its header if present. Raises RecordingError,
+    with the line and the cell, if there are no columns of numbers, or a line is truncated or contains a cell that is not a
+    number."""
     text = decoded(content_of(path, FILE_MOST))
     lines = [line.rstrip("\r\n") for line in io.StringIO(text[: 1 << 20]).readlines()[:HEAD_LINES]]
     style = _style(lines, path)

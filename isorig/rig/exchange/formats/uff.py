@@ -50,13 +50,8 @@ class _LeftOutError(Exception):
 
 
 def read_uff(path: Path) -> ForeignTable:
-    """Time records as columns, functions of frequency as spectra; others are left out with a remark.
-
-    Raises
-    ------
-    RecordingError
-        The file is damaged, or nothing in it can be used: why.
-    """
+    """Time records as columns, functions of frequency as spectra; others are left out with a remark. Raises RecordingError, with
+    the reason, if the file is damaged or nothing in it can be used."""
     columns: dict[str, Column] = {}
     spectra: list[Spectrum] = []
     remarks: list[str] = []
