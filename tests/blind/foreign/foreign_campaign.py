@@ -198,14 +198,15 @@ def _applied(rig: Rig, chosen: Sequence[tuple[str, str]], swing: Swing, size: fl
     return h
 
 
-def _change(rig: Rig, h: Hidden, swing: Swing, converter: str | None) -> dict[str, float]:
+def _change(before: Hidden, after: Hidden, swing: Swing, converter: str | None) -> dict[str, float]:
     # Largest change of each record as a share of its rms, in the strongest, the weakest and a locked run.
+    rig = before.rig
     unlocked = sorted((t for t in rig.takes if t.configuration == "unlocked" and t.kind != "moves"), key=lambda t: t.level)
     chosen = [unlocked[0], unlocked[-1], *[t for t in rig.takes if t.configuration == "locked"][-1:]]
     most: dict[str, float] = {}
     for take in (replace(one, seconds=TRIAL) for one in chosen):
-        sound = records_of(Hidden(rig=rig), take, converter)
-        other = records_of(h, take, converter, begin=0.9 * swing.seconds)
+        sound = records_of(before, take, converter, begin=0.9 * swing.seconds)
+        other = records_of(after, take, converter, begin=0.9 * swing.seconds)
         for name, values in sound.items():
             change = float(np.std(other[name] - values) / np.std(values))
             most[name] = max(most.get(name, 0.0), change)
@@ -256,8 +257,14 @@ def draw(family: str, seed: int, setting: Setting, folder: Path) -> tuple[Path, 
         chosen = [(name, str(more.choice(places(name, rig)))) for name in names]
         seeds = [int(x) for x in more.integers(2**31, size=len(chosen))]
         alone = [_applied(rig, [one], swing, 1.0, [s]) for one, s in zip(chosen, seeds, strict=True)]
-        changes = [_change(rig, h, swing, converter) for h in alone]
-        if all(h.known or max(change.values()) >= CLEAR for h, change in zip(alone, changes, strict=True)):
+        sound = Hidden(rig=rig)
+        changes = [_change(sound, h, swing, converter) for h in alone]
+        # Of two effects, each must show where the other is, too: friction may keep a body from its stop.
+        both = _applied(rig, chosen, swing, 1.0, seeds)
+        others = reversed(alone) if len(alone) == 2 else [sound for _ in alone]
+        beside = [_change(other, both, swing, converter) for other in others]
+        clear = (min(max(one.values()), max(two.values())) >= CLEAR for one, two in zip(changes, beside, strict=True))
+        if all(h.known or shows for h, shows in zip(alone, clear, strict=True)):
             break
     h = _applied(rig, chosen, swing, severity, seeds)
     told = h.told
