@@ -53,7 +53,7 @@ from isorig.analysis.fitting.ladder import (
     without_step,
 )
 from isorig.analysis.fitting.plausible import Doubt, doubts, doubts_of_records, explains_as_given, is_near
-from isorig.analysis.fitting.repeats import disturbance
+from isorig.analysis.fitting.repeats import disturbance, with_disturbance
 from isorig.analysis.fitting.score import (
     Improvement,
     Score,
@@ -227,7 +227,7 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
     keep_time(AFTER_SEARCH * preparing)
     guess = fit_start(equations)
     try:
-        baseline = widened(baseline_fit((guess, model), trials, misfits=max(residuals.values(), default=0.0) >= BROKEN))
+        trials, baseline = _baseline((guess, model), trials, misfits=max(residuals.values(), default=0.0) >= BROKEN)
         late = False
     except OutOfTimeError:
         baseline, late = not_fitted(guess), True
@@ -293,6 +293,15 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
         residuals=residuals, pointed=shown_by_equations, spread=blamed.spread if blamed is not None else "",
         doubts=_standing(doubts(model, _credible(found), campaign), model, equations),
     )  # fmt: skip
+
+
+def _baseline(starts: Sequence[RigModel], trials: Sequence[Trial], *, misfits: bool) -> tuple[tuple[Trial, ...], Fit]:
+    # The runs with the disturbance that they show, and the baseline fitted to them.
+    fitted = baseline_fit(starts, trials, misfits=misfits)
+    weighted = with_disturbance(fitted.model, trials)
+    if any(trial.disturbance is not None for trial in weighted):
+        fitted = finished(fitted, weighted)
+    return weighted, widened(fitted)
 
 
 def _standing(found: Sequence[Doubt], model: RigModel, equations: Equations) -> tuple[Doubt, ...]:

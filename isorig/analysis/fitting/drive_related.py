@@ -20,12 +20,16 @@ def _segment(trial: Trial, length: int) -> int:
 
 
 def segments(trial: Trial, values: FloatArray) -> ComplexArray:
-    """Spectra of a record's Hann-windowed segments with 50 % overlap, shape (segments, frequency bins); none if it is short."""
+    """Spectra of a record's Hann-windowed segments with 50 % overlap, shape (segments, frequency bins); none if it is short.
+
+    White noise has its own variance as their mean square magnitude.
+    """
     n = _segment(trial, len(values))
     if n < FEWEST:
         return np.zeros((0, 1), dtype=np.complex128)
     starts = range(0, len(values) - n + 1, n // 2)
     window = np.hanning(n)
+    window /= np.sqrt(np.sum(window**2))
     return np.asarray(np.fft.rfft(np.stack([values[s : s + n] * window for s in starts]), axis=1))
 
 

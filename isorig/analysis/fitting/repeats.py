@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.fitting.drive_related import drive_related
+from isorig.analysis.fitting.drive_related import drive_related, segments
 from isorig.analysis.fitting.score import signal_powers
-from isorig.analysis.fitting.trials import Trial, expected
+from isorig.analysis.fitting.trials import SIGNAL_SHARE, Disturbance, Trial, expected
 from isorig.analysis.model.rig_model import RigModel
 
 #: Two drives are the same if they differ by less than this share of their rms.
 SAME_DRIVE = 0.03
+#: Frequency bands of a disturbance's spectrum, equal on a logarithmic scale. Chosen: about three to the octave.
+BANDS = 30
 
 
 def repeated(trials: Sequence[Trial]) -> list[tuple[int, int]]:
@@ -84,6 +87,62 @@ def disturbance(model: RigModel, trials: Sequence[Trial]) -> FloatArray:
     for k in np.flatnonzero(~known).tolist():
         power[k] = np.minimum(typical, np.maximum(usual * signal[k], unrelated[k]))
     return np.asarray(np.sqrt(power / signal))
+
+
+def with_disturbance(model: RigModel, trials: Sequence[Trial]) -> tuple[Trial, ...]:
+    """The trials with the disturbance that repeated runs show, as they are if it is smaller than the accuracy of fits.
+
+    Its spectrum is half that of the difference between the residuals of repeated runs, beyond the noise and without what is
+    related to the drive: a rig that drifts. Its power in each run is that of `disturbance`.
+
+    Parameters
+    ----------
+    model, trials
+        The model whose residuals are compared, and the runs.
+    """
+    share = disturbance(model, trials)
+    if share.max() <= SIGNAL_SHARE:
+        return tuple(trials)
+    pairs = repeated(trials)
+    found = [level for one, other in pairs if (level := _spectrum(model, trials[one], trials[other])) is not None]
+    if not found:
+        return tuple(trials)
+    frequency, density = found[0][0], np.mean([density for _, density in found], axis=0)
+    power = share**2 * signal_powers(trials)
+    usual = np.mean(power[sorted({k for pair in pairs for k in pair})], axis=0)
+    scale = np.sqrt(power / np.where(usual > 0.0, usual, 1.0))
+    return tuple(
+        replace(trial, disturbance=Disturbance(frequency=frequency, level=scale[k][:, None] * np.sqrt(density)))
+        for k, trial in enumerate(trials)
+    )
+
+
+def _spectrum(model: RigModel, one: Trial, other: Trial) -> tuple[FloatArray, FloatArray] | None:
+    # Centres of frequency bands (Hz), and the density there of what two runs of one drive do not share, (channels, bands); None
+    # if they are too short.
+    n = min(one.samples, other.samples)
+    left = [trial.measured[:, :n] - expected(model, trial)[:, :n] for trial in (one, other)]
+    drive = segments(one, one.excitation.recorded[:n])
+    averages = len(drive) / 2.0
+    if averages <= 1.0:
+        return None
+    frequency = np.linspace(0.0, one.sample_rate / 2.0, drive.shape[1])
+    edges = np.geomspace(frequency[1], frequency[-1], BANDS + 1)
+    band = np.clip(np.digitize(frequency, edges) - 1, 0, BANDS - 1)
+    counts = np.bincount(band, minlength=BANDS)
+    kept = counts > 0
+    density = []
+    for row, values in enumerate((left[0] - left[1]) / np.sqrt(2.0)):
+        spectra = segments(one, values)
+        whole = np.mean(np.abs(spectra) ** 2, axis=0)
+        related = np.abs(np.mean(drive.conj() * spectra, axis=0)) ** 2 / (np.mean(np.abs(drive) ** 2, axis=0) + 1e-300)
+        # By chance one part in the number of averages looks related.
+        related = np.maximum(related - whole / averages, 0.0) / (1.0 - 1.0 / averages)
+        noise = 0.5 * (one.noise[row] ** 2 + other.noise[row] ** 2)
+        beyond = np.bincount(band, whole - related, minlength=BANDS)[kept] / counts[kept] - noise
+        density.append(np.maximum(beyond, 0.0))
+    centres = np.sqrt(edges[:-1] * edges[1:])[kept]
+    return centres, np.stack(density)
 
 
 def _unrelated(trials: Sequence[Trial], left: Sequence[FloatArray]) -> FloatArray:

@@ -150,17 +150,20 @@ class Fit:
 
 
 class Waveform:
-    """Every frequency bin of a record, weighted by noise and the accuracy of the simulation.
+    """Every frequency bin of a record, weighted by noise, the run's disturbance and the accuracy of the simulation.
 
-    An orthonormal transform of the residual in time, so least squares is equivalent, up to the trial's ceiling.
+    Without a disturbance, an orthonormal transform of the residual in time, so least squares is equivalent, up to the trial's
+    ceiling.
     """
 
     def __init__(self, trial: Trial, share: float, least: FloatArray) -> None:
         n = trial.fitted
         self._lines = int(min(trial.ceiling, trial.usable) / trial.sample_rate * n) + 1
         measured = trial.measured[:, :n]
-        sigma = np.maximum(np.sqrt(trial.noise**2 + (share * measured.std(axis=1)) ** 2), least)
-        self._weights = (np.sqrt(2.0 / n) / sigma)[:, None]
+        sigma = np.maximum(np.sqrt(trial.noise**2 + (share * measured.std(axis=1)) ** 2), least)[:, None]
+        if trial.disturbance is not None:
+            sigma = np.hypot(sigma, trial.disturbance.at(np.arange(self._lines) * trial.sample_rate / n))
+        self._weights = np.sqrt(2.0 / n) / sigma
         self._measured = measured
         self.size = 2 * self._lines * len(measured)
 

@@ -47,6 +47,26 @@ MANY, MOST = 3, 0.5
 CACHED = 3
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Disturbance:
+    """What shakes a run's records and does not repeat with its drive.
+
+    Parameters
+    ----------
+    frequency
+        Centres of frequency bands, Hz, shape (bands,).
+    level
+        Standard deviation of white noise that has the disturbance's density in a band, shape (channels, bands).
+    """
+
+    frequency: FloatArray
+    level: FloatArray
+
+    def at(self, frequency: FloatArray) -> FloatArray:
+        """The level at frequencies in Hz, shape (channels, frequencies)."""
+        return np.stack([np.interp(frequency, self.frequency, level) for level in self.level])
+
+
 @dataclass(frozen=True, kw_only=True)
 class Trial:
     """One prepared run.
@@ -78,6 +98,8 @@ class Trial:
         Highest frequency in Hz at which errors count.
     moving
         The start of a run that begins in motion; None of a run that begins at rest, or in a described state.
+    disturbance
+        What no fit can explain; None if repeated runs show none.
     """
 
     run: Run
@@ -93,6 +115,7 @@ class Trial:
     shaken: Motion | None = None
     usable: float = np.inf
     moving: MovingStart | None = None
+    disturbance: Disturbance | None = None
 
     @property
     def sample_rate(self) -> float:
