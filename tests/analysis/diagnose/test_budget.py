@@ -11,8 +11,10 @@ from small_rigs import SESSION, Take, chain, played, rubbing
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose.budget import NATURES, budget
 from isorig.analysis.fitting.division import ends
-from isorig.analysis.fitting.repeats import disturbance, repeated
+from isorig.analysis.fitting.ladder import misfit
+from isorig.analysis.fitting.repeats import disturbance, repeated, with_disturbance
 from isorig.analysis.fitting.score import noise_floor
+from isorig.analysis.fitting.solve import Problem
 from isorig.analysis.fitting.trials import Trial, drive_noise, prepare
 from isorig.analysis.model.rig_model import RigModel
 
@@ -77,6 +79,37 @@ def test_a_disturbance_from_outside_has_the_same_power_in_a_run_of_half_the_leve
     ]  # fmt: skip
     measured = disturbance(chain(), judged(replace(campaign, runs=tuple(scaled)), chain()))
     assert np.median(measured, axis=1) == pytest.approx([0.02, 0.02, in_weak_run, 0.01], rel=0.25)
+
+
+def test_a_perfect_model_of_a_shaken_rig_agrees_with_the_data_once_the_disturbance_is_known() -> None:
+    trials = ends(prepare(shaken(played(chain(), seed=SEED, longer=5.0), 0.05), chain())).fits
+    known = with_disturbance(chain(), trials)
+    assert misfit(chain(), Problem(trials)) > 10.0
+    assert misfit(chain(), Problem(known, share=0.0)) == pytest.approx(1.0, rel=0.25)
+    for trial, sound in zip(known, played(chain(), seed=SEED, longer=5.0).runs, strict=True):
+        assert trial.disturbance is not None
+        put_in = np.stack([trial.run.read(name) - sound.read(name) for name in trial.channels])
+        low, high = (trial.disturbance.at(np.array([frequency]))[:, 0] for frequency in (30.0, 150.0))
+        assert low == pytest.approx(put_in.std(axis=1) * np.sqrt(200.0 / 60.0), rel=0.3)
+        assert np.all(high < 0.2 * low)
+
+
+def test_a_rig_that_changes_between_repeated_runs_is_not_disturbed() -> None:
+    campaign = played(chain(), seed=SEED, longer=5.0)
+    first, second, *others = campaign.runs
+    louder = {**second.channels, "a0": replace(second.channels["a0"], scale=1.1)}
+    changed = replace(campaign, runs=(first, replace(second, channels=louder), *others))
+    trials = ends(prepare(changed, chain())).fits
+    frequency = np.linspace(0.0, 200.0, 2001)
+    for trial in with_disturbance(chain(), trials)[:2]:
+        assert trial.disturbance is not None
+        power = np.mean(trial.disturbance.at(frequency)[0] ** 2)
+        assert power < 0.2 * 0.5 * np.var(0.1 * trial.measured[0])
+
+
+def test_repeats_alike_to_the_accuracy_of_fits_leave_the_runs_as_they_are() -> None:
+    trials = ends(prepare(shaken(played(chain(), seed=SEED), 0.003), chain())).fits
+    assert all(one is other for one, other in zip(with_disturbance(chain(), trials), trials, strict=True))
 
 
 def test_a_sensors_wrong_gain_is_linear() -> None:
