@@ -292,7 +292,6 @@ WRONG_VALUES: list[tuple[Callable[[], object], str]] = [
     (lambda: iso.Channel(name="a", samples=np.zeros(3), quantity="speed"), "quantity of channel 'a' is 'speed'"),
     (lambda: replace(RUN, sample_rate=-1.0), "sample rate of run 'u70' is -1 Hz"),
     (lambda: replace(RUN, sample_rate=float("nan")), "sample rate of run 'u70' is nan"),
-    (lambda: replace(RUN, channels={}), "run 'u70' has no channel"),
     (lambda: replace(RUN, channels={"head": HEAD, "a": SHORT}), "unequal length (head 10240, a 3)"),
     (lambda: replace(RUN, band=(60.0, 5.0)), "band of run 'u70' is [60.0, 5.0]"),
     (lambda: replace(RUN, period=1), "period of run 'u70' is 1"),

@@ -249,14 +249,12 @@ class Run(Viewed):
             of_type(name, str, f"the name of a channel of {here}", "a text; give it in quotes")
             of_type(channel, Channel, f"channel {name!r} of {here}", "an iso.Channel; give iso.Channel(name=..., samples=...)")
         lengths = {name: len(channel) for name, channel in self.channels.items()}
-        if not lengths:
-            raise DataError(f"{here} has no channel, but a run has at least one; add it")
         if len(set(lengths.values())) > 1:
             text = ", ".join(f"{name} {n}" for name, n in lengths.items())
             raise DataError(f"{here} has channels of unequal length ({text}), but a run has one; cut them to one length")
 
     def __len__(self) -> int:
-        return len(next(iter(self.channels.values())))
+        return len(next(iter(self.channels.values()), ()))
 
     def __repr__(self) -> str:
         size = f"{self.duration:g} s at {self.sample_rate:g} Hz"
