@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Mapping
 from itertools import combinations
 from math import log, pi
@@ -11,11 +12,11 @@ import numpy as np
 import pytest
 from strange_rigs import Law, StrangeRig, campaign, cubic, dry, play
 
-from isorig.analysis.campaign import Campaign, Quantity
+from isorig.analysis.campaign import MOTION, ROTARY, Campaign, Quantity
 from isorig.analysis.fitting.linear_spectra import LinearRig, dampers, given_parameters, spectra_of, spectrum_of
 from isorig.analysis.fitting.plausible import Doubt, _held_back, doubts_of_records
 from isorig.analysis.fitting.resonances import Resonance, _peak
-from isorig.analysis.fitting.wrong_scale import WrongScale, _confirmed, _Explanation, _explanations, wrong_scale
+from isorig.analysis.fitting.wrong_scale import WrongScale, _Compared, _confirmed, _Explanation, _explanations, wrong_scale
 from isorig.analysis.model.rig_model import RigModel, from_tree, to_tree
 from isorig.analysis.units import mistaken
 
@@ -347,3 +348,86 @@ def test_a_rig_without_a_spring_does_not_show_a_wrong_rate() -> None:
     free = dataclasses.replace(ONE, joints=((0, -1, 0.0, 20.0),)).description()
     kinds = [{each.kind for each in _explanations(rig)} for rig in (free, ONE.description())]
     assert ["rate" in each for each in kinds] == [False, True]
+
+
+def described_as(model: RigModel, channel: str, quantity: str) -> RigModel:
+    """The rig with another quantity of a channel in its description."""
+    tree = to_tree(model)
+    for part in (tree["drive"], *tree["sensors"]):
+        part["quantity"] = quantity if part["channel"] == channel else part["quantity"]
+    return from_tree(tree)
+
+
+def other_derivatives(model: RigModel) -> list[tuple[str, Quantity, Quantity]]:
+    """Channel, quantity and another derivative of it, of all motions that the rig records."""
+    motions = [(sensor.channel, sensor.quantity) for sensor in model.sensors]
+    motions += [(drive.channel, drive.quantity) for drive in model.drives if drive.imposes is not None]
+    return [
+        (channel, quantity, other)
+        for channel, quantity in motions
+        for other in MOTION
+        if quantity in MOTION and other != quantity and (other in ROTARY) == (quantity in ROTARY)
+    ]
+
+
+def is_told(doubt: Doubt, channel: str, quantity: str, other: str) -> bool:
+    """Whether a doubt says that a channel is a quantity where the description has another."""
+    is_, but = (f"an? {one.replace('_', ' ')}" for one in (quantity, other))
+    said = rf"\b{channel}\b.* (varies|vary) with frequency like {is_}, but the description has {but}\b"
+    return doubt.kind == "derivative" and re.search(said, doubt.text) is not None
+
+
+@pytest.mark.parametrize(("name", "cause"), [*((name, "") for name in RIGS), *CAUSES])
+def test_another_derivative_than_described(name: str, cause: str) -> None:
+    """Of each sensor and of an imposed motion, also with an unmodelled cause; descriptions are up to a quarter off."""
+    model = RIGS[name].description(guessed(RIGS[name], 3))
+    for channel, quantity, other in other_derivatives(model):
+        (doubt,) = told(described_as(model, channel, other), recorded(name, cause))
+        assert is_told(doubt, channel, quantity, other), (channel, other, doubt.text)
+        # The recording has the true quantity, so the description is wrong.
+        assert doubt.text.endswith("correct the quantity in the description, since the recording has that.")
+
+
+@pytest.mark.parametrize("first", range(0, 40, 10))
+def test_another_derivative_on_rigs_drawn_at_random(first: int) -> None:
+    for seed in range(first, first + 10):
+        rig = drawn(seed)
+        model, measured = rig.description(guessed(rig, seed)), campaign(rig, (1.0,), seconds=8.0, band=(1.0, 50.0), seed=seed)
+        wrong = other_derivatives(model)
+        channel, quantity, other = wrong[seed % len(wrong)]
+        (doubt,) = told(described_as(model, channel, other), measured)
+        assert is_told(doubt, channel, quantity, other), (seed, channel, other, doubt.text)
+
+
+def test_all_sensors_of_one_quantity_have_another_derivative() -> None:
+    """They were mapped alike, and the mapping and the description agree; relative to a force, the drive is not doubtful."""
+    model = THREE.description(guessed(THREE, 3))
+    for name in ("a0", "a1", "a2"):
+        model = described_as(model, name, "velocity")
+    runs = [
+        dataclasses.replace(run, channels={k: dataclasses.replace(c, quantity="velocity") for k, c in run.channels.items()})
+        for run in recorded("three").runs
+    ]
+    (doubt,) = told(model, dataclasses.replace(recorded("three"), runs=tuple(runs)))
+    assert doubt.parameter == "sensors.a0+sensors.a1+sensors.a2"
+    assert "a0 and a1 and a2 vary with frequency like an acceleration, but the description has a velocity" in doubt.text
+    assert doubt.text.endswith("check the unit in the mapping and the quantity in the description.")
+
+
+def test_the_only_response_and_its_base_cannot_be_distinguished() -> None:
+    (run,) = recorded("platform").runs
+    plain = {name: dataclasses.replace(channel, quantity="force") for name, channel in run.channels.items()}
+    measured = dataclasses.replace(recorded("platform"), runs=(dataclasses.replace(run, channels=plain),))
+    (doubt,) = told(described_as(PLATFORM.description(), "base", "displacement"), measured)
+    assert doubt.parameter == "sensors.device+drive.base"
+    assert "device varies with frequency like a displacement, but the description has an acceleration, or base" in doubt.text
+
+
+@pytest.mark.parametrize(("correlation", "named"), [(0.51, True), (0.49, False)])
+def test_another_derivative_must_agree_with_the_phases(correlation: float, named: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_Compared, "correlation", lambda *given: np.array([correlation, 0.9]))
+    monkeypatch.setattr(_Compared, "agree", lambda *given: True)
+    found, _ = wrong_scale(
+        described_as(STAGE.description(), "low", "velocity"), spectra_of(STAGE.description(), recorded("stage"))
+    )
+    assert (found is not None and found.kind == "derivative") is named

@@ -1,22 +1,22 @@
-"""Detects records, given values and sample rates that are wrong by a factor, before any fit over time.
+"""Detects records, given values and sample rates that are wrong by a factor or a derivative, before any fit over time.
 
 The power of each response in bands of a third of an octave is compared with what the linear part of the given rig predicts for
 the recorded drive. Given values may be inaccurate, dampings unknown, and an unmodelled cause changes the levels in some bands.
-So every explanation (nothing is wrong; one channel, all responses, a stiffness, a mass or the sample rate is wrong by a factor)
-gets its most likely parameters, with heavy-tailed distributions for the errors of given values and of levels, and the cheapest
-explanation wins.
+So every explanation (nothing is wrong; one channel, all responses, a stiffness, a mass or the sample rate is wrong by a factor;
+channels are another derivative of the motion) gets its most likely parameters, with heavy-tailed distributions for the errors of
+given values and of levels, and the cheapest explanation wins.
 """
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from math import exp, log
 from typing import Literal
 
 import numpy as np
 
-from isorig.analysis.campaign import BoolArray, ComplexArray, FloatArray
+from isorig.analysis.campaign import MOTION, BoolArray, ComplexArray, FloatArray, Quantity
 from isorig.analysis.fitting.linear_spectra import LinearRig, Spectrum, dampers, friction_level, given_parameters
 from isorig.analysis.fitting.resonances import Resonance, resonance
 from isorig.analysis.model.parameter_units import unit_of
@@ -42,6 +42,9 @@ LINEAR = 0.93
 LEAST_RATIO, LEAST_UNKNOWN = 3.0, 8.0
 #: Mean correlation of records with predictions in bands, below which a record is inverted: ideally 1, and -1 if inverted.
 INVERTED = -0.5
+#: Mean correlation of every record with its prediction from which the phases agree with another derivative of a record: it is 0
+#: without this derivative, as phases then differ by 90 degrees; a cause that is not modelled yet disturbs them.
+TURNED = 0.5
 #: Runs compared: those with the largest level of each configuration.
 RUNS = 2
 #: Power relative to the sensor's noise below which a frequency is left out.
@@ -67,25 +70,31 @@ class WrongScale:
     ----------
     kind
         "responses": all responses compared with the drive; "sensor"; "drive": one of several drives; "stiffness"; "mass";
-        "rate": the sample rate; "sign": inverted records.
+        "rate": the sample rate; "sign": inverted records; "derivative": records of another derivative of the motion.
     names
         The channels, links or bodies; all responses or the only drive for "responses", nothing for "rate".
     ratio
         Recorded over predicted level; given over likely value for "stiffness" and "mass"; given over likely sample rate; -1 for
-        inverted records.
+        inverted records. For another derivative 1, or the factor of a drive whose factor is unknown.
+    derivative
+        Number of time derivatives of the records minus that of the given rig's sensors or drive.
     """
 
-    kind: Literal["responses", "sensor", "drive", "stiffness", "mass", "rate", "sign"]
+    kind: Literal["responses", "sensor", "drive", "stiffness", "mass", "rate", "sign", "derivative"]
     names: tuple[str, ...]
     ratio: float
+    derivative: int = 0
 
 
 @dataclass(frozen=True)
 class _Explanation:
-    # What is wrong, and its factor; a continuous one is fitted if None. Indices of sensors, drives, links or bodies.
-    kind: Literal["sound", "responses", "sensor", "drive", "stiffness", "mass", "rate", "sign"]
+    # What is wrong, and its factor; a continuous one is fitted if None. Indices of sensors, drives, links or bodies. Records with
+    # further time derivatives are those of sensors, or of drives if `driven`.
+    kind: Literal["sound", "responses", "sensor", "drive", "stiffness", "mass", "rate", "sign", "derivative"]
     places: tuple[int, ...] = ()
     factor: float | None = 1.0
+    derivative: int = 0
+    driven: bool = False
 
 
 def wrong_scale(given: RigModel, spectra: Sequence[Spectrum]) -> tuple[WrongScale | None, FloatArray]:
@@ -119,10 +128,12 @@ def wrong_scale(given: RigModel, spectra: Sequence[Spectrum]) -> tuple[WrongScal
         shown = resonance(given, spectra) if any(each.kind == "rate" for each in likely[:FITTED]) else None
         for each, (cost, here) in zip(likely, compared.fitted(likely[:FITTED], settled), strict=False):
             enough = cost + PRICE < sound or _confirmed(each, shown) or compared.agree(each, cost, here)
+            enough = enough and (each.kind != "derivative" or compared.in_phase(each, here))
             if cost < least and cost + MARGIN < sound and enough:
                 best, least, found = each, cost, here
     ratio = best.factor if best.factor is not None else exp(float(found[-1]))
-    if best.factor is None and abs(log(ratio)) < log(LEAST_UNKNOWN if unknown and best.kind == "responses" else LEAST_RATIO):
+    smallest = LEAST_UNKNOWN if unknown and best.kind == "responses" else LEAST_RATIO
+    if best.factor is None and best.kind != "derivative" and abs(log(ratio)) < log(smallest):
         best = _Explanation("sound")
     correlation = compared.correlation(best, found)
     agreement = np.abs(correlation)
@@ -131,13 +142,15 @@ def wrong_scale(given: RigModel, spectra: Sequence[Spectrum]) -> tuple[WrongScal
         if not inverted:
             return None, agreement
         best, ratio = _Explanation("sign", inverted), -1.0
-    channels = [sensor.channel for sensor in given.sensors]
+    channels, drives = [sensor.channel for sensor in given.sensors], [drive.channel for drive in given.drives]
     names = {
-        "sensor": channels, "responses": channels, "sign": channels, "drive": [drive.channel for drive in given.drives],
+        "sensor": channels, "responses": channels, "sign": channels, "drive": drives,
+        "derivative": drives if best.driven else channels,
         "stiffness": [link.name for link in given.links], "mass": [body.name for body in given.bodies],
     }  # fmt: skip
     assert best.kind != "sound"
-    return WrongScale(kind=best.kind, names=tuple(names.get(best.kind, [])[k] for k in best.places), ratio=ratio), agreement
+    wrong = tuple(names.get(best.kind, [])[k] for k in best.places)
+    return WrongScale(kind=best.kind, names=wrong, ratio=ratio, derivative=best.derivative), agreement
 
 
 def _confirmed(explanation: _Explanation, shown: Resonance | None) -> bool:
@@ -160,10 +173,28 @@ def _explanations(given: RigModel) -> Iterator[_Explanation]:
         yield _Explanation("drive", (k,), None)
     stiff = [k for k, link in enumerate(given.links) if link.stiffness > 0.0]
     heavy = [k for k, body in enumerate(given.bodies) if body.name not in given.imposed]
+    yield from _derivatives(given, alike)
     yield from _given("stiffness", stiff, [unit_of(f"links.{link.name}.stiffness", given) for link in given.links])
     yield from _given("mass", heavy, [unit_of(f"bodies.{body.name}.mass", given) for body in given.bodies])
     # A rate shows in the frequencies of resonances; without a spring there are none.
     yield from (_Explanation("rate", (), factor) for factor in RATES if stiff)
+
+
+def _derivatives(given: RigModel, alike: Mapping[Quantity, tuple[int, ...]]) -> Iterator[_Explanation]:
+    # One sensor or all of one quantity, or the motion that drives, has another derivative than described.
+    factor = None if "drive.factor" in given.free else 1.0
+    for quantity, places in alike.items():
+        for change in _changes(quantity):
+            yield from (_Explanation("derivative", (k,), factor, change) for k in places)
+            if len(places) > 1:
+                yield _Explanation("derivative", places, factor, change)
+    for k, drive in enumerate(given.drives):
+        yield from (_Explanation("derivative", (k,), factor, change, driven=True) for change in _changes(drive.quantity))
+
+
+def _changes(quantity: Quantity) -> list[int]:
+    # Further derivatives that a record of a motion may have.
+    return [order - MOTION[quantity] for order in (0, 1, 2) if order != MOTION[quantity]] if quantity in MOTION else []
 
 
 def _given(kind: Literal["stiffness", "mass"], places: Sequence[int], units: Sequence[str]) -> Iterator[_Explanation]:
@@ -285,6 +316,10 @@ class _Compared:
         """Whether levels and phases of the records agree with an explanation."""
         return cost <= CLEAR and bool(np.abs(self.correlation(explanation, theta)).min() >= LINEAR)
 
+    def in_phase(self, explanation: _Explanation, theta: FloatArray) -> bool:
+        """Whether the phases of all records agree with an explanation: a wrong derivative turns them by 90 degrees."""
+        return bool(self.correlation(explanation, theta).min() >= TURNED)
+
     def correlation(self, explanation: _Explanation, theta: FloatArray) -> FloatArray:
         """Mean over runs and bands of the correlation of each response with its prediction, shape (responses,)."""
         rows = []
@@ -321,14 +356,16 @@ class _Compared:
         }  # fmt: skip
         if explanation.kind in ("mass", "stiffness", "drive"):
             rows[explanation.kind][places] = -log_factor
-        elif explanation.kind == "responses":
+        elif explanation.kind in ("responses", "derivative"):
             rows["drive"] += log_factor
         elif explanation.kind == "sensor":
             rows["sensor"][places] = log_factor
+        orders, driven_orders = np.zeros((len(given.sensors), count)), np.zeros((len(given.drives), count))
+        (driven_orders if explanation.driven else orders)[places if explanation.derivative else []] = explanation.derivative
         rates = log_factor if explanation.kind == "rate" else np.zeros(count)
         return _Sets(
             thetas=thetas[: len(self._usual)], mass=rows["mass"], stiffness=rows["stiffness"], drives=rows["drive"],
-            sensors=rows["sensor"], rates=rates,
+            sensors=rows["sensor"], rates=rates, orders=orders, driven_orders=driven_orders,
         )  # fmt: skip
 
     def _responses(self, sets: _Sets) -> Iterator[ComplexArray]:
@@ -346,22 +383,29 @@ class _Compared:
             rig = self._rigs[spectrum.run.configuration]
             omega = spectrum.omega / np.exp(sets.rates)[:, None] if sets.rates.any() else spectrum.omega
             free = rig.free_motion(omega, values)
+            if sets.driven_orders.any():
+                # The true motion of the drive is that of its record divided by s, for each further derivative.
+                true = (1j * spectrum.omega) ** -sets.driven_orders[..., None]
+                free = replace(free, x=free.x * true, velocity=free.velocity * true)
             rubs = dampers(free, values, spectrum, forces, drives, self._rubs.get(spectrum.run.id))
             # The next ones are similar.
             self._rubs[spectrum.run.id] = rubs[:, :1]
-            yield rig.responses(omega, replace(values, friction=rubs), free) * drives[:, :, None]
+            response = rig.responses(omega, replace(values, friction=rubs), free) * drives[:, :, None]
+            yield response * (1j * spectrum.omega) ** sets.orders[:, None, :, None] if sets.orders.any() else response
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Sets:
     # Sets of parameters in columns: logarithms of the changes of given values, and of the factors of an explanation on masses,
-    # stiffnesses, drives, records and the sample rate.
+    # stiffnesses, drives, records and the sample rate; further derivatives of the records and of the drives.
     thetas: FloatArray
     mass: FloatArray
     stiffness: FloatArray
     drives: FloatArray
     sensors: FloatArray
     rates: FloatArray
+    orders: FloatArray
+    driven_orders: FloatArray
 
     @property
     def count(self) -> int:
