@@ -7,12 +7,14 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from functools import wraps
 from inspect import signature
-from typing import Any, Concatenate, Literal, ParamSpec, Protocol, TypeVar
+from pathlib import Path
+from typing import Any, Concatenate, Literal, ParamSpec, Protocol, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from isorig.analysis.errors import DataError
+from isorig.analysis.errors import ArgumentError, DataError
+from isorig.analysis.given import all_of_type, finite, given_mapping, interval, number, numbers, of_type, one_of, positive, whole
 from isorig.analysis.views import Viewed, call
 
 FloatArray = NDArray[np.float64]
@@ -91,6 +93,21 @@ class Channel:
     full_scale: float | None = None
     about: Mapping[str, str] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        here = f"channel {of_type(self.name, str, 'the name of a channel', 'a text; give it in quotes')!r}"
+        given: object = self.samples
+        if isinstance(given, list | tuple) or hasattr(given, "to_numpy"):
+            # A list, or a column of a data frame.
+            object.__setattr__(self, "samples", numbers(given, f"the record of {here}"))
+        _check_samples(self.samples, here)
+        one_of(self.quantity, get_args(Quantity), f"the quantity of {here}")
+        of_type(self.unit, str, f"the unit of {here}", 'a text; give it in quotes, for example "m/s^2"')
+        for key in ("scale", "offset"):
+            finite(getattr(self, key), f"the {key} of {here}")
+        if self.full_scale is not None:
+            number(self.full_scale, f"the full scale of {here}")
+        given_mapping(self.about, f"the argument about of {here}", 'a mapping; give one, for example {"place": "table"}')
+
     def __len__(self) -> int:
         return int(self.samples.shape[0])
 
@@ -103,6 +120,22 @@ class Channel:
         if self.offset:
             values += self.offset
         return values
+
+
+def _check_samples(samples: Samples, here: str) -> None:
+    # Those on disk are checked when they are read.
+    shape = getattr(samples, "shape", None)
+    if not isinstance(shape, tuple) or not hasattr(samples, "__getitem__"):
+        raise ArgumentError(f"{here} has samples of type {type(samples).__name__}, but they must be an array; give a numpy array")
+    if len(shape) != 1:
+        raise DataError(f"{here} has samples of shape {shape}, but a channel has one number for each sample; give one row")
+    if type(samples) is not np.ndarray:
+        return
+    if samples.dtype.kind not in "iufb":
+        raise ArgumentError(f"{here} has samples of type {samples.dtype}, but they must be numbers; convert them")
+    if samples.dtype.kind == "f" and not np.isfinite(samples).all():
+        at = int(np.flatnonzero(~np.isfinite(samples))[0])
+        raise DataError(f"{here} holds {samples[at]} at sample {at}, but samples are finite; cut the run or measure it again")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -194,8 +227,34 @@ class Run(Viewed):
     usable_to: float | None = None
     spectra: tuple[Spectrum, ...] = ()
 
+    def __post_init__(self) -> None:
+        here = f"run {of_type(self.id, str, 'the id of a run', 'a text; give it in quotes')!r}"
+        of_type(self.configuration, str, f"the configuration of {here}", 'a text; give it in quotes, for example "unlocked"')
+        positive(self.sample_rate, f"the sample rate of {here}", " Hz")
+        finite(self.gain, f"the gain of {here}")
+        if self.band is not None:
+            interval(self.band, f"the band of {here}")
+        if self.period is not None:
+            whole(self.period, f"the period of {here}", 2)
+        if self.usable_to is not None:
+            positive(self.usable_to, f"the highest usable frequency of {here}", " Hz")
+        one_of(self.use, get_args(Use), f"the use of {here}")
+        all_of_type(self.gaps, Gap, f"the argument gaps of {here}", "a sequence of gaps; take them from another run")
+        all_of_type(
+            self.spectra, Spectrum, f"the argument spectra of {here}", "a sequence of spectra; take them from another run"
+        )
+        by_name = "a mapping of names to iso.Channel; give {channel.name: channel}"
+        given_mapping(self.channels, f"the argument channels of {here}", by_name)
+        for name, channel in self.channels.items():
+            of_type(name, str, f"the name of a channel of {here}", "a text; give it in quotes")
+            of_type(channel, Channel, f"channel {name!r} of {here}", "an iso.Channel; give iso.Channel(name=..., samples=...)")
+        lengths = {name: len(channel) for name, channel in self.channels.items()}
+        if len(set(lengths.values())) > 1:
+            text = ", ".join(f"{name} {n}" for name, n in lengths.items())
+            raise DataError(f"{here} has channels of unequal length ({text}), but a run has one; cut them to one length")
+
     def __len__(self) -> int:
-        return len(next(iter(self.channels.values())))
+        return len(next(iter(self.channels.values()), ()))
 
     def __repr__(self) -> str:
         size = f"{self.duration:g} s at {self.sample_rate:g} Hz"
@@ -224,6 +283,7 @@ class Run(Viewed):
 
     def channel(self, name: str) -> Channel:
         """The channel with that name; a DataError lists the available ones."""
+        of_type(name, str, "the name of a channel", "a text; give it in quotes")
         if name not in self.channels:
             raise DataError(
                 f"run {self.id!r} has no channel {name!r}, only {', '.join(sorted(self.channels))}; "
@@ -266,6 +326,16 @@ class Campaign(Viewed):
     description: str | None = None
     source: str = ""
 
+    def __post_init__(self) -> None:
+        runs = all_of_type(self.runs, Run, "the argument runs", "a sequence of iso.Run; give for example [run]")
+        object.__setattr__(self, "runs", runs)
+        given_mapping(self.known, "the argument known", 'a mapping; give one, for example {"head_mass": 6.5}')
+        for name, value in self.known.items():
+            of_type(name, str, "a name in the argument known", "a text; give it in quotes")
+            finite(value, f"the known value {name!r}")
+        if self.description is not None:
+            of_type(self.description, str, "the description of a campaign", "the text of a rig's description; give the text")
+
     def __repr__(self) -> str:
         seconds = sum(run.duration for run in self.runs)
         return f"Campaign({self.source!r}, {len(self.runs)} runs, {seconds:.0f} s: {', '.join(run.id for run in self.runs)})"
@@ -288,6 +358,7 @@ class Campaign(Viewed):
 
     def select(self, *, configuration: str | None = None, gain: float | None = None) -> tuple[Run, ...]:
         """The runs with that configuration and gain (any if None)."""
+        gain = None if gain is None else number(gain, "the gain")
         return tuple(
             run
             for run in self.runs
@@ -301,6 +372,40 @@ class Campaign(Viewed):
         if run.started is None or not times:
             return 0.0
         return (run.started - min(times)).total_seconds()
+
+
+#: What functions of the interface take for a campaign: it, or the path of its recording.
+Measured = Campaign | str | Path
+
+
+def given_campaign(given: Measured) -> Campaign:
+    """A campaign, or that of a recording.
+
+    Raises
+    ------
+    ArgumentError
+        It is of another type.
+    RecordingError
+        The file at that path is not a recording.
+    """
+    if isinstance(given, str | Path):
+        campaign: Campaign = call(given, "campaign")
+        return campaign
+    return of_type(
+        given, Campaign, "the campaign",
+        "an iso.Campaign or the path of its recording; give iso.read(FILE), or iso.import_campaign(...) for other files",
+    )  # fmt: skip
+
+
+def given_runs(given: Sequence[Run]) -> tuple[Run, ...]:
+    """A sequence of runs.
+
+    Raises
+    ------
+    ArgumentError
+        It is of another type.
+    """
+    return all_of_type(given, Run, "the argument runs", "a sequence of iso.Run; give campaign.runs or campaign.select(...)")
 
 
 def broad(runs: Sequence[Run]) -> list[Run]:

@@ -7,7 +7,8 @@
     ├── DataError         (ValueError)    measured data that are not suitable for the requested result
     ├── SimulationError   (ArithmeticError)  a simulation that grew without bound or lost its accuracy
     ├── FitError          (ArithmeticError)  a fit without a usable result
-    └── OutOfTimeError    (TimeoutError)  the caller's time limit has been reached
+    ├── OutOfTimeError    (TimeoutError)  the caller's time limit has been reached
+    └── ArgumentError     (TypeError)     an argument that the function does not take
 
 Every message is one sentence: what was found, what is allowed, what to do.
 """
@@ -45,3 +46,7 @@ class FitError(AnalysisError, ArithmeticError):
 
 class OutOfTimeError(AnalysisError, TimeoutError):
     """The caller's time limit has been reached (`analysis/deadline.py`)."""
+
+
+class ArgumentError(AnalysisError, TypeError):
+    """An argument that the function does not take."""

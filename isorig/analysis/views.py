@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from isorig.analysis.errors import AnalysisError
+from isorig.analysis.given import all_of_type
 
 F = TypeVar("F", bound=Callable[..., Any])
 _REGISTERED: dict[tuple[type, str], Callable[..., Any]] = {}
@@ -46,6 +47,8 @@ class Viewed:
 
     def plot(self, *others: Any, **more: Any) -> Any:
         """A matplotlib figure of it, with `others` of the same type overlaid where the type supports this."""
+        kind = next((kind for kind in type(self).__mro__ if (kind, "plot") in _REGISTERED), type(self))
+        all_of_type(others, kind, "the overlay", f"of type {kind.__name__}; give another one, or name an option")
         return call(self, "plot", *others, **more)
 
     def to_xarray(self) -> Any:

@@ -15,6 +15,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from nptdms import ChannelObject, TdmsWriter
+from numpy.typing import NDArray
 from pyuff import UFF, prepare_58
 from scipy.io import savemat, wavfile
 
@@ -308,11 +309,19 @@ def test_recorder_was_killed(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 def test_what_a_reader_refuses_is_not_written(tmp_path: Path) -> None:
     whole = example()
     run = whole.runs[0]
-    spoiled = replace(run, channels={"head": Channel(name="head", samples=np.array([0.0, np.nan]))})
-    unequal = replace(run, channels={**run.channels, "head": Channel(name="head", samples=np.zeros(3))})
-    for bad in (spoiled, unequal, replace(run, sample_rate=0.0), replace(run, id="a/b")):
+
+    class OnDisk:
+        """Samples that are read while they are written."""
+
+        shape = (2,)
+
+        def __getitem__(self, key: slice, /) -> NDArray[np.float64]:
+            return np.array([0.0, np.nan])[key]
+
+    spoiled = replace(run, channels={"head": Channel(name="head", samples=OnDisk())})
+    for bad in ((spoiled,), (replace(run, id="a/b"),), (run, run), (replace(run, band=(-1.0, 5.0)),)):
         with pytest.raises(RecordingError):
-            write(tmp_path / "bad.h5", replace(whole, runs=(bad,)))
+            write(tmp_path / "bad.h5", replace(whole, runs=bad))
     assert not list(tmp_path.iterdir())
 
 

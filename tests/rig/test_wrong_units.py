@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from strange_rigs import StrangeRig, campaign, play
+from msgspec import structs
+from strange_rigs import StrangeRig, campaign, dry, play
 
 import isorig as iso
 from isorig.analysis.model.rig_model import from_tree
@@ -92,3 +93,71 @@ def test_no_cause_is_searched_for_in_wrong_units(tmp_path: Path, capsys: pytest.
     assert "unexplained: no cause was searched for, because the records contradict the description" in answer
     findings = json.loads((tmp_path / "d" / "findings.json").read_text())
     assert all(candidate["holdout_error"] is None for candidate in findings["candidates"])
+
+
+@pytest.mark.parametrize("described", ["acceleration", "velocity"])
+def test_a_velocity_read_as_an_acceleration(described: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With dry friction that the description lacks: the record's derivative is said first, and no cause is searched for."""
+    rig = StrangeRig(
+        masses=(2.0, 3.0), joints=((0, -1, 6e3, 15.0), (1, 0, 9e3, 14.0)), laws={1: dry(4.0, 1e-3)},
+        sensors=(("a", 0, "acceleration"), ("b", 1, "velocity")),
+    )  # fmt: skip
+    measured = campaign(rig, (25.0,), seconds=8.0)
+    text = description_text(rig.description({"links.l0.stiffness": 1.2, "links.l1.stiffness": 0.85}), {})
+    assert text.count('"velocity"') == 1
+    (run,) = measured.runs
+    if described == "acceleration":
+        text = text.replace('"velocity"', '"acceleration"')
+        read = replace(run.channels["b"], quantity="acceleration", unit="m/s^2")
+        measured = replace(measured, runs=(replace(run, channels={**run.channels, "b": read}),))
+    iso.write(tmp_path / "c.h5", replace(measured, description=text))
+    assert main(["diagnose", str(tmp_path / "c.h5"), "-o", str(tmp_path / "d")]) == 0
+    first, *others = capsys.readouterr().out.splitlines()
+    findings = json.loads((tmp_path / "d" / "findings.json").read_text())
+    assert [doubt["kind"] for doubt in findings["doubts"]] == (["derivative"] if described == "acceleration" else [])
+    if described == "acceleration":
+        assert first.startswith(
+            "c: CHECK UNITS, CHANNELS AND GIVEN VALUES FIRST. In size and phase, b varies with frequency like a "
+        )
+        assert "like a velocity, but the description has an acceleration: check the unit in the mapping" in first
+        assert "unexplained: no cause was searched for" in others[0]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"sensors": "b"}, "b seems to be on m1 instead of m0: there, the linear rig leaves about "),
+        ({"masses": "m0 and m1"}, "The given masses of m0 and m1 (6.6 and 1.9 kg) seem exchanged: with them"),
+        ({"channels": "a/b"}, "a and b seem swapped"),
+        ({}, ""),
+    ],
+)  # fmt: skip
+def test_what_is_exchanged_is_said_first(
+    wrong: dict[str, str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """On a rig with dry friction that the description lacks: sensors, masses and channels."""
+    rig = StrangeRig(
+        masses=(2.0, 6.0), joints=((0, -1, 6e3, 15.0), (1, 0, 9e3, 14.0)), laws={1: dry(4.0, 1e-3)},
+        sensors=(("a", 0, "acceleration"), ("b", 1, "acceleration")),
+    )  # fmt: skip
+    measured = campaign(rig, (25.0,), seconds=8.0)
+    model = rig.description({"links.l0.stiffness": 1.2, "bodies.m0.mass": 0.95, "bodies.m1.mass": 1.1})
+    if "sensors" in wrong:
+        model = structs.replace(model, sensors=(model.sensors[0], structs.replace(model.sensors[1], body="m0")))
+    if "masses" in wrong:
+        model = model.replace({"bodies.m0.mass": 6.6, "bodies.m1.mass": 1.9})
+    if "channels" in wrong:
+        (run,) = measured.runs
+        a, b = run.channels["a"], run.channels["b"]
+        run = replace(run, channels={**run.channels, "a": replace(b, name="a"), "b": replace(a, name="b")})
+        measured = replace(measured, runs=(run,))
+    iso.write(tmp_path / "c.h5", replace(measured, description=description_text(model, {})))
+    assert main(["diagnose", str(tmp_path / "c.h5"), "-o", str(tmp_path / "d")]) == 0
+    first, answer, *_ = capsys.readouterr().out.splitlines()
+    doubts = json.loads((tmp_path / "d" / "findings.json").read_text())["doubts"]
+    assert len(doubts) == bool(said)
+    assert said in first
+    if said:
+        assert doubts[0]["kind"] == ("place" if "sensors" in wrong else "swapped")
+        assert first.startswith("c: CHECK UNITS, CHANNELS AND GIVEN VALUES FIRST.")
+        assert "no cause was searched for" in answer

@@ -15,7 +15,7 @@ from math import exp, inf, log, pi
 from statistics import median
 from typing import TYPE_CHECKING, Literal
 
-from isorig.analysis.campaign import Campaign, Quantity, Run
+from isorig.analysis.campaign import MOTION, ROTARY, Campaign, Quantity, Run
 from isorig.analysis.errors import ModelError, SimulationError
 from isorig.analysis.fitting.linear_spectra import Spectrum, spectra_of
 from isorig.analysis.fitting.resonances import Resonance, resonance
@@ -70,19 +70,20 @@ class Doubt:
     parameter
         Its path in the model, or drive, sensors or channels with the channel's name, or sample_rate; several are joined by "+".
     kind
-        "drafted": the records contradict values that are still those of a draft; "swapped": two channels are exchanged; "sign":
-        inverted; "unit": different by a unit conversion factor; "decade": different by another factor, of three or more for
-        records and ten or more for fitted values; "limit": at a bound.
+        "drafted": the records contradict values that are still those of a draft; "swapped": two channels or masses are exchanged;
+        "place": a sensor is on another body; "sign": inverted; "derivative": another derivative of the motion; "unit": different
+        by a unit conversion factor; "decade": different by another factor, of three or more for records and ten or more for
+        fitted values; "limit": at a bound.
     ratio
         Fitted divided by given, or recorded by predicted; for drafted values and a sample rate that of the largest resonance; for
         a given value that the records contradict, given divided by likely; for a limit the value divided by it, for swapped
-        channels 1, for inverted ones -1.
+        channels or masses, another body and another derivative 1, for inverted ones -1.
     text
         One sentence.
     """
 
     parameter: str
-    kind: Literal["drafted", "swapped", "sign", "unit", "decade", "limit"]
+    kind: Literal["drafted", "swapped", "place", "sign", "derivative", "unit", "decade", "limit"]
     ratio: float
     text: str
 
@@ -162,8 +163,9 @@ def doubts_of_records(given: RigModel, campaign: Campaign, units: Mapping[str, s
         # A wrong factor may look like an exchange and vice versa, but only one of them makes everything agree.
         swapped = {}
         for pair, runs in swapped_channels(given, spectra).items():
-            after = wrong_scale(given, spectra_of(given, _exchanged(campaign, *pair)))[1]
-            if after.min() >= EXCHANGED and after.mean() > agreement.mean():
+            other, after = wrong_scale(given, spectra_of(given, _exchanged(campaign, *pair)))
+            elsewhere = other is not None and other.kind == "place"
+            if not elsewhere and after.min() >= EXCHANGED and after.mean() > agreement.mean():
                 swapped[pair] = runs
         # Runs that contradict each other show a rig that behaves otherwise, not a cable.
         if len(swapped) == 1:
@@ -252,6 +254,8 @@ def _of_scale(given: RigModel, found: WrongScale, units: Mapping[str, str], spec
             text=f"{text} about {found.ratio:.3g} times what the records show, the factor between {other} and {si}: give "
             f"{'it' if len(paths) == 1 else 'them'} in {si} in the description.",
         )  # fmt: skip
+    if found.kind in ("place", "exchange", "derivative"):
+        return _of_derivative(given, found, spectra) if found.kind == "derivative" else _of_place(given, found)
     paths, channels = _suspects(given, found)
     near = [text for name, ratio in channels.items() for text in _near(_quantity(given, name), name, ratio, units.get(name))]
     between = f", as if {' or '.join(near)}" if near else ", which no confusion of units explains"
@@ -270,6 +274,60 @@ def _of_scale(given: RigModel, found: WrongScale, units: Mapping[str, str], spec
         parameter="+".join(paths), kind="unit" if near else "decade", ratio=found.ratio,
         text=f"{subject} about {found.ratio:.3g} times as large as {relative}{between}{said}",
     )  # fmt: skip
+
+
+def _of_place(given: RigModel, found: WrongScale) -> Doubt:
+    assert found.left is not None
+    before, after = (f"{100.0 * share:.2g} %" for share in found.left)
+    if found.kind == "place":
+        (name,) = found.names
+        return Doubt(
+            parameter=f"sensors.{name}", kind="place", ratio=1.0,
+            text=f"{name} seems to be on {' or '.join(found.bodies)} instead of {given.sensor(name).body}: there, the linear rig "
+            f"leaves about {after} of its power unexplained instead of {before}; check the place of the sensor, and its body in "
+            "the description.",
+        )  # fmt: skip
+    masses = " and ".join(f"{given.body(name).mass:.4g}" for name in found.names)
+    unit = unit_of(f"bodies.{found.names[0]}.mass", given)
+    return Doubt(
+        parameter="+".join(f"bodies.{name}.mass" for name in found.names), kind="swapped", ratio=1.0,
+        text=f"The given masses of {' and '.join(found.names)} ({masses} {unit}) seem exchanged: with them exchanged, the linear "
+        f"rig leaves about {after} of the records' power unexplained instead of {before}; check the given values.",
+    )  # fmt: skip
+
+
+def _of_derivative(given: RigModel, found: WrongScale, spectra: Sequence[Spectrum]) -> Doubt:
+    wrong = {found.names: found.derivative}
+    if {*found.names} == {sensor.channel for sensor in given.sensors}:
+        # All responses relative to the drive: the drive may be the one.
+        wrong[given.drive.channel,] = -found.derivative
+    shown = {names: quantity for names, change in wrong.items() if (quantity := _derived(_quantity(given, names[0]), change))}
+    # A recording that has what its values show contradicts the description.
+    run = spectra[0].run
+    right = [names for names, quantity in shown.items() if {run.channel(name).quantity for name in names} == {quantity}]
+    drives = [drive.channel for drive in given.drives]
+    said, paths = [], []
+    for names in right or shown:
+        is_, but = (
+            f"{'an' if one[0] == 'a' else 'a'} {one.replace('_', ' ')}" for one in (shown[names], _quantity(given, names[0]))
+        )
+        varies = "varies" if len(names) == 1 else "vary"
+        said.append(f"{' and '.join(names)} {varies} with frequency like {is_}, but the description has {but}")
+        paths += [f"{'drive' if name in drives else 'sensors'}.{name}" for name in names]
+    advice = (
+        "correct the quantity in the description, since the recording has that"
+        if right
+        else "check the unit in the mapping and the quantity in the description"
+    )
+    return Doubt(
+        parameter="+".join(paths), kind="derivative", ratio=1.0, text=f"In size and phase, {', or '.join(said)}: {advice}."
+    )
+
+
+def _derived(quantity: Quantity, change: int) -> Quantity | None:
+    # The quantity with further time derivatives; None if there is none.
+    family = {MOTION[each]: each for each in MOTION if (each in ROTARY) == (quantity in ROTARY)}
+    return family.get(MOTION[quantity] + change) if quantity in MOTION else None
 
 
 def _suspects(given: RigModel, found: WrongScale) -> tuple[list[str], dict[str, float]]:

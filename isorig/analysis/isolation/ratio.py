@@ -13,8 +13,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from isorig.analysis.campaign import Campaign, FloatArray, Run, broad
+from isorig.analysis.campaign import Campaign, FloatArray, Measured, Run, broad, given_campaign
 from isorig.analysis.errors import DataError
+from isorig.analysis.given import interval, number, of_type, positive
 from isorig.analysis.isolation.optimum import uncoupled_frequency
 from isorig.analysis.model.rig_model import RigModel, Sensor
 from isorig.analysis.simulate import simulate
@@ -127,7 +128,7 @@ class IsolationRatio(Viewed):
 
 
 def isolation_ratio(
-    campaign: Campaign,
+    campaign: Measured,
     *,
     response: str = "heatblock",
     reference: str = "head",
@@ -141,7 +142,7 @@ def isolation_ratio(
     Parameters
     ----------
     campaign
-        Must contain broad-band runs in both configurations at one gain at least.
+        Measurement or path of its recording; must contain broad-band runs in both configurations at one gain at least.
     response, reference
         Channels.
     configurations
@@ -155,6 +156,8 @@ def isolation_ratio(
 
     Raises
     ------
+    ArgumentError
+        An argument is of another type.
     DataError
         No gain was measured in both configurations.
 
@@ -165,6 +168,9 @@ def isolation_ratio(
     >>> found.stitches
     (15.0,)
     """
+    campaign = given_campaign(campaign)
+    resolution, stitch = positive(resolution, "the resolution"), positive(stitch, "the stitching frequency")
+    around_peak = interval(around_peak, "the range around the peak")
     pieces = _pieces(campaign, response, reference, configurations, resolution)
     frequency = pieces[0].unlocked.frequency
     source = np.full(len(frequency), -1)
@@ -193,6 +199,8 @@ def isolated_share(found: IsolationRatio, above: float) -> Isolated:
 
     Raises
     ------
+    ArgumentError
+        An argument is of another type.
     DataError
         The band of that gain ends below.
 
@@ -204,6 +212,8 @@ def isolated_share(found: IsolationRatio, above: float) -> Isolated:
     >>> isolated.gain, 0.0 < isolated.share < 1.0
     (70.0, True)
     """
+    of_type(found, IsolationRatio, "the isolation ratio", "a result of iso.isolation_ratio; give one")
+    above = number(above, "the argument above")
     piece = found.pieces[0]
     f = piece.unlocked.frequency
     kept = (f >= max(above, piece.band[0])) & (f <= piece.band[1])

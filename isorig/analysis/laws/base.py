@@ -11,6 +11,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import ModelError
+from isorig.analysis.given import number
 from isorig.analysis.laws.elements import Element
 
 #: Sub-steps of a sample interval for integrating a memory along a measured motion.
@@ -65,6 +66,8 @@ class Law(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
     def __post_init__(self) -> None:
         for name, parameter in self.parameters.items():
             value = getattr(self, name)
+            if isinstance(value, str):
+                number(value, name)
             if not isinstance(value, int | float):
                 continue
             if not math.isfinite(value):

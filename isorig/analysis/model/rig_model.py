@@ -17,7 +17,8 @@ import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import MOTION, ROTARY, UNLOCKED, FloatArray, Quantity
-from isorig.analysis.errors import ModelError
+from isorig.analysis.errors import ArgumentError, ModelError
+from isorig.analysis.given import all_of_type, given_mapping, number, of_type
 from isorig.analysis.laws import FrictionLaw, LinkLaw
 from isorig.analysis.laws.base import LinkConstants
 from isorig.analysis.model.limits import Limits
@@ -362,7 +363,7 @@ class RigModel(Part, frozen=True, kw_only=True, dict=True):  # dict: for the cac
     def get(self, path: str) -> float:
         """Value of the parameter at a dotted path, e.g. "links.isolation.stiffness"."""
         item: Any = self
-        for step in path.split("."):
+        for step in _path(path).split("."):
             item = _step(item, step, path)
         if isinstance(item, bool) or not isinstance(item, int | float):
             raise ModelError(f"{path!r} is not a number of this rig; give the path of a parameter")
@@ -373,22 +374,33 @@ class RigModel(Part, frozen=True, kw_only=True, dict=True):  # dict: for the cac
 
         Raises
         ------
+        ArgumentError
+            An argument is of another type.
         ModelError
             A path is no parameter, or a value contradicts physics.
         """
+        given_mapping(
+            values, "the argument values", 'a mapping of paths to numbers; give for example {"bodies.motor.mass": 20.0}'
+        )
         tree: dict[str, Any] = {}
         try:
             for path, value in values.items():
-                *way, last = path.split(".")
+                *way, last = _path(path).split(".")
                 node = tree
                 for step in way:
                     node = node.setdefault(step, {})
-                node[last] = float(value)
+                node[last] = number(value, f"the value of {path!r}")
             return cast("RigModel", _with_values(self, tree))
+        except ArgumentError:
+            raise
         except (LookupError, AttributeError, TypeError, ValueError):
             for path in values:
                 self.get(path)  # says which path is no parameter
             raise
+
+
+def _path(given: object) -> str:
+    return of_type(given, str, "the path of a parameter", 'a text; give one, for example "bodies.motor.mass"')
 
 
 def to_tree(model: RigModel) -> dict[str, Any]:
@@ -503,6 +515,7 @@ def matrices(model: RigModel) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 def check(model: RigModel) -> None:
     """Raise ModelError if the parts contradict each other or physics."""
+    _typed(model)
     names = [body.name for body in model.bodies]
     _unique(names, "body")
     _unique([link.name for link in model.links], "link")
@@ -556,6 +569,28 @@ def check(model: RigModel) -> None:
     for name in model.limits.stroke:
         if name not in links:
             raise ModelError(f"limits.stroke names link {name!r}, which does not exist; the rig has {links}")
+
+
+def _typed(model: RigModel) -> None:
+    # A decoder has checked the types, but a notebook can make parts without one.
+    advice = "take them from another rig, for example iso.read_rig(FILE).model"
+    of_type(model.name, str, "the name of the rig", "a text; give it in quotes")
+    of_type(model.drive, Drive, "the drive of the rig", f"a Drive; {advice}")
+    all_of_type(model.free, str, "the argument free of the rig", "a sequence of paths of parameters; give them in brackets")
+    kinds: dict[str, type[Part]] = {"bodies": Body, "links": Link, "contacts": Contact, "sensors": Sensor, "more_drives": Drive}
+    parts: list[Part] = [model.drive]
+    for key, kind in kinds.items():
+        allowed = f"a sequence of {kind.__name__}; {advice}"
+        parts += all_of_type(getattr(model, key), kind, f"the argument {key} of the rig", allowed)
+    setups = given_mapping(model.configurations, "the argument configurations", f"a mapping of names; {advice}")
+    parts += [
+        of_type(each, Configuration, f"configuration {name!r}", f"a Configuration; {advice}") for name, each in setups.items()
+    ]
+    for part in parts:
+        for key, annotation in type(part).__annotations__.items():
+            value = getattr(part, key)
+            if annotation == "float" and type(value) is not float:
+                number(value, f"{key} of {getattr(part, 'name', 'a part')!r}")
 
 
 def _seen(model: RigModel, sensor: Sensor) -> None:
@@ -645,14 +680,10 @@ def given_rig(given: object) -> RigModel:
 
     Raises
     ------
-    ModelError
+    ArgumentError
         It is of another type.
     """
-    if not isinstance(given, RigModel):
-        raise ModelError(
-            f"the rig is of type {type(given).__name__}, but must be an iso.Rig; give one, for example iso.read_rig(FILE).model"
-        )
-    return given
+    return of_type(given, RigModel, "the rig", "an iso.Rig; give one, for example iso.read_rig(FILE).model")
 
 
 def _unique(names: list[str], kind: str) -> None:

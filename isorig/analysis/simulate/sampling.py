@@ -10,6 +10,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import DataError
+from isorig.analysis.given import all_of_type, numbers, positive, whole
 from isorig.analysis.jit import fast_kernel
 from isorig.analysis.lowpass import smoothed
 
@@ -138,16 +139,18 @@ class Excitation:
 
         Raises
         ------
+        ArgumentError
+            The drive is not an array of numbers, or the rate not a number.
         DataError
             If the drive is shorter than two samples or not finite, or the rate is not positive.
         """
-        recorded = np.asarray(drive, dtype=np.float64)
+        recorded, sample_rate = numbers(drive, "the drive"), positive(sample_rate, "the sample rate", " Hz")
+        oversample = whole(oversample, "the number of steps per sample", 1)
+        all_of_type(others, object, "the argument others", "a sequence of arrays; give for example [VALUES]")
         if recorded.ndim != 1 or len(recorded) < 2:
             raise DataError(f"the drive has shape {recorded.shape}; give one record of at least two samples")
         if not np.isfinite(recorded).all():
             raise DataError("the drive holds values that are not finite; cut or measure it again")
-        if not 0.0 < sample_rate < np.inf:
-            raise DataError(f"the sample rate is {sample_rate:g} Hz; it must be positive and finite")
         if np.isfinite(corner):
             recorded = smoothed(recorded, sample_rate, corner)
         fine = _on_grid(recorded, oversample, held=held)

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from isorig.analysis.errors import ModelError
+from isorig.analysis.given import all_of_type, given_mapping, number, of_type, whole
 from isorig.analysis.model.rig_model import RigModel, given_rig
 from isorig.analysis.simulate.compiled import compile_rig
 from isorig.analysis.simulate.free_run import NOWHERE, Response, imposed_start, response_of, run_rig, sense_of, true_fine
@@ -44,8 +46,8 @@ def simulate(
 
     Raises
     ------
-    ModelError
-        The rig is of another type.
+    ArgumentError
+        An argument is of another type.
     SimulationError
         If the motion grows without bound.
 
@@ -59,7 +61,11 @@ def simulate(
     (['heatblock', 'motor', 'table'], (2048,))
     """
     model = given_rig(model)
+    of_type(excitation, Excitation, "the drive", "an iso.Excitation; give iso.Excitation.prepare(VALUES, SAMPLE_RATE)")
     configuration = next(iter(model.configurations)) if configuration is None else configuration
+    start_time = number(start_time, "the start time")
+    samples = None if samples is None else whole(samples, "the number of samples", 0)
+    _check_start(model, start)
     rate, over = excitation.sample_rate, excitation.oversample
     n = len(excitation.recorded) if samples is None else samples
     total = min((n + 2 * TAPS) * over, len(excitation.fine))
@@ -74,3 +80,16 @@ def simulate(
     fine, begun = true_fine(model, excitation)[:, :total], {**start, **imposed_start(model, excitation)}
     run_rig(model, configuration, fine, h, start_time, sense, motion, begun=begun)
     return response_of(model, excitation, motion, n, as_recorded=as_recorded)
+
+
+def _check_start(model: RigModel, start: Mapping[str, tuple[float, float]]) -> None:
+    allowed = "a mapping of bodies to (position, velocity); give for example {BODY: (1e-3, 0.0)}"
+    for name, state in given_mapping(start, "the argument start", allowed).items():
+        model.body(name)
+        values = [
+            number(each, f"the initial state of {name!r}") for each in all_of_type(state, object, "the argument start", allowed)
+        ]
+        if len(values) != 2:
+            raise ModelError(
+                f"the initial state of {name!r} has {len(values)} numbers, but a position and a velocity; correct it"
+            )

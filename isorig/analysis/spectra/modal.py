@@ -15,6 +15,7 @@ import numpy as np
 from isorig.analysis import campaign
 from isorig.analysis.campaign import SI_UNIT, ComplexArray, FloatArray
 from isorig.analysis.errors import DataError, FitError
+from isorig.analysis.given import all_of_type, given_guesses, interval, whole
 from isorig.analysis.spectra.poles import Pole, poles_by_order
 from isorig.analysis.spectra.residues import ITERATIONS, Data, SolvedPoles, fit, model, solve
 from isorig.analysis.spectra.welch import FEWEST, Frf
@@ -145,6 +146,8 @@ def modal_analysis(
 
     Raises
     ------
+    ArgumentError
+        An argument is of another type.
     DataError
         The transfer functions are incompatible, or the band has too few bins.
     FitError
@@ -159,6 +162,10 @@ def modal_analysis(
     >>> bool(abs(mode.frequency - 164.5) < 1.0)
     True
     """
+    frfs = all_of_type(frfs, Frf, "the argument frfs", "a sequence of transfer functions; give those of iso.frf(campaign)")
+    band, guesses = interval(band, "the band"), given_guesses(guesses)
+    count = None if count is None else whole(count, "the number of modes", 1)
+    order = None if order is None else whole(order, "the largest order", 1)
     grid = _Grid(frfs)
     kept = (grid.frequency >= band[0]) & (grid.frequency <= band[1]) & (grid.frequency > 0.0)
     if int(kept.sum()) < max(8, 4 * len(guesses) + 4):

@@ -10,12 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from isorig.analysis.campaign import ComplexArray, FloatArray
 from isorig.analysis.errors import DataError, FitError
+from isorig.analysis.given import given_guesses, interval, of_type, one_of, whole
 from isorig.analysis.jackknife import deviation
 from isorig.analysis.spectra.hits import BEFORE
 from isorig.analysis.spectra.leakage import error_moments, record_moments, through
@@ -101,6 +102,8 @@ def fit_modes(
 
     Raises
     ------
+    ArgumentError
+        An argument is of another type.
     DataError
         The band has too few frequency bins.
     FitError
@@ -123,6 +126,11 @@ def fit_modes(
     """
     from scipy.optimize import least_squares
 
+    of_type(frf, Frf, "the transfer function", "one of iso.frf; give one, for example iso.frf(campaign)[0]")
+    band = interval(band, "the band")
+    guesses = given_guesses(guesses)
+    one_of(kind, get_args(Kind), "the kind")
+    residuals = whole(residuals, "the number of residuals", 0)
     kept = (frf.frequency >= band[0]) & (frf.frequency <= band[1]) & (frf.frequency > 0.0)
     f, value = frf.frequency[kept], frf.value[kept]
     guesses = guesses or _guess(f, np.abs(value), frf.resolution)

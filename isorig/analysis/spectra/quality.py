@@ -12,8 +12,9 @@ from typing import Literal
 
 import numpy as np
 
-from isorig.analysis.campaign import Campaign, Run, broad, once
+from isorig.analysis.campaign import Campaign, Measured, Run, broad, given_campaign, once
 from isorig.analysis.errors import DataError
+from isorig.analysis.given import of_type
 from isorig.analysis.spectra.noise import noise_level
 from isorig.analysis.spectra.overload import LONGEST, extents, extremes, plateaus
 from isorig.analysis.spectra.welch import Spectra, common_lines, estimate, stretches
@@ -65,16 +66,20 @@ def fault_sentences(faults: Sequence[Fault]) -> list[str]:
     return said
 
 
-@once
-def faults(campaign: Campaign, *, reference: str) -> tuple[Fault, ...]:
+def faults(campaign: Measured, *, reference: str) -> tuple[Fault, ...]:
     """All faults of a campaign's records.
 
     Parameters
     ----------
     campaign
-        The measurement.
+        The measurement, or the path of its recording.
     reference
         The drive channel.
+
+    Raises
+    ------
+    ArgumentError
+        An argument is of another type.
 
     Examples
     --------
@@ -90,6 +95,12 @@ def faults(campaign: Campaign, *, reference: str) -> tuple[Fault, ...]:
     >>> [(fault.run, fault.channel, fault.kind) for fault in iso.faults(spoilt, reference="head")]
     [('u70', 'motor', 'dead')]
     """
+    of_type(reference, str, "the reference", 'the name of a channel; give one, for example "head"')
+    return _faults(given_campaign(campaign), reference)
+
+
+@once
+def _faults(campaign: Campaign, reference: str) -> tuple[Fault, ...]:
     released = _released(campaign, reference)
     found = clipped_or_dead(campaign, reference=reference)
     found += [fault for run in campaign.runs for fault in _short(run)]

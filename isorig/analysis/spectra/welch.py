@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from isorig.analysis.campaign import ComplexArray, FloatArray, Run
+from isorig.analysis.campaign import ComplexArray, FloatArray, Run, given_runs
 from isorig.analysis.errors import DataError
+from isorig.analysis.given import channel_names, number, of_type, whole
 from isorig.analysis.spectra.groups import FEWEST_GROUPS, MOST, Grouping, Groups, Sums, group_bytes, group_size, joined
 from isorig.analysis.spectra.inputs import Drives, Estimator
 from isorig.analysis.spectra.windows import HANN, OVERLAP_MOST, Window
@@ -265,6 +266,8 @@ def estimate(
 
     Raises
     ------
+    ArgumentError
+        An argument is of another type.
     DataError
         The runs lack a channel, the resolution does not suit a sample rate, or no interval without a gap is as long as a segment.
 
@@ -279,6 +282,11 @@ def estimate(
     >>> spectra.density("table").shape == spectra.frequency.shape
     True
     """
+    runs, references = given_runs(runs), channel_names(references, "the argument references")
+    channels = None if channels is None else channel_names(channels, "the argument channels")
+    resolution, overlap = number(resolution, "the resolution"), number(overlap, "the overlap")
+    of_type(window, Window, "the window", "a Window; leave it out, or give iso.frf the name of a window")
+    longest = None if longest is None else whole(longest, "the argument longest", 1)
     if not runs:
         raise DataError("no run was given; give at least one")
     if not 0.0 <= overlap <= OVERLAP_MOST:

@@ -15,6 +15,7 @@ import numpy as np
 from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, Gap, IntArray, Run, Samples, once
 from isorig.analysis.fitting.repeats import same_drive
 from isorig.analysis.fitting.trials import SHORTEST
+from isorig.analysis.given import given_path
 from isorig.analysis.model.rig_model import Drive, RigModel
 from isorig.analysis.spectra.overload import extremes
 from isorig.analysis.spectra.quality import clipped_or_dead, fault_sentences
@@ -39,7 +40,7 @@ STEADY = 1.1 * KGF
 SENSOR = ("sensor", "place", "direction")
 
 
-def import_campaign(mapping_path: Path, output: Path, *, data: Path | None = None) -> Campaign:
+def import_campaign(mapping_path: str | Path, output: str | Path, *, data: str | Path | None = None) -> Campaign:
     """Read the files named in a mapping and write them as one recording, atomically.
 
     If every run is `free` and no column is the description's drive, a drive of zero is recorded.
@@ -55,6 +56,8 @@ def import_campaign(mapping_path: Path, output: Path, *, data: Path | None = Non
 
     Raises
     ------
+    ArgumentError
+        An argument is of another type.
     PlanError, RecordingError
         In one sentence: the file, run, channel or key, what was found, what to do.
 
@@ -82,8 +85,9 @@ def import_campaign(mapping_path: Path, output: Path, *, data: Path | None = Non
     >>> run.sample_rate, float(run.read("motor").max())
     (256.0, 39.2266)
     """
+    mapping_path, output = given_path(mapping_path, "the mapping"), given_path(output, "the recording")
     mapping = read_mapping(mapping_path)
-    folder = data if data is not None else mapping_path.parent
+    folder = mapping_path.parent if data is None else given_path(data, "the folder of the files")
     model, description = wire_bonder(), None
     absent: tuple[Drive, ...] = ()
     if mapping.description is not None:

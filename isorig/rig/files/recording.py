@@ -21,7 +21,9 @@ import numpy as np
 from msgspec.structs import asdict
 from numpy.typing import NDArray
 
-from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, Gap, Quantity, Run, Samples, Spectrum
+from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, Gap, Measured, Quantity, Run, Samples, Spectrum, given_campaign
+from isorig.analysis.given import given_path
+from isorig.analysis.views import shows
 from isorig.rig.errors import OutputError, RecordingError
 from isorig.rig.files.hdf import opened
 from isorig.rig.files.inputs import import_first
@@ -161,7 +163,7 @@ def open_recording(path: str | Path) -> Iterator[Campaign]:
     >>> first.shape
     (100,)
     """
-    path = Path(path)
+    path = given_path(path, "the recording")
     with opened(path) as file:
         try:
             campaign = _campaign(file, path)
@@ -188,6 +190,11 @@ def read(path: str | Path) -> Campaign:
     """
     with open_recording(path) as campaign:
         return replace(campaign, runs=tuple(_loaded(run) for run in campaign.runs))
+
+
+# Functions that take a campaign take the path of its recording, too.
+shows(str, "campaign")(read)
+shows(Path, "campaign")(read)
 
 
 def _loaded(run: Run) -> Run:
@@ -381,13 +388,15 @@ class Extra:
     about: Mapping[str, Mapping[str, float | str]] = field(default_factory=dict)
 
 
-def write(path: str | Path, campaign: Campaign, extras: Mapping[str, Extra] | None = None) -> None:
+def write(path: str | Path, campaign: Measured, extras: Mapping[str, Extra] | None = None) -> None:
     """Write a campaign as a recording atomically, with additional data of its runs (by id).
 
     Samples are copied to the file block by block. Everything in the file has a checksum.
 
     Raises
     ------
+    ArgumentError
+        An argument is of another type.
     RecordingError
         The campaign contains something that a reader would reject.
     OutputError
@@ -401,7 +410,11 @@ def write(path: str | Path, campaign: Campaign, extras: Mapping[str, Extra] | No
     >>> len(iso.read("unlocked.h5").runs)
     2
     """
+    path, campaign = given_path(path, "the recording"), given_campaign(campaign)
+    ids = [run.id for run in campaign.runs]
     for run in campaign.runs:
+        if ids.count(run.id) > 1:
+            raise RecordingError(f"{ids.count(run.id)} runs have the name {run.id!r}; give each its own")
         for what, name in (("run", run.id), *(("channel", name) for name in run.channels)):
             if not name or "/" in name or name in (".", ".."):
                 raise RecordingError(f"a {what} has the name {name!r}; give it a name without a slash")
@@ -417,7 +430,7 @@ def write(path: str | Path, campaign: Campaign, extras: Mapping[str, Extra] | No
             raise OutputError(f"{path} could not be written ({reason(error)}); choose another place with -o") from None
         # Each chunk is read once; the library would keep up to 8 MiB for each dataset.
         with h5py.File(temporary, "r", rdcc_nbytes=0) as file:
-            for run in _campaign(file, Path(path)).runs:
+            for run in _campaign(file, path).runs:
                 for channel in run.channels.values():
                     for start in range(0, len(channel), ROWS):
                         channel.samples[start : start + ROWS]

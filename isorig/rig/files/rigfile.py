@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.errors import ModelError
+from isorig.analysis.given import given_path
 from isorig.analysis.model.rig_model import RigModel, from_tree
 from isorig.rig.errors import PlanError
 from isorig.rig.files.inputs import TOML_MOST, content_of
@@ -68,7 +69,7 @@ def read_rig(given: str | Path) -> GivenRig:
     """
     if str(given) in BUILT_IN:
         return GivenRig(model=BUILT_IN[str(given)]())
-    path = SHIPPED.get(str(given), Path(given))
+    path = SHIPPED.get(str(given)) or given_path(given, "the rig")
     if path.suffix.lower() != ".toml":
         if path.suffix.lower() != ".json" and not path.exists():
             raise PlanError(

@@ -6,13 +6,14 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from isorig.analysis.campaign import Campaign, FloatArray, Run, broad
+from isorig.analysis.campaign import Campaign, FloatArray, Measured, Run, broad, given_campaign
 from isorig.analysis.errors import DataError
+from isorig.analysis.given import channel_names, of_type, one_of
 from isorig.analysis.spectra.gain_levels import by_drive, by_level, level_of
 from isorig.analysis.spectra.hits import looks_hit
 from isorig.analysis.spectra.impact import HammerTest, hammer_test
@@ -103,7 +104,7 @@ class Transfer(Frf):
 
 
 def transfer_functions(
-    campaign: Campaign,
+    campaign: Measured,
     *,
     reference: str | Sequence[str] | None = None,
     responses: Sequence[str] = (),
@@ -122,7 +123,7 @@ def transfer_functions(
     Parameters
     ----------
     campaign
-        Measured or simulated.
+        Measured or simulated, or the path of a recording.
     reference
         The drive channel, or all channels that drive at the same time; those of the rig's description if None.
     responses, resolution, estimator, window, overlap, jackknife
@@ -133,6 +134,8 @@ def transfer_functions(
 
     Raises
     ------
+    ArgumentError
+        An argument is of another type.
     DataError
         No run has a broad-band drive, a channel or every response is missing, several drives cannot be separated, or no hammer
         hit is valid.
@@ -147,12 +150,15 @@ def transfer_functions(
     >>> bool(abs(found[3].frf.frequency[peak] - 164.5) <= 1.0)
     True
     """
-    campaign = by_level(campaign)
+    campaign = by_level(given_campaign(campaign))
     reference = references_of(campaign) if reference is None else reference
+    drives = (reference,) if isinstance(reference, str) else tuple(dict.fromkeys(channel_names(reference, "the reference")))
+    responses = channel_names(responses, "the argument responses")
+    one_of(estimator, get_args(Estimator), "the estimator")
+    of_type(window, str, "the window", 'the name of a window; give one, for example "hann"')
     runs = broad(campaign.runs)
     if not runs:
         raise DataError(f"{campaign.source} has no run with a broad-band drive; measure one with noise, a multisine or a sweep")
-    drives = (reference,) if isinstance(reference, str) else tuple(dict.fromkeys(reference))
     wrong = faults_in(campaign, drives[0]) if found is None else found
     hit = {run.id for run in runs if len(drives) == 1 and looks_hit(run, drives[0])}
     seen_through = window_named(window)

@@ -8,7 +8,8 @@ from datetime import datetime
 
 import numpy as np
 
-from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, Run
+from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, Measured, Run, given_campaign
+from isorig.analysis.given import of_type
 from isorig.analysis.model.rig_model import RigModel, given_rig
 from isorig.analysis.simulate import simulate
 from isorig.analysis.simulate.free_run import excitation_of
@@ -24,15 +25,16 @@ class Model:
     origin: datetime | None = None
 
 
-def predicted(model: RigModel, campaign: Campaign, *, origin: datetime | None = None, as_recorded: bool = False) -> Campaign:
+def predicted(model: RigModel, campaign: Measured, *, origin: datetime | None = None, as_recorded: bool = False) -> Campaign:
     """The same runs with the recorded drive, and responses simulated from rest.
 
-    `origin` is the time of a drifting model's zero; the campaign's first sample if None.
+    `campaign` is the measurement or the path of its recording; `origin` is the time of a drifting model's zero, the campaign's
+    first sample if None.
 
     Raises
     ------
-    ModelError
-        The model is of another type.
+    ArgumentError
+        An argument is of another type.
     RecordingError
         A run lacks the drive or has a configuration that the model does not have.
 
@@ -46,7 +48,9 @@ def predicted(model: RigModel, campaign: Campaign, *, origin: datetime | None = 
     True
     """
     runs = []
-    model = given_rig(model)
+    model, campaign = given_rig(model), given_campaign(campaign)
+    if origin is not None:
+        of_type(origin, datetime, "the origin", "a datetime; give one, for example campaign.runs[0].started")
     driving = [drive.channel for drive in model.drives]
     for run in campaign.runs:
         here = f"{campaign.source}: run {run.id!r}"

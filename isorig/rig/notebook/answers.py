@@ -9,10 +9,11 @@ from pathlib import Path
 
 import pandas as pd
 
-from isorig.analysis.campaign import Campaign
+from isorig.analysis.campaign import Campaign, Measured, given_campaign
 from isorig.analysis.deadline import Deadline
 from isorig.analysis.diagnose import diagnosis as analysis
 from isorig.analysis.diagnose.diagnosis import Diagnosis
+from isorig.analysis.given import finite
 from isorig.analysis.model.rig_model import RigModel, given_rig
 from isorig.analysis.parameters.joint_fit import Characterization
 from isorig.analysis.views import Viewed, shows
@@ -70,7 +71,7 @@ class Answer(Diagnosis, Viewed):
 
 
 def diagnose(
-    campaign: Campaign, model: RigModel | None = None, *, tolerance: float = 0.0, seconds: float | None = LIMIT,
+    campaign: Measured, model: RigModel | None = None, *, tolerance: float = 0.0, seconds: float | None = LIMIT,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Answer:  # fmt: skip
     """Fit the baseline, show its misfit, and identify the cause.
@@ -78,7 +79,7 @@ def diagnose(
     Parameters
     ----------
     campaign
-        The measurement.
+        The measurement, or the path of its recording.
     model
         The baseline with starting values; its `free` parameters are fitted. The campaign's own rig if None.
     tolerance
@@ -90,8 +91,8 @@ def diagnose(
 
     Raises
     ------
-    ModelError
-        The model is of another type.
+    ArgumentError
+        An argument is of another type.
     PlanError
         The model has no sensor.
 
@@ -102,6 +103,11 @@ def diagnose(
     >>> found.verdict, found.steps
     ('adequate', ())
     """
+    campaign = given_campaign(campaign)
+    tolerance, seconds = (
+        finite(tolerance, "the tolerance"),
+        None if seconds is None else finite(seconds, "the time limit"),
+    )
     baseline = campaign.rig if model is None else with_sensors(given_rig(model), "the model")
     with Deadline(seconds):
         found = analysis.diagnose(campaign, baseline, tolerance=tolerance, progress=progress)
@@ -109,14 +115,14 @@ def diagnose(
 
 
 def characterize(
-    campaign: Campaign, model: RigModel | GivenRig | None = None, *, progress: Callable[[str], None] = lambda text: None
+    campaign: Measured, model: RigModel | GivenRig | None = None, *, progress: Callable[[str], None] = lambda text: None
 ) -> Characterization:
     """Fit all free parameters to all runs at once, with standard uncertainties: the numbers of `rig characterize`.
 
     Parameters
     ----------
     campaign
-        The measurement.
+        The measurement, or the path of its recording.
     model
         The rig with starting values, or what `iso.read_rig` gives of the model.json of a diagnosis, whose fitted parameters are
         fitted again. The campaign's own rig if None.
@@ -125,8 +131,8 @@ def characterize(
 
     Raises
     ------
-    ModelError
-        The model is of another type.
+    ArgumentError
+        An argument is of another type.
 
     Examples
     --------
@@ -137,7 +143,7 @@ def characterize(
     5.06 Hz
     """
     given = model if model is None or isinstance(model, GivenRig) else GivenRig(model=given_rig(model))
-    return characterize_campaign(campaign, progress, given)
+    return characterize_campaign(given_campaign(campaign), progress, given)
 
 
 @shows(Answer, "html")

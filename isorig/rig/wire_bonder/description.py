@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+from isorig.analysis.errors import ModelError
+from isorig.analysis.given import given_mapping, number
 from isorig.analysis.laws import Coulomb
 from isorig.analysis.model.rig_model import GROUND, Body, Configuration, Contact, Drive, RigModel, Sensor
 from isorig.analysis.model.spring import spring
@@ -48,6 +50,13 @@ def wire_bonder(values: Mapping[str, float] = THESIS, *, friction: bool = True) 
     friction
         Whether there is a contact between motor and table.
 
+    Raises
+    ------
+    ArgumentError
+        The values are of another type.
+    ModelError
+        One of them is missing, or contradicts physics.
+
     Examples
     --------
     >>> import isorig as iso
@@ -56,6 +65,11 @@ def wire_bonder(values: Mapping[str, float] = THESIS, *, friction: bool = True) 
     >>> iso.wire_bonder(friction=False).contacts
     ()
     """
+    given_mapping(values, "the argument values", 'a mapping; give one, for example {**THESIS, "friction_force": 12.0}')
+    for name in THESIS:
+        if name not in values and (friction or name != "friction_force"):
+            raise ModelError(f"the values of the wire bonder lack {name!r}, but it needs {', '.join(THESIS)}; add it")
+        number(values.get(name, 0.0), f"the value {name}")
     return _mounted(
         "wire bonder",
         {body: (values[f"{body}_mass"], values[f"{body}_frequency"], values[f"{body}_damping"]) for body in LINKS},

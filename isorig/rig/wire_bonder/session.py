@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run, Use
+from isorig.analysis.given import all_of_type, finite, interval, positive, whole
 from isorig.analysis.model.rig_model import Chain, RigModel, given_rig
 from isorig.analysis.simulate import Excitation, record, simulate
 from isorig.analysis.simulate.excitation import moves, random
@@ -50,6 +51,12 @@ class VirtualRun:
     band: tuple[float, float] = (0.5, 20.0)
     use: Use = "fit"
     per_gain: float = HEAD_PER_GAIN
+
+    def __post_init__(self) -> None:
+        positive(self.seconds, f"the length of run {self.id!r}", " s")
+        for key in ("gain", "start", "per_gain"):
+            finite(getattr(self, key), f"the {key} of run {self.id!r}")
+        interval(self.band, f"the band of run {self.id!r}")
 
 
 #: A typical lab session: three gains unlocked (the first repeated), two locked, a series of moves.
@@ -109,8 +116,8 @@ def virtual_campaign(
 
     Raises
     ------
-    ModelError
-        The rig is of another type.
+    ArgumentError
+        An argument is of another type.
 
     Examples
     --------
@@ -121,6 +128,9 @@ def virtual_campaign(
     ['head', 'heatblock', 'motor', 'table']
     """
     model = given_rig(model)
+    takes = all_of_type(takes, VirtualRun, "the argument takes", "a sequence of iso.VirtualRun; give for example [run]")
+    sample_rate, noise = positive(sample_rate, "the sample rate", " Hz"), finite(noise, "the noise")
+    seed, oversample = whole(seed, "the random seed", 0), whole(oversample, "the number of steps per sample", 1)
     generator = np.random.default_rng(seed)
     runs = []
     for take in takes:

@@ -322,3 +322,28 @@ def test_an_estimated_motion_adds_no_sensor_noise() -> None:
     share = {element.name: equations.noise_share(element, 1.0) for element in equations.elements()}
     assert share["l0"] == share["l1"] == 0.0
     assert 0.0 < share["l2"] < 0.2
+
+
+def test_an_equation_whose_sliding_samples_all_vanish_is_not_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Samples that seem to slide are at rest once the slow part of the motion is known: first all slide, then none."""
+    truth = rubbing(chain(), "l1", 4.0)
+    measured = played(truth, seed=3)
+    (balance,) = (each for each in equations_of(measured, truth).balances if each.rubs)
+    assert equations_of(measured, truth).in_time(balance, equations_of(measured, truth).primary(balance)) is not None
+    chosen = Sliding.select
+
+    def vanishing(sliding: Sliding) -> int:
+        first = not hasattr(sliding, "active")
+        count = chosen(sliding)
+        if first:
+            return count
+        for block in sliding.blocks:
+            block.used = block.used[:0]
+        sliding.active = []
+        return 0
+
+    monkeypatch.setattr(Sliding, "select", vanishing)
+    equations = equations_of(measured, truth)
+    assert equations.in_time(balance, equations.primary(balance)) is None
+    assert balance.name not in equations.sliding
+    assert balance.name not in equations.residuals()

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -16,7 +17,9 @@ from instrument import CONVERTERS, converted
 from motion import Elongation, Law, Rub, Seen, Spring
 from rigs import FAMILIES
 
+from isorig.analysis.campaign import MOTION, ROTARY
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
+from isorig.analysis.fitting.plausible import doubts_of_records
 from isorig.analysis.fitting.score import adequate, noise_floor, score
 from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.spectra.noise import noise_levels
@@ -118,3 +121,20 @@ def test_a_sound_wire_bonder_behind_a_sharp_filter_is_called_adequate(seed: int,
     assert main(["diagnose", str(made[0]), "-o", str(tmp_path / "d")]) == 0
     findings = json.loads((tmp_path / "d" / "findings.json").read_text())
     assert (findings["verdict"], findings["steps"]) == ("adequate", [])
+
+
+@pytest.mark.parametrize("effects", ["none", "one"])
+@pytest.mark.parametrize("family", QUICK)
+def test_a_channel_of_another_derivative_is_said_with_and_without_a_cause(family: str, effects: str, tmp_path: Path) -> None:
+    made = draw(family, 5, Setting(severity=1.0, soiled=True, effects=(effects,)), tmp_path)
+    assert made is not None
+    campaign = read(made[0])
+    model = rig_of(campaign)
+    assert not doubts_of_records(model, campaign)
+    for sensor in model.sensors:
+        for other in MOTION:
+            if other != sensor.quantity and (other in ROTARY) == (sensor.quantity in ROTARY):
+                wrong = tuple(structs.replace(each, quantity=other) if each is sensor else each for each in model.sensors)
+                (doubt,) = doubts_of_records(structs.replace(model, sensors=wrong), campaign)
+                assert doubt.kind == "derivative"
+                assert doubt.parameter == f"sensors.{sensor.channel}"
