@@ -236,17 +236,21 @@ class LinearRig:
         rubbed = values.friction[:, None, :, None] * free.rubbing(values.friction)
         return np.asarray(free.x - np.einsum("bc...,cd...->bd...", free.moved, rubbed))
 
-    def responses(self, omega: FloatArray, values: Parameters, free: FreeMotion | None = None) -> ComplexArray:
+    def responses(
+        self, omega: FloatArray, values: Parameters, free: FreeMotion | None = None, places: FloatArray | None = None
+    ) -> ComplexArray:  # fmt: skip
         """Sensors' records per unit of each drive's channel, shape (responses, drives, sets, frequencies).
 
-        `free` is the motion without dampers in the contacts; computed if None.
+        `free` is the motion without dampers in the contacts, computed if None; `places` are the weights of the bodies in each
+        sensor's motion, shape (responses, bodies, sets), as described if None.
         """
         x, s = self.motion(omega, values, free), np.asarray(1j * omega)
         rows = []
-        for sensor in self._model.sensors:
+        for k, sensor in enumerate(self._model.sensors):
             if sensor.force_in is None:
                 along = direction(self._model, sensor.body, sensor.relative_to, sensor.arms)
-                row = np.tensordot(along, x, 1) * s ** MOTION[sensor.quantity]
+                seen = np.tensordot(along, x, 1) if places is None else np.einsum("bs,bdsg->dsg", places[k], x)
+                row = seen * s ** MOTION[sensor.quantity]
             else:
                 row = self._force(sensor.force_in, x, s, values)
             rows.append(row * sensor.chain.gain)

@@ -16,13 +16,12 @@ from math import exp, log
 from typing import Literal
 
 import numpy as np
-from msgspec.structs import replace as replace_parts
 
 from isorig.analysis.campaign import MOTION, BoolArray, ComplexArray, FloatArray, IntArray, Quantity
 from isorig.analysis.fitting.linear_spectra import LinearRig, Spectrum, dampers, friction_level, given_parameters
 from isorig.analysis.fitting.resonances import Resonance, resonance
 from isorig.analysis.model.parameter_units import unit_of
-from isorig.analysis.model.rig_model import RigModel, Sensor
+from isorig.analysis.model.rig_model import GROUND, RigModel, direction
 from isorig.analysis.units import GIVEN
 
 #: Usual errors of given values, as standard deviations of the logarithm: a mass that was weighed, a mass or stiffness that is an
@@ -132,12 +131,11 @@ def wrong_scale(given: RigModel, spectra: Sequence[Spectrum]) -> tuple[WrongScal
         return None, np.zeros(len(given.sensors))
     compared = _Compared(given, spectra)
     best = _Explanation("sound")
-    standing: dict[_Explanation, float] = {}
     ((least, found),) = compared.fitted([best])
     unknown = "drive.factor" in given.free
-    described = best, found
+    described, settled = (best, found), found
     if least > CLEAR:
-        sound, settled = least, found
+        sound = least
         (before,) = compared.begun([best])
         if unknown:
             best = _Explanation("responses", tuple(range(len(given.sensors))), None)
@@ -156,10 +154,8 @@ def wrong_scale(given: RigModel, spectra: Sequence[Spectrum]) -> tuple[WrongScal
             else:
                 enough = far or _confirmed(each, shown) or compared.agree(each, cost, here)
                 enough = enough and (each.kind != "derivative" or compared.correlation(each, here).min() >= TURNED)
-            if cost + MARGIN < sound and enough:
-                standing[each] = cost
-                if cost < least:
-                    best, least, found = each, cost, here
+            if cost < least and cost + MARGIN < sound and enough:
+                best, least, found = each, cost, here
     ratio = best.factor if best.factor is not None else exp(float(found[-1]))
     smallest = LEAST_UNKNOWN if unknown and best.kind == "responses" else LEAST_RATIO
     if best.factor is None and best.kind in ("responses", "sensor", "drive") and abs(log(ratio)) < log(smallest):
@@ -179,13 +175,10 @@ def wrong_scale(given: RigModel, spectra: Sequence[Spectrum]) -> tuple[WrongScal
     }  # fmt: skip
     assert best.kind != "sound"
     wrong = tuple(names.get(best.kind, [])[k] for k in best.places)
-    # A sensor on bodies that move alike: all of them.
-    bodies = [each.body for each in sorted(standing, key=lambda each: standing[each])
-              if each.kind == "place" and each.places == best.places and standing[each] < least + MARGIN]  # fmt: skip
     placed = best.kind == "place"
     return WrongScale(
         kind=best.kind, names=wrong, ratio=ratio, derivative=best.derivative,
-        bodies=tuple(given.bodies[k].name for k in bodies if placed),
+        bodies=compared.bodies(best, least, settled) if placed else (),
         left=(compared.left(best, *described), compared.left(best, best, found)) if placed or best.kind == "exchange" else None,
     ), agreement  # fmt: skip
 
@@ -234,17 +227,14 @@ def _derivatives(given: RigModel, alike: Mapping[Quantity, tuple[int, ...]]) -> 
         yield from (_Explanation("derivative", (k,), factor, change, driven=True) for change in _changes(drive.quantity))
 
 
-def _elsewhere(given: RigModel) -> dict[tuple[int, int], Sensor]:
-    # Sensors on other bodies than described, by the indices of sensor and body.
-    motions = [body.motion for body in given.bodies]
-    own = {body.name: k for k, body in enumerate(given.bodies)}
-    return {
-        (k, body): replace_parts(sensor, body=given.bodies[body].name, channel=f"{sensor.channel} on {given.bodies[body].name}")
-        for k, sensor in enumerate(given.sensors)
-        if sensor.body and not sensor.arms
-        for body, motion in enumerate(motions)
-        if motion == motions[own[sensor.body]] and given.bodies[body].name not in (sensor.body, sensor.relative_to)
-    }
+def _elsewhere(given: RigModel) -> Iterator[tuple[int, int]]:
+    # Indices of a sensor, and of a body on which it may be instead. One on a body whose motion is imposed would repeat the drive.
+    for k, sensor in enumerate(given.sensors):
+        if sensor.body and not sensor.arms:
+            motion = given.body(sensor.body).motion
+            for j, body in enumerate(given.bodies):
+                if body.motion == motion and body.name not in (sensor.body, sensor.relative_to, *given.imposed):
+                    yield k, j
 
 
 def _unlike(given: RigModel, one: int, other: int) -> bool:
@@ -275,11 +265,7 @@ class _Compared:
     def __init__(self, given: RigModel, spectra: Sequence[Spectrum]) -> None:
         self._given = given
         self._spectra = _strongest(spectra)
-        # Each sensor as described, followed by the same on other bodies.
-        self._elsewhere = _elsewhere(given)
-        elsewhere = replace_parts(given, sensors=(*given.sensors, *self._elsewhere.values()))
         self._rigs = {s.run.configuration: LinearRig(given, s.run.configuration) for s in self._spectra}
-        self._moved = {s.run.configuration: LinearRig(elsewhere, s.run.configuration) for s in self._spectra}
         self._forces = np.array([friction_level(contact.law) for contact in given.contacts])[:, None]
         self._values = given_parameters(given)
         self._rubs: dict[str, FloatArray] = {}
@@ -390,6 +376,14 @@ class _Compared:
         less = self.left(explanation, explanation, theta) <= REPAIRED * self.left(explanation, *described)
         return (far or less) and bool(self.correlation(explanation, theta).min() >= AGREES)
 
+    def bodies(self, place: _Explanation, cost: float, settled: FloatArray) -> tuple[str, ...]:
+        """The body on which a sensor is at this cost, followed by those that move alike: it is hardly less likely on them."""
+        (k,) = place.places
+        others = [body for sensor, body in _elsewhere(self._given) if (sensor, body) != (k, place.body) and sensor == k]
+        fits = self.fitted([replace(place, body=body) for body in others], settled)
+        near = [body for body, fit in zip(others, fits, strict=True) if fit[0] < cost + MARGIN]
+        return tuple(self._given.bodies[body].name for body in (place.body, *near))
+
     def left(self, mistake: _Explanation, explanation: _Explanation, theta: FloatArray) -> float:
         """Share of power that an explanation with these parameters leaves, on average over the records that a mistake is about:
         the sensor's of a wrong place, or all."""
@@ -440,17 +434,29 @@ class _Compared:
             rows["drive"] += log_factor
             masses = [given.bodies[k].mass for k in places]
             rows["mass"][places] = np.log(np.array(masses[::-1]) / masses)[:, None]
-        seen = np.repeat(np.arange(len(given.sensors))[:, None], count, axis=1)
+        bodies = np.full((len(given.sensors), count), -1)
         if explanation.kind == "place":
-            seen[places] = len(given.sensors) + list(self._elsewhere).index((places[0], explanation.body))
+            bodies[places] = explanation.body
         orders, driven_orders = np.zeros((len(given.sensors), count)), np.zeros((len(given.drives), count))
         (driven_orders if explanation.driven else orders)[places if explanation.derivative else []] = explanation.derivative
         rates = log_factor if explanation.kind == "rate" else np.zeros(count)
         return _Sets(
             thetas=thetas[: len(self._usual)], mass=rows["mass"], stiffness=rows["stiffness"], drives=rows["drive"],
             sensors=rows["sensor"], rates=rates, orders=orders, driven_orders=driven_orders,
-            seen=seen,
+            bodies=bodies,
         )  # fmt: skip
+
+    def _places(self, sets: _Sets) -> FloatArray | None:
+        # Weights of the bodies in each sensor's motion, shape (responses, bodies, sets); None if all are as described.
+        if (sets.bodies < 0).all():
+            return None
+        given = self._given
+        described = np.stack([direction(given, s.body or GROUND, s.relative_to, s.arms) for s in given.sensors])
+        found = np.repeat(described[:, :, None], sets.count, axis=2)
+        for k, one in zip(*np.nonzero(sets.bodies >= 0), strict=True):
+            sensor, body = given.sensors[k], given.bodies[sets.bodies[k, one]].name
+            found[k, :, one] = direction(given, body, sensor.relative_to, sensor.arms)
+        return found
 
     def _responses(self, sets: _Sets) -> Iterator[ComplexArray]:
         # Of every run, per unit of each drive's recorded value.
@@ -462,7 +468,7 @@ class _Compared:
             given, mass=given.mass * change[:b] * np.exp(sets.mass), damping=given.damping * change[b + k : b + 2 * k],
             stiffness=given.stiffness * change[b : b + k] * np.exp(sets.stiffness),
         )  # fmt: skip
-        drives = np.exp(sets.drives)
+        drives, places = np.exp(sets.drives), self._places(sets)
         for spectrum in self._spectra:
             rig = self._rigs[spectrum.run.configuration]
             omega = spectrum.omega / np.exp(sets.rates)[:, None] if sets.rates.any() else spectrum.omega
@@ -474,19 +480,15 @@ class _Compared:
             rubs = dampers(free, values, spectrum, forces, drives, self._rubs.get(spectrum.run.id))
             # The next ones are similar.
             self._rubs[spectrum.run.id] = rubs[:, :1]
-            rubbed, own = replace(values, friction=rubs), np.arange(len(self._given.sensors))
-            if (sets.seen == own[:, None]).all():
-                response = rig.responses(omega, rubbed, free) * drives[:, :, None]
-            else:
-                every = self._moved[spectrum.run.configuration].responses(omega, rubbed, free) * drives[:, :, None]
-                response = every[sets.seen[:, None], np.arange(len(drives))[:, None], np.arange(sets.count)]
+            response = rig.responses(omega, replace(values, friction=rubs), free, places) * drives[:, :, None]
             yield response * (1j * spectrum.omega) ** sets.orders[:, None, :, None] if sets.orders.any() else response
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Sets:
     # Sets of parameters in columns: logarithms of the changes of given values, and of the factors of an explanation on masses,
-    # stiffnesses, drives, records and the sample rate; further derivatives of the records and of the drives.
+    # stiffnesses, drives, records and the sample rate; further derivatives of the records and of the drives;
+    # the body of each sensor, -1 as described.
     thetas: FloatArray
     mass: FloatArray
     stiffness: FloatArray
@@ -495,7 +497,7 @@ class _Sets:
     rates: FloatArray
     orders: FloatArray
     driven_orders: FloatArray
-    seen: IntArray
+    bodies: IntArray
 
     @property
     def count(self) -> int:
