@@ -1,9 +1,13 @@
 """What tests share."""
 
+import os
+import shutil
 import signal
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 from hypothesis import settings
 
 #: The same examples on every machine and in every run.
@@ -24,6 +28,27 @@ def shared() -> Path:
     if not folder.is_dir():
         pytest.skip(f"{folder} is absent: tests against campaigns made by another program are skipped")
     return folder
+
+
+@pytest.fixture(scope="session")
+def made_once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callable[[Path], object]], Path]:
+    """A folder of a name, filled by the test that asks first: all processes of a session share it, and none changes it."""
+    base = tmp_path_factory.getbasetemp()
+    shared = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "made-once"
+    shared.mkdir(exist_ok=True)
+
+    def made(name: str, make: Callable[[Path], object]) -> Path:
+        folder, begun = shared / name, shared / f"{name}.begun"
+        with FileLock(shared / f"{name}.lock"):
+            if not folder.exists():
+                # One that another process left unfinished is made anew.
+                shutil.rmtree(begun, ignore_errors=True)
+                begun.mkdir()
+                make(begun)
+                begun.rename(folder)
+        return folder
+
+    return made
 
 
 #: Files whose tests take longest, begun first: a worker that begins one last keeps the other waiting.
