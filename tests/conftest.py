@@ -3,12 +3,15 @@
 import os
 import shutil
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from filelock import FileLock
 from hypothesis import settings
+
+from isorig.rig.frf import drawing
 
 #: The same examples on every machine and in every run.
 settings.register_profile("fixed", derandomize=True)
@@ -49,6 +52,29 @@ def made_once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callab
         return folder
 
     return made
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _one_process_draws() -> Iterator[None]:
+    """Let all commands of these tests send their figures to one process, instead of starting one each."""
+    begun: list[drawing.FigureProcess] = []
+
+    @contextmanager
+    def kept() -> Iterator[drawing.FigureProcess]:
+        if not begun:
+            begun.append(drawing.FigureProcess())
+        try:
+            yield begun[0]
+            begun[0].wait()
+        except BaseException:
+            begun.pop().end()
+            raise
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(drawing, "drawn_elsewhere", kept)
+        yield
+    for each in begun:
+        each.end()
 
 
 #: Files whose tests take longest, begun first: a worker that begins one last keeps the other waiting.
