@@ -74,6 +74,7 @@ def test_a_second_cause_that_shows_later_in_the_runs_is_found() -> None:
     assert named(diagnosis) == {("sensor_gain", "sensor", "a2"), ("hardening_stiffness", "spring_shape", "l1")}
 
 
+@pytest.mark.study
 def test_a_small_gain_and_a_play_are_found_together() -> None:
     # The gain alone is fitted to 1: the play bends every value of a model without it.
     loose = with_law(chain(), "l1", laws.Backlash(clearance=2e-4))
