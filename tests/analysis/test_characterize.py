@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from intervals import NOISES, SHORT, TAKES, truths, with_noise
 from scipy.signal import lfilter
+from shortened import shortened
 from small_rigs import guessed, played, stage
 
 from isorig.analysis.campaign import Channel
@@ -16,15 +17,17 @@ from isorig.analysis.jackknife import deviation
 from isorig.analysis.parameters.joint_fit import characterize
 from isorig.analysis.simulate import free_run, sampling
 from isorig.rig.cli import main
-from isorig.rig.files.recording import write
+from isorig.rig.files.recording import read, write
 from isorig.rig.model.baseline import baseline_model
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 
 
-def test_campaign_a(shared: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("seconds", [30.0, pytest.param(100.0, marks=pytest.mark.study)])
+def test_campaign_a(seconds: float, shared: Path, tmp_path: Path) -> None:
     truth = json.loads((shared / "campaigns" / "answers.json").read_text())["campaign-a"]["rig"]
-    assert main(["characterize", str(shared / "campaigns" / "campaign-a.h5"), "-o", str(tmp_path)]) == 0
+    write(tmp_path / "campaign.h5", shortened(read(shared / "campaigns" / "campaign-a.h5"), seconds))
+    assert main(["characterize", str(tmp_path / "campaign.h5"), "-o", str(tmp_path)]) == 0
     table = json.loads((tmp_path / "parameters.json").read_text())["parameters"]
     for name, row in table.items():
         loose = name.endswith("damping") or name == "friction_force"
