@@ -168,7 +168,7 @@ def test_effects_that_the_runs_do_not_show_are_not_reported() -> None:
 
 def test_a_guess_of_friction_that_lets_nothing_slide() -> None:
     model = wire_bonder({**THESIS, "friction_force": 2.0})
-    campaign = virtual_campaign(model, TAKES, seed=1)
+    campaign = virtual_campaign(model, [replace(take, seconds=12.0) for take in TAKES], seed=1)
     assert campaign.known["friction_force"] == 20.0
     found = characterize(replace(campaign, runs=campaign.runs[1::2]), baseline_model(campaign))
     assert found.table["friction_force"].value == pytest.approx(2.0, rel=1e-3)
