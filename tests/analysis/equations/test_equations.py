@@ -434,12 +434,17 @@ def test_an_equation_of_which_nothing_remains_to_be_tested_is_left_out() -> None
 
 @pytest.mark.parametrize(
     ("fault", "what"),
-    [(Chain(corner=2.5), "high-pass"), (Chain(bend=((-80.0, 0.0), (-2.0, 0.0), (2.0, 0.0), (80.0, -70.0))), "static curve")],
+    [
+        (Chain(corner=2.5), "high-pass"),
+        # Shorter runs do not show it.
+        pytest.param(Chain(bend=((-80.0, 0.0), (-2.0, 0.0), (2.0, 0.0), (80.0, -70.0))), "static curve", marks=pytest.mark.study),
+    ],
 )
 def test_rocking_does_not_stand_for_the_force_that_makes_it_rock(fault: Chain, what: str) -> None:
     """The torque contains the isolation's force: without its resonance it is that force, which then fits any record."""
     rig = wire_bonder()
-    equations = equations_of(virtual_campaign(with_chain(rig, "motor", fault), seed=SEED + 13), rig)
+    takes = [changed(take, seconds=30.0) for take in SESSION] if what == "high-pass" else SESSION
+    equations = equations_of(virtual_campaign(with_chain(rig, "motor", fault), takes, seed=SEED + 13), rig)
     best = ranking(equations).explanations[0]
     assert (best.kind, best.place, best.what) == ("sensor", "motor", what)
     sliding, base = equations.sliding["motor"]
