@@ -1,10 +1,17 @@
 """What tests share."""
 
+import os
+import shutil
 import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 from hypothesis import settings
+
+from isorig.rig.frf import drawing
 
 #: The same examples on every machine and in every run.
 settings.register_profile("fixed", derandomize=True)
@@ -26,11 +33,58 @@ def shared() -> Path:
     return folder
 
 
+@pytest.fixture(scope="session")
+def made_once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callable[[Path], object]], Path]:
+    """A folder of a name, filled by the test that asks first: all processes of a session share it, and none changes it."""
+    base = tmp_path_factory.getbasetemp()
+    shared = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "made-once"
+    shared.mkdir(exist_ok=True)
+
+    def made(name: str, make: Callable[[Path], object]) -> Path:
+        folder, begun = shared / name, shared / f"{name}.begun"
+        with FileLock(shared / f"{name}.lock"):
+            if not folder.exists():
+                # One that another process left unfinished is made anew.
+                shutil.rmtree(begun, ignore_errors=True)
+                begun.mkdir()
+                make(begun)
+                begun.rename(folder)
+        return folder
+
+    return made
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _one_process_draws() -> Iterator[None]:
+    """Let all commands of these tests send their figures to one process, instead of starting one each."""
+    begun: list[drawing.FigureProcess] = []
+
+    @contextmanager
+    def kept() -> Iterator[drawing.FigureProcess]:
+        if not begun:
+            begun.append(drawing.FigureProcess())
+        try:
+            yield begun[0]
+            begun[0].wait()
+        except BaseException:
+            begun.pop().end()
+            raise
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(drawing, "drawn_elsewhere", kept)
+        yield
+    for each in begun:
+        each.end()
+
+
 #: Files whose tests take longest, begun first: a worker that begins one last keeps the other waiting.
 LONGEST = (
-    "tests/docs/test_pages.py", "tests/blind/", "tests/rig/fleet/", "tests/thesis/", "tests/rig/test_commands.py",
-    "tests/rig/test_demo.py", "tests/docs/", "tests/rig/test_fuzz.py", "tests/drivers/test_attacks.py",
-    "tests/rig/acquire/test_host_clock.py", "tests/drivers/test_contract.py", "tests/rig/acquire/test_sessions_attacked.py",
+    "tests/docs/test_pages.py", "tests/rig/test_moved_rigs.py", "tests/analysis/diagnose/test_other_forms.py", "tests/blind/",
+    "tests/rig/fleet/", "tests/analysis/equations/", "tests/analysis/test_characterize.py", "tests/rig/test_demo.py",
+    "tests/analysis/test_accuracy.py", "tests/thesis/", "tests/rig/test_commands.py", "tests/docs/", "tests/rig/test_fuzz.py",
+    "tests/analysis/laws/", "tests/rig/test_seed.py", "tests/rig/test_any_rig.py", "tests/rig/next/",
+    "tests/rig/test_diagnose_options.py", "tests/drivers/test_attacks.py", "tests/rig/acquire/test_host_clock.py",
+    "tests/drivers/test_contract.py", "tests/rig/acquire/test_sessions_attacked.py",
 )  # fmt: skip
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Literal
+
 import msgspec
 import numpy as np
 from matplotlib.figure import Figure
@@ -13,7 +16,8 @@ from isorig.rig.wire_bonder.move_isolation import on_move
 from isorig.rig.wire_bonder.stroke import frictionless
 from thesis.campaign import Candidate
 from thesis.figures import breakaway
-from thesis.friction import START, literal, reversals, struck
+from thesis.friction import LITERAL_PULSE, START, literal, reversals, struck
+from thesis.printed_law import LiteralRun
 from thesis.published_values import Stated, above, below, printed
 from thesis.step import Row, Step, judged, plain
 
@@ -22,6 +26,11 @@ DISTANCE, LEVELS = 3e-3, (12.5, 30.0, 166.7)
 #: Pulses of the half sine, s, and the force that holds the mass in Fig. 7, N.
 PULSES, HELD, SWINGS = (0.03, 0.05, 0.06, 0.07, 0.1), 200.0, 20.0
 TOLERANCE = 2e-6
+#: Rules of the literal replay: the velocity, and the force that holds. Replays by the rig's name and the rule's.
+RULES: Mapping[str, tuple[Literal["relative", "own"], Literal["body", "contact"]]] = {
+    "relative": ("relative", "body"), "own": ("own", "body"), "held": ("relative", "contact"),
+}  # fmt: skip
+Replays = Mapping[tuple[str, str], LiteralRun]
 FOUR = Stated(words="too small by about 4", low=0.25, high=0.25, tolerance=0.25)
 
 
@@ -46,6 +55,11 @@ def stays(length: float) -> float:
 
 def early(base: Candidate) -> Step:
     """The gauge, the early rig's heatblock, one mass, two and three masses, and the literal replay."""
+    replayed = {
+        (model.name, how): literal(velocity, model, holding=holding)
+        for model in (two_mass(), three_mass())
+        for how, (velocity, holding) in RULES.items()
+    }
     rows = [
         judged("force gauge: breakaway under a slow pull, N", printed(20.0, 0.1), breakaway(base.rig)),
         *(
@@ -63,11 +77,11 @@ def early(base: Candidate) -> Step:
             )
             for length in PULSES
         ),
-        _swings(), *_replays(),
+        _swings(), *_replays(replayed),
     ]  # fmt: skip
     text = [
         _four([too_small(base.rig, level) for level in LEVELS]),
-        _blame(),
+        _blame(replayed),
         "These figures, and every friction law, are on the page about [friction](friction.md).",
     ]
     return Step(title="Fig. 3-13 and the force gauge", rows=rows, text=text, pictures={"early": _picture(base)})
@@ -96,34 +110,35 @@ def _swings() -> Row:
     )  # fmt: skip
 
 
-def _replays() -> list[Row]:
-    rows = []
-    for model, where, said in (
-        (two_mass(), "Fig. 9-10, two masses", below("clean", 10.0)),
-        (three_mass(), "Fig. 12, three masses", above("chatters", 50.0)),
-    ):  # fmt: skip
-        relative = literal("relative", model)
-        rows.append(judged(f"{where}: reversals of the friction force, relative velocity", said, reversals(relative.friction)))
-    for model, where in ((two_mass(), "two masses"), (three_mass(), "Fig. 13, three masses")):
-        own = literal("own", model)
-        rows.append(judged(f"{where}: reversals, the motor's own velocity", below("clean", 10.0), reversals(own.friction)))
-    for model, where in ((two_mass(), "two masses"), (three_mass(), "three masses")):
-        held = literal("relative", model, holding="contact")
-        rows.append(
-            plain(
-                f"{where}: reversals, relative velocity, held by the force that keeps motor and table together",
-                f"{reversals(held.friction)}", thesis="not tried",
-            )
-        )  # fmt: skip
+def _replays(replayed: Replays) -> list[Row]:
+    count = {key: reversals(run.friction) for key, run in replayed.items()}
+    rows = [
+        judged(f"{where}: reversals of the friction force, relative velocity", said, count[name, "relative"])
+        for name, where, said in (
+            ("two masses", "Fig. 9-10, two masses", below("clean", 10.0)),
+            ("three masses", "Fig. 12, three masses", above("chatters", 50.0)),
+        )
+    ]
+    rows += [
+        judged(f"{where}: reversals, the motor's own velocity", below("clean", 10.0), count[name, "own"])
+        for name, where in (("two masses", "two masses"), ("three masses", "Fig. 13, three masses"))
+    ]
+    rows += [
+        plain(
+            f"{name}: reversals, relative velocity, held by the force that keeps motor and table together",
+            f"{count[name, 'held']}", thesis="not tried",
+        )
+        for name in ("two masses", "three masses")
+    ]  # fmt: skip
     return rows
 
 
-def _blame() -> str:
-    two, three = (reversals(literal("relative", m).friction) for m in (two_mass(), three_mass()))
-    own = reversals(literal("own", two_mass()).friction)
-    held = max(reversals(literal("relative", m, holding="contact").friction) for m in (two_mass(), three_mass()))
-    found, right = literal("relative", two_mass()), struck(two_mass(), 0.1).response.channels["motor"]
-    off = float(np.abs(found.states[:, 1] - right).max() / np.abs(right).max())
+def _blame(replayed: Replays) -> str:
+    count = {key: reversals(run.friction) for key, run in replayed.items()}
+    two, three, own = count["two masses", "relative"], count["three masses", "relative"], count["two masses", "own"]
+    held = max(count[name, "held"] for name in ("two masses", "three masses"))
+    right = struck(two_mass(), LITERAL_PULSE).response.channels["motor"]
+    off = float(np.abs(replayed["two masses", "relative"].states[:, 1] - right).max() / np.abs(right).max())
     cause = (
         "so the reason for the chatter is not the relative velocity, but the law's Fnet"
         if held <= 10 < min(two, three)

@@ -32,7 +32,7 @@ class Reference:
 
     def rates(self, z: np.ndarray, force: float, s: float) -> np.ndarray:
         (m1, m2, m3), (k1, k2, k3), (c1, c2, c3) = THREE["m"], self.k, self.c
-        x1, x2, x3, v1, v2, v3 = z
+        x1, x2, x3, v1, v2, v3 = z.tolist()
         isolation = k3 * (x3 - x1) + c3 * (v3 - v1) + self.spring(x3 - x1, v3 - v1, self.region)
         block = k2 * (x2 - x1) + c2 * (v2 - v1)
         on1, on3 = isolation + block - c1 * v1 - k1 * x1, force - isolation
@@ -88,7 +88,8 @@ class Reference:
             )  # fmt: skip
             # Below zero and back between two steps of the integrator goes unseen: look again, closely.
             between = np.linspace(begin, found.t[-1], 22)[1:-1]
-            if all(w(t, found.sol(t)) > -1e-15 for w in witnesses[:ends] for t in between):
+            passed = list(zip(between, found.sol(between).T, strict=True))
+            if all(w(*each) > -1e-15 for w in witnesses[:ends] for each in passed):
                 break
         fired = [i for i, times in enumerate(found.t_events) if len(times)]
         if not fired:

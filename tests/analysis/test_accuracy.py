@@ -1,6 +1,6 @@
 """The engine against an independent integrator with located events, on a force straight between samples.
 
-A second of each case runs with every test, ten seconds (as published for other engines) with `make study`.
+Half a second of each case runs with every test, ten seconds (as published for other engines) with `make study`.
 """
 
 import numpy as np
@@ -88,7 +88,7 @@ CURVED = {
     ),
 }  # fmt: skip
 KINDS = ("random 60", "random 25", "sweep")
-LENGTHS = [1.0, pytest.param(10.0, marks=pytest.mark.study)]
+LENGTHS = [0.5, pytest.param(10.0, marks=pytest.mark.study)]
 
 
 @pytest.mark.timeout(900)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from intervals import NOISES, SHORT, TAKES, truths, with_noise
 from scipy.signal import lfilter
+from shortened import shortened
 from small_rigs import guessed, played, stage
 
 from isorig.analysis.campaign import Channel
@@ -16,15 +17,17 @@ from isorig.analysis.jackknife import deviation
 from isorig.analysis.parameters.joint_fit import characterize
 from isorig.analysis.simulate import free_run, sampling
 from isorig.rig.cli import main
-from isorig.rig.files.recording import write
+from isorig.rig.files.recording import read, write
 from isorig.rig.model.baseline import baseline_model
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 
 
-def test_campaign_a(shared: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("seconds", [30.0, pytest.param(100.0, marks=pytest.mark.study)])
+def test_campaign_a(seconds: float, shared: Path, tmp_path: Path) -> None:
     truth = json.loads((shared / "campaigns" / "answers.json").read_text())["campaign-a"]["rig"]
-    assert main(["characterize", str(shared / "campaigns" / "campaign-a.h5"), "-o", str(tmp_path)]) == 0
+    write(tmp_path / "campaign.h5", shortened(read(shared / "campaigns" / "campaign-a.h5"), seconds))
+    assert main(["characterize", str(tmp_path / "campaign.h5"), "-o", str(tmp_path)]) == 0
     table = json.loads((tmp_path / "parameters.json").read_text())["parameters"]
     for name, row in table.items():
         loose = name.endswith("damping") or name == "friction_force"
@@ -165,7 +168,7 @@ def test_effects_that_the_runs_do_not_show_are_not_reported() -> None:
 
 def test_a_guess_of_friction_that_lets_nothing_slide() -> None:
     model = wire_bonder({**THESIS, "friction_force": 2.0})
-    campaign = virtual_campaign(model, TAKES, seed=1)
+    campaign = virtual_campaign(model, [replace(take, seconds=12.0) for take in TAKES], seed=1)
     assert campaign.known["friction_force"] == 20.0
     found = characterize(replace(campaign, runs=campaign.runs[1::2]), baseline_model(campaign))
     assert found.table["friction_force"].value == pytest.approx(2.0, rel=1e-3)

@@ -32,8 +32,14 @@ def of(campaign: Campaign, **known: float) -> Characterization:
     return characterize(stated, baseline_model(stated))
 
 
-def test_calibration_is_carried_through_the_fit(campaign: Campaign) -> None:
-    bare, stated = of(campaign), of(campaign, calibration_std=0.01, head_mass_std=0.05)
+@pytest.fixture(scope="module")
+def bare(campaign: Campaign) -> Characterization:
+    """The fit with nothing stated but the recording's masses."""
+    return of(campaign)
+
+
+def test_calibration_is_carried_through_the_fit(campaign: Campaign, bare: Characterization) -> None:
+    stated = of(campaign, calibration_std=0.01, head_mass_std=0.05)
     assert not bare.calibrated
     assert stated.calibrated
     for name in ("table_mass", "friction_force", "table_damping"):
@@ -45,23 +51,22 @@ def test_calibration_is_carried_through_the_fit(campaign: Campaign) -> None:
     assert friction.std == pytest.approx(20.0 * np.hypot(0.01, 0.05 / 6.5), rel=0.1)
 
 
-def test_a_linear_step_equals_a_refit(campaign: Campaign) -> None:
+def test_a_linear_step_equals_a_refit(campaign: Campaign, bare: Characterization) -> None:
     """A sensor that reads one per cent more, fitted anew, moves the values as the derivatives say."""
-    found = of(campaign)
-    (moves,) = given_moves(found.fit, found.trials, {"sensors.table.chain.gain": 0.01})
+    (moves,) = given_moves(bare.fit, bare.trials, {"sensors.table.chain.gain": 0.01})
     runs = []
     for run in campaign.runs:
         table = run.channels["table"]
         runs.append(replace(run, channels={**run.channels, "table": replace(table, scale=1.01 * table.scale)}))
     anew = of(replace(campaign, runs=tuple(runs)))
-    for k, free in enumerate(found.fit.free):
-        value = found.fit.model.get(free.path)
+    for k, free in enumerate(bare.fit.free):
+        value = bare.fit.model.get(free.path)
         moved = anew.fit.model.get(free.path) - value
         # The sensor's gain in the model and in the data go opposite ways.
         assert moved == pytest.approx(-moves[k], abs=0.1 * abs(moves[k]) + 2e-4 * value), free.path
 
 
-def test_a_head_that_nobody_weighed_is_fitted(campaign: Campaign) -> None:
+def test_a_head_that_nobody_weighed_is_fitted(campaign: Campaign, bare: Characterization) -> None:
     known = {name: value for name, value in campaign.known.items() if name != "head_mass"}
     unweighed = replace(campaign, known={**known, "motor_mass_std": 0.164})
     found = characterize(unweighed, baseline_model(unweighed))
@@ -71,9 +76,8 @@ def test_a_head_that_nobody_weighed_is_fitted(campaign: Campaign) -> None:
     assert found.head_mass.std == pytest.approx(0.01 * THESIS["head_mass"], rel=0.1)
     assert found.table["table_mass"].std == pytest.approx(0.01 * 80.0, rel=0.2)
     assert HEAD in found.fit.values
-    weighed = of(campaign)
-    assert weighed.head_mass.method == "given"
-    assert HEAD not in weighed.fit.values
+    assert bare.head_mass.method == "given"
+    assert HEAD not in bare.fit.values
 
 
 def test_a_mass_that_is_not_in_the_recording_is_not_called_weighed(campaign: Campaign) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -21,14 +22,15 @@ DAMPING = 0.0012 * STIFFNESS + 0.2 * MASS
 RATE, FINER, BAND = 100.0, 8, (1.5, 15.0)
 
 
-def records(seed: int, seconds: float = 300.0) -> FloatArray:
-    """Accelerations of two masses pushed by independent noise, with noise of 2 % of each record, shape (2, n)."""
+@cache
+def records(seed: int) -> FloatArray:
+    """Accelerations of two masses pushed by independent noise, with noise of 2 % of each record, five minutes, shape (2, n)."""
     draw = np.random.default_rng(seed)
     inverse = np.linalg.inv(MASS)
     a = np.block([[np.zeros((2, 2)), np.eye(2)], [-inverse @ STIFFNESS, -inverse @ DAMPING]])
     b = np.vstack([np.zeros((2, 2)), inverse])
     system = cont2discrete((a, b, a[2:], b[2:]), 1.0 / (RATE * FINER))
-    force = draw.normal(0.0, 5.0, (int(seconds * RATE) * FINER, 2))
+    force = draw.normal(0.0, 5.0, (30_000 * FINER, 2))
     shown = decimate(dlsim(system, force)[1], FINER, axis=0, ftype="fir").T
     return np.asarray(shown + draw.normal(size=shown.shape) * 0.02 * shown.std(axis=1, keepdims=True))
 
@@ -41,10 +43,12 @@ def truth() -> tuple[FloatArray, FloatArray]:
     return np.abs(values) / (2.0 * np.pi), -np.real(values) / np.abs(values)
 
 
-def recording(path: Path, seconds: float = 300.0) -> Path:
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("operating") / "m.h5"
     channels = {
         name: Channel(name=name, samples=values, quantity="acceleration", unit="m/s^2")
-        for name, values in zip(("low", "top"), records(1, seconds), strict=True)
+        for name, values in zip(("low", "top"), records(1), strict=True)
     }
     run = Run(id="day", configuration="running", sample_rate=RATE, gain=1.0, channels=channels, excitation="other")
     iso.write(path, Campaign(runs=(run,), source="machine"))
@@ -106,16 +110,16 @@ def test_a_harmonic_is_told_below_half_the_variation(variation: float, said: boo
         (["--band", "1.5", "15", "--configuration", "idle"], "day: running, gain 1"),
     ],
 )
-def test_refused_in_one_sentence(more: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = recording(tmp_path / "m.h5")
-    assert main(["modes", str(path), "--operating", *more, "-o", str(tmp_path / "out")]) == 2
+def test_refused_in_one_sentence(
+    more: list[str], said: str, recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["modes", str(recording), "--operating", *more, "-o", str(tmp_path / "out")]) == 2
     assert said in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
-def test_the_command_writes_modes_and_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = recording(tmp_path / "m.h5")
-    assert main(["modes", str(path), "--operating", "--band", "1.5", "15", "-o", str(tmp_path / "out")]) == 0
+def test_the_command_writes_modes_and_page(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["modes", str(recording), "--operating", "--band", "1.5", "15", "-o", str(tmp_path / "out")]) == 0
     said = capsys.readouterr()
     assert "in operation" in said.out
     assert said.err == ""

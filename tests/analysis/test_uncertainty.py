@@ -115,7 +115,8 @@ def test_the_page_and_characterize_agree(tmp_path: Path) -> None:
         campaign(rig, (10.0, 20.0), seconds=12.0), description=description_text(rig.description({"links.l0.stiffness": 1.2}), {})
     )
     iso.write(tmp_path / "a.h5", made)
-    assert main(["diagnose", str(tmp_path / "a.h5"), "-o", str(tmp_path / "d")]) == 0
+    # Tolerated, so that no cause is searched for.
+    assert main(["diagnose", str(tmp_path / "a.h5"), "--tolerance", "0.05", "-o", str(tmp_path / "d")]) == 0
     model = str(tmp_path / "d" / "model.json")
     assert main(["characterize", str(tmp_path / "a.h5"), "--model", model, "-o", str(tmp_path / "c")]) == 0
     assert main(["characterize", str(tmp_path / "a.h5"), "-o", str(tmp_path / "p")]) == 0

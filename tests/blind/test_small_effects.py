@@ -71,6 +71,7 @@ def test_a_cause_that_amplifies_noise_leaves_the_baseline_inadequate(tmp_path: P
         assert [(step["cause"], step["location"]) for step in found["steps"]] == [("backlash", "l1")]
 
 
+@pytest.mark.study
 @pytest.mark.timeout(300)
 def test_gains_that_differ_only_by_their_ratio_are_indistinguishable_beside_another_cause(tmp_path: Path) -> None:
     """Two carts, one with a wrong gain, and a hardening spring: the link between them only sees the ratio of both gains."""

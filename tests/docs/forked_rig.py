@@ -6,8 +6,11 @@ start of the program is tested elsewhere (tests/test_interface.py, tests/rig/tes
 
 from __future__ import annotations
 
+import gc
+import importlib
 import json
 import os
+import pkgutil
 import signal
 import socket
 import subprocess
@@ -16,6 +19,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+#: What the modules of the program import within functions.
+LIBRARIES = (
+    "h5py", "jinja2", "matplotlib.backends.backend_agg", "matplotlib.backends.backend_svg", "matplotlib.figure", "pandas",
+    "pyarrow.parquet", "rich.console", "rich.markup", "rich.table", "scipy.interpolate", "scipy.linalg", "scipy.optimize",
+    "scipy.signal", "tornado.web",
+)  # fmt: skip
 CALL = """#!{python} -IS
 import json, os, socket, sys
 call = socket.socket(socket.AF_UNIX)
@@ -45,12 +54,21 @@ def forked_rig(folder: Path, environment: dict[str, str]) -> Iterator[dict[str, 
 
 def serve(address: str) -> None:
     """Fork for each call; returns in the process of a call only, which `main` is to run in."""
+    import isorig
+
+    # A command imports what it needs when it is called: here once for all.
+    modules = [one.name for one in pkgutil.walk_packages(isorig.__path__, "isorig.") if not one.name.endswith("__main__")]
+    for name in (*modules, *LIBRARIES):
+        importlib.import_module(name)
+    from forked_walker import fork_walkers
 
     from isorig.rig.wire_bonder.description import wire_bonder
     from isorig.rig.wire_bonder.session import SESSION, virtual_campaign
 
+    fork_walkers()
     # Loads the compiled programs.
     virtual_campaign(wire_bonder(), SESSION[:1], seed=1)
+    gc.freeze()
     listening = socket.socket(socket.AF_UNIX)
     listening.bind(address)
     listening.listen()
@@ -84,6 +102,7 @@ def serve(address: str) -> None:
 if __name__ == "__main__":
     from isorig.rig.cli import main
 
+    sys.path.insert(0, str(Path(__file__).parents[1]))
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     serve(sys.argv[1])
     sys.exit(main())

@@ -19,23 +19,24 @@ import os
 import re
 import resource
 import signal
-import subprocess
 import sys
 import threading
 import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, NoReturn
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import h5py
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pyuff
+from forked_walker import fork_walkers
 from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat, wavfile
 
@@ -50,7 +51,7 @@ from isorig.rig.acquire.recorder import RunWriter, recording_into
 from isorig.rig.commands import check, design, export, frf, import_, isolation, predict, recover, report, simulate
 from isorig.rig.exchange import draft, exporting, importing
 from isorig.rig.exchange.formats import matlab, tdms, text, uff, wav
-from isorig.rig.files import hdf, hdf_walk, rigfile
+from isorig.rig.files import rigfile
 from isorig.rig.files.models import write_model
 from isorig.rig.files.recording import read, write
 from isorig.rig.frf import figures, transfer
@@ -410,42 +411,6 @@ def reworded(content: bytes, random: np.random.Generator) -> bytes:
     return "".join(words).encode("utf-8", "replace")
 
 
-class ForkedWalker:
-    """Takes the place of the checking process that `hdf` starts: a fork that runs the same loop, ready to read."""
-
-    def __init__(self, call: Sequence[str], **how: Any) -> None:
-        assert call[-1].endswith("hdf_walk.py")
-        asked, ask = os.pipe()
-        answers, answer = os.pipe()
-        self._pid = os.fork()
-        if self._pid == 0:
-            self._serve(asked, answer)
-        os.close(asked)
-        os.close(answer)
-        self.stdin, self.stdout = os.fdopen(ask, "w", encoding="utf-8"), os.fdopen(answers, encoding="utf-8")
-
-    @staticmethod
-    def _serve(asked: int, answer: int) -> NoReturn:
-        try:
-            os.dup2(asked, 0)
-            os.dup2(answer, 1)
-            os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
-            # It ends with the process that asks, so it must not hold the other end of its own pipe.
-            os.closerange(3, 1024)
-            sys.stdin, sys.stdout = os.fdopen(0, encoding="utf-8"), os.fdopen(1, "w", encoding="utf-8")
-            hdf_walk.main()
-        finally:
-            os._exit(0)
-
-    def kill(self) -> None:
-        """End it."""
-        os.kill(self._pid, signal.SIGKILL)
-
-    def wait(self) -> None:
-        """Wait for its end."""
-        os.waitpid(self._pid, 0)
-
-
 def allocated() -> int:
     """Bytes of address space of this process."""
     return int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
@@ -470,7 +435,7 @@ def tried(words: Words, folder: Path, patience: int) -> tuple[int, str, float]:
             resource.setrlimit(resource.RLIMIT_CPU, (patience, patience))
             warnings.simplefilter("ignore")
             signal.signal(signal.SIGTERM, signal.SIG_DFL)
-            hdf.subprocess = SimpleNamespace(Popen=ForkedWalker, PIPE=subprocess.PIPE, DEVNULL=subprocess.DEVNULL)  # type: ignore[attr-defined,assignment]
+            fork_walkers()
             status = cli.main(words)
             (folder / ".loaded").write_text("\n".join(name for name in sys.modules if name not in ready))
         except BaseException:

@@ -9,20 +9,29 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from shortened import shortened
 
 from isorig.rig.cli import main
 from isorig.rig.files.recording import read, write
+from isorig.rig.virtual import demo as virtual_demo
 from isorig.rig.wire_bonder.description import THESIS
 
 ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal, which Windows has not")
 
 
-@pytest.fixture(scope="module")
-def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("demo") / "demo-out"
-    assert main(["demo", "-o", str(folder)]) == 0
-    return folder
+@pytest.fixture(scope="module", params=[0.5, pytest.param(1.0, marks=pytest.mark.study)], ids=["half as long", "whole"])
+def demo(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The demo's folder, with runs of this share of their length."""
+    folder = tmp_path_factory.mktemp("demo")
+    plan = folder / "demo.toml"
+    text = virtual_demo.PLAN.read_text(encoding="utf-8")
+    lengths = re.compile(r"(?<=^seconds = )[\d.]+(?=$)", re.MULTILINE)
+    plan.write_text(lengths.sub(lambda found: str(request.param * float(found[0])), text), encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(virtual_demo, "PLAN", plan)
+        assert main(["demo", "-o", str(folder / "demo-out")]) == 0
+    return folder / "demo-out"
 
 
 @pytest.mark.timeout(300)
@@ -54,15 +63,11 @@ def test_demo_writes_all_its_files(demo: Path) -> None:
 
 
 def test_readme_example_runs(demo: Path, tmp_path: Path) -> None:
-    # The beginnings of three runs of the demo's recording.
+    # The beginnings of two runs of the demo's recording.
     campaign = read(demo / "campaign.h5")
-    short = [
-        replace(run, channels={name: replace(c, samples=c.samples[: 15 * 1024]) for name, c in run.channels.items()})
-        for run in campaign.runs
-        if run.id in ("u70", "u35", "l70")
-    ]
+    two = tuple(run for run in campaign.runs if run.id in ("u70", "l7"))
     (tmp_path / "demo-out").mkdir()
-    write(tmp_path / "demo-out" / "campaign.h5", replace(campaign, runs=tuple(short)))
+    write(tmp_path / "demo-out" / "campaign.h5", shortened(replace(campaign, runs=two), 10.0))
     (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), flags=re.DOTALL)
     assert len(code.strip().splitlines()) <= 12
     done = subprocess.run(

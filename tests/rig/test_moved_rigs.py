@@ -337,9 +337,10 @@ def test_dry_friction_and_a_drive_that_acts_late(tmp_path: Path) -> None:
     ("spring", "late", "dry", "sensor"),
     [
         (SPRING, 0.02, 0.0, "displacement"),
-        (SPRING, 0.02, 0.5, "displacement"),
+        # Friction and a delay at once are also diagnosed above, in fewer seconds.
+        pytest.param(SPRING, 0.02, 0.5, "displacement", marks=pytest.mark.study),
         (SPRING, 0.0, 0.0, "displacement"),
-        (0.0, 0.01, 1.2, "displacement"),
+        pytest.param(0.0, 0.01, 1.2, "displacement", marks=pytest.mark.study),
         (0.0, 0.0, 0.8, "velocity"),
         (0.0, 0.0, 0.0, "velocity"),
     ],
@@ -417,13 +418,10 @@ def test_a_cart_with_dry_friction_that_is_released(tmp_path: Path) -> None:
     assert near(step, "friction_force", DRY, 0.02)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("gain", "late", "second", "name", "size"),
-    [
-        (1.0, 0.0, None, "", 0.0),
-        pytest.param(1.07, 0.0, "sensor_gain", "factor", 1.07, marks=pytest.mark.study),
-        pytest.param(1.0, 0.008, "channel_delay", "delay", 0.008, marks=pytest.mark.study),
-    ],
+    [(1.0, 0.0, None, "", 0.0), (1.07, 0.0, "sensor_gain", "factor", 1.07), (1.0, 0.008, "channel_delay", "delay", 0.008)],
 )
 def test_noisy_releases_from_several_places(
     gain: float, late: float, second: str | None, name: str, size: float, tmp_path: Path
@@ -508,7 +506,7 @@ def motor(dry: float, seed: int) -> tuple[list[Run], dict[str, Any]]:
     return runs, tree
 
 
-@pytest.mark.parametrize("dry", [0.0, 0.06])
+@pytest.mark.parametrize("dry", [0.0, pytest.param(0.06, marks=pytest.mark.study)])
 def test_cogging_over_many_turns(dry: float, tmp_path: Path) -> None:
     found = diagnosed(motor(dry, seed=31), tmp_path)
     assert found["verdict"] == "explained"

@@ -74,6 +74,7 @@ def test_a_second_cause_that_shows_later_in_the_runs_is_found() -> None:
     assert named(diagnosis) == {("sensor_gain", "sensor", "a2"), ("hardening_stiffness", "spring_shape", "l1")}
 
 
+@pytest.mark.study
 def test_a_small_gain_and_a_play_are_found_together() -> None:
     # The gain alone is fitted to 1: the play bends every value of a model without it.
     loose = with_law(chain(), "l1", laws.Backlash(clearance=2e-4))
@@ -84,6 +85,7 @@ def test_a_small_gain_and_a_play_are_found_together() -> None:
     assert values["clearance"] == pytest.approx(2e-4, rel=0.01)
 
 
+@pytest.mark.study
 def test_a_further_cause_that_repairs_no_equation_is_found_where_both_fit() -> None:
     # With the friction that a fit without the other cause found, the equation remains broken.
     truth = with_law(rubbing(chain(), "l1", 4.0), "l1", laws.Cubic(cubic_stiffness=2e5))
@@ -147,7 +149,9 @@ def test_a_search_that_runs_out_of_time_says_so_and_names_nothing() -> None:
     assert (diagnosis.cut_short, diagnosis.verdict, diagnosis.steps) == (True, "unexplained", ())
 
 
-@pytest.mark.parametrize("last", ["no form makes the model adequate", "damping_shape (l1): held-out error"])
+@pytest.mark.parametrize(
+    "last", ["no form makes the model adequate", pytest.param("damping_shape (l1): held-out error", marks=pytest.mark.study)]
+)
 def test_what_was_fitted_before_the_time_ended_is_the_answer(last: str) -> None:
     """Without a free shape a form may be merely the closest: the kind is named, which the equations of motion show."""
 

@@ -188,10 +188,10 @@ def the_simulated_force_is_the_formulas(drawn: laws.Law) -> None:
     t = np.arange(len(d)) / RATE
     memory = np.zeros((len(drawn.begun()), len(d)))
     if drawn.remembers:
-        position, speed = CubicSpline(t, d), CubicSpline(t, v)
+        motion = CubicSpline(t, np.stack([d, v], axis=1))
         found = solve_ivp(
-            lambda now, z: drawn.rates(float(position(now)), float(speed(now)), z), (0.0, t[-1]), drawn.begun(), t_eval=t,
-            rtol=1e-7, atol=1e-10, max_step=1.0 / RATE,
+            lambda now, z: drawn.rates(*motion(now).tolist(), z), (0.0, t[-1]), drawn.begun(), t_eval=t, rtol=1e-7, atol=1e-10,
+            max_step=1.0 / RATE,
         )  # fmt: skip
         memory = found.y
     want = drawn.force(d, v, t, memory, LINK)

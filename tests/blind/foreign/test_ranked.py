@@ -1,6 +1,7 @@
 """The equations of motion alone show place and kind on rigs of another simulator; `ranked.py` counts more of them."""
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -9,23 +10,20 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from foreign_campaign import Setting
 from ranked import Outcome, answers, outcomes, table
-
-#: A cause of each family of rigs, among them forms outside the catalogue.
-CLEAR = {
-    "wire_bonder": "moment_coupling", "chain": "coulomb_friction", "cart": "hardening_stiffness", "stage": "slow sensor",
-    "torsion": "hardening_stiffness", "base": "mains_hum", "partial": "mains_hum",
-}  # fmt: skip
+from ranked import outcome as outcome_of
+from rigs import FAMILIES
 
 
-@pytest.mark.parametrize(("family", "effect"), CLEAR.items())
-def test_a_clear_cause_ranks_first(family: str, effect: str) -> None:
-    (found,) = outcomes([family], [5], Setting(severity=1.0, soiled=False, effects=(effect,)))
+def test_a_clear_cause_ranks_first(clear: tuple[Path, Path]) -> None:
+    found = outcome_of(*clear)
     assert found.outcome == "first", found.suspected
 
 
-@pytest.mark.parametrize("family", ["wire_bonder", "stage"])
-def test_nothing_is_shown_of_a_sound_rig(family: str) -> None:
-    (found,) = outcomes([family], [4], Setting(soiled=False, effects=("none",)))
+@pytest.mark.parametrize(("family", "seed"), [("wire_bonder", 5), ("stage", 4)])
+def test_nothing_is_shown_of_a_sound_rig(
+    family: str, seed: int, campaign_of: Callable[[str, str, int], tuple[Path, Path]]
+) -> None:
+    found = outcome_of(*campaign_of(family, "none", seed))
     assert found.outcome == "silent", found.suspected
 
 
@@ -49,5 +47,5 @@ def test_a_wrong_mass_of_the_head_is_a_gain_of_its_channel_too() -> None:
 @pytest.mark.study
 @pytest.mark.timeout(3600)
 def test_hardly_any_place_or_kind_is_wrong() -> None:
-    found = list(outcomes(list(CLEAR), range(70), Setting(soiled=False)))
+    found = list(outcomes(list(FAMILIES), range(70), Setting(soiled=False)))
     assert sum(one.outcome == "wrong" for one in found) <= 2, table(found)

@@ -1,0 +1,40 @@
+"""Foreign campaigns that several files of tests read."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from foreign_campaign import Setting, draw
+
+#: A cause of each family of rigs, among them forms outside the catalogue.
+CLEAR = {
+    "wire_bonder": "moment_coupling", "chain": "coulomb_friction", "cart": "hardening_stiffness", "stage": "slow sensor",
+    "torsion": "hardening_stiffness", "base": "mains_hum", "partial": "mains_hum",
+}  # fmt: skip
+#: Families of the short tests: a force with sensors at all bodies, position and acceleration, rotations, bodies without a sensor.
+QUICK = ("chain", "stage", "torsion", "partial")
+FAMILIES = [family if family in QUICK else pytest.param(family, marks=pytest.mark.study) for family in CLEAR]
+
+Made = tuple[Path, Path]
+
+
+@pytest.fixture(scope="session")
+def campaign_of(made_once: Callable[[str, Callable[[Path], object]], Path]) -> Callable[[str, str, int], Made]:
+    """Recording and answer of a clean campaign of a family with an effect, or "none", and a seed."""
+
+    def campaign(family: str, effect: str, seed: int) -> Made:
+        setting = Setting(severity=1.0, soiled=False, effects=(effect,))
+        folder = made_once(f"{family}-{effect.replace(' ', '-')}-{seed}", lambda folder: draw(family, seed, setting, folder))
+        return folder / f"{seed}.h5", folder / f"{seed}.json"
+
+    return campaign
+
+
+@pytest.fixture(params=FAMILIES)
+def clear(request: pytest.FixtureRequest, campaign_of: Callable[[str, str, int], Made]) -> Made:
+    """Recording and answer of a campaign with a clear cause."""
+    return campaign_of(request.param, CLEAR[request.param], 5)
