@@ -127,7 +127,7 @@ def test_a_sound_wire_bonder_behind_a_sharp_filter_is_called_adequate(seed: int,
 
 
 @pytest.mark.parametrize("effects", ["none", "one"])
-@pytest.mark.parametrize("family", ["cart", "stage", "torsion"])
+@pytest.mark.parametrize("family", ["torsion", "base", "partial"])
 def test_a_channel_of_another_derivative_is_said_with_and_without_a_cause(family: str, effects: str, tmp_path: Path) -> None:
     made = draw(family, 5, Setting(severity=1.0, soiled=True, effects=(effects,)), tmp_path)
     assert made is not None
