@@ -24,7 +24,8 @@ READER_GONE, TERMINAL_GONE = 141, 129
 def _app(arguments: list[str]) -> App:
     from cyclopts import App
 
-    # A command that is not called is not imported: the list has the first line of its file. A called one has its own help page.
+    # A command that is not called is not imported: the list has the first line of its file. A called one has its own help page,
+    # and needs neither the other commands nor the installation of completion.
     app = App(
         name="rig",
         help=ABOUT,
@@ -34,9 +35,12 @@ def _app(arguments: list[str]) -> App:
         help_formatter=Pages(),
         suppress_keyboard_interrupt=False,
     )
-    app.register_install_completion_command(group="Shell", help=INSTALL_COMPLETION)
-    for name, file in COMMANDS.items():
-        app.command(f"{commands.__name__}.{file}:{file}", name=name, help=None if name in arguments else purpose(name))
+    called = [name for name in arguments[:1] if name in COMMANDS]
+    if not called:
+        app.register_install_completion_command(group="Shell", help=INSTALL_COMPLETION)
+    for name in called or COMMANDS:
+        file = COMMANDS[name]
+        app.command(f"{commands.__name__}.{file}:{file}", name=name, help=None if called else purpose(name))
     return app
 
 

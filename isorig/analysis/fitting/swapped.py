@@ -50,23 +50,39 @@ def swapped_channels(given: RigModel, spectra: Sequence[Spectrum]) -> dict[tuple
     for spectrum in spectra:
         heard = exceeds_noise(spectrum)
         if broad([spectrum.run]) and heard.sum() >= FEWEST:
-            shapes = _shapes(given, spectrum, heard)
-            pairs = list(_nearer(given, spectrum, *shapes, heard))
+            predicted = _Predicted(given, spectrum)
+            pairs = list(_nearer(predicted, spectrum, *_shapes(predicted, spectrum, heard), heard))
             if pairs:
                 _, a, b = max(pairs)
                 found.setdefault((names[a], names[b]), []).append(spectrum.run.id)
     return found
 
 
+class _Predicted:
+    # The responses of the given rig in the configuration and at the frequencies of a run.
+
+    def __init__(self, given: RigModel, spectrum: Spectrum) -> None:
+        self._rig, self._values = LinearRig(given, spectrum.run.configuration), given_parameters(given)
+        self._free = self._rig.free_motion(spectrum.omega, self._values)
+        self._forces = np.array([[friction_level(contact.law)] for contact in given.contacts]).reshape(-1, 1)
+        self._as_recorded = np.ones((len(given.drives), 1))
+
+    def power(self, spectrum: Spectrum) -> FloatArray:
+        """With the drives of a spectrum of the run, which determine the damping by friction, shape (responses, groups)."""
+        rubs = dampers(self._free, self._values, spectrum, self._forces, self._as_recorded)
+        response = self._rig.responses(spectrum.omega, replace(self._values, friction=rubs), self._free)
+        return spectrum.predicted(response)[:, 0]
+
+
 def _nearer(
-    given: RigModel, spectrum: Spectrum, recorded: FloatArray, predicted: FloatArray, heard: BoolArray
+    rig: _Predicted, spectrum: Spectrum, recorded: FloatArray, predicted: FloatArray, heard: BoolArray
 ) -> Iterator[tuple[float, int, int]]:
     # Exchanges indicated by the records, and the reduction of the distance by each.
     as_is = _distance(recorded, predicted)
     for a, b in combinations(range(len(recorded)), 2):
         turned = _turned(recorded[a] - recorded[b], predicted[a] - predicted[b])
         if a == 0:
-            gain = as_is - _distance(*_shapes(given, _exchanged(spectrum, b - 1), heard))
+            gain = as_is - _distance(*_shapes(rig, _exchanged(spectrum, b - 1), heard))
             if gain > (EXPLAINS * as_is if turned else NEARER):
                 yield gain, a, b
         elif turned:
@@ -77,15 +93,10 @@ def _nearer(
                 yield gain, a, b
 
 
-def _shapes(given: RigModel, spectrum: Spectrum, heard: BoolArray) -> tuple[FloatArray, FloatArray]:
+def _shapes(rig: _Predicted, spectrum: Spectrum, heard: BoolArray) -> tuple[FloatArray, FloatArray]:
     # Logarithms of the amplitudes of drive and responses in the bands that count, as recorded and as predicted by the given rig.
-    rig, values = LinearRig(given, spectrum.run.configuration), given_parameters(given)
-    free = rig.free_motion(spectrum.omega, values)
-    forces = np.array([[friction_level(contact.law)] for contact in given.contacts]).reshape(-1, 1)
-    rubs = dampers(free, values, spectrum, forces, np.ones((len(given.drives), 1)))
-    response = rig.responses(spectrum.omega, replace(values, friction=rubs), free)
     drive = spectrum.drives[:1, 0].real
-    powers = (np.concatenate([drive, each]) for each in (spectrum.power, spectrum.predicted(response)[:, 0]))
+    powers = (np.concatenate([drive, each]) for each in (spectrum.power, rig.power(spectrum)))
     with np.errstate(divide="ignore"):
         recorded, predicted = (0.5 * np.log(spectrum.in_bands(power)[:, heard]) for power in powers)
     return recorded, predicted

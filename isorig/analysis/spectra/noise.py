@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from math import pi, sqrt
 from statistics import NormalDist
 
@@ -54,11 +55,34 @@ def noise_level(run: Run, name: str, related: tuple[str, ...] = (), longest: int
     longest
         Number of samples that are read; all if None.
     """
-    others = {other: run.channel(other).read(0, longest) for other in related if other in run.channels and other != name}
-    return _level(run, name, run.channel(name).read(0, longest), list(others.values()))
+    others = [other for other in related if other in run.channels and other != name]
+    return _level(_Records(run, longest), name, others)
 
 
-def _level(run: Run, name: str, values: FloatArray, others: Sequence[FloatArray]) -> float | None:
+class _Records:
+    # The first samples of a run's channels and their short spectra, each computed once: channels are related to each other.
+
+    def __init__(self, run: Run, longest: int | None) -> None:
+        self.run, self._longest = run, longest
+        self._values: dict[str, FloatArray] = {}
+        self._segments: dict[str, ComplexArray] = {}
+
+    def values(self, name: str) -> FloatArray:
+        """Of a channel, shape (n,)."""
+        if name not in self._values:
+            self._values[name] = self.run.channel(name).read(0, self._longest)
+        return self._values[name]
+
+    def segments(self, name: str) -> ComplexArray:
+        """Transforms of a channel's half-overlapping segments, shape (bins, segments)."""
+        if name not in self._segments:
+            parts = np.lib.stride_tricks.sliding_window_view(self.values(name), SEGMENT)[:: SEGMENT // 2]
+            self._segments[name] = np.fft.rfft(parts * hanning(SEGMENT), axis=-1).T
+        return self._segments[name]
+
+
+def _level(records: _Records, name: str, others: Sequence[str]) -> float | None:
+    run, values = records.run, records.values(name)
     channel, n = run.channel(name), len(values)
     if n < 2 * SEGMENT:
         return None
@@ -68,7 +92,8 @@ def _level(run: Run, name: str, values: FloatArray, others: Sequence[FloatArray]
     squares = [middle / np.log(2.0) for middle in _middles(power, usable / run.sample_rate)]
     squares += _above(power, usable / run.sample_rate)
     if others and n >= AVERAGES * len(others) * SEGMENT:
-        squares += _middles(_own(values, np.stack(others)), usable / run.sample_rate)
+        own = _own(records.segments(name), np.stack([records.segments(other) for other in others], axis=1))
+        squares += _middles(own, usable / run.sample_rate)
     taps = _band(UPPER * usable / run.sample_rate, usable / run.sample_rate)
     high = np.abs(np.convolve(values - values.mean(), taps, mode="valid"))
     moving = high[high > MOVES * high.max()]
@@ -98,11 +123,12 @@ def noise_levels(campaign: Campaign, drives: tuple[str, ...] = (), longest: int 
     levels: dict[str, float] = {}
     counts: dict[str, float] = {}
     for run in campaign.runs:
-        records = {name: run.channel(name).read(0, longest) for name in run.channels}
-        for name, values in records.items():
-            related = [records[other] for other in run.sensors if drives and (other in drives) != (name in drives)]
+        records = _Records(run, longest)
+        for name in run.channels:
+            values = records.values(name)
+            related = [other for other in run.sensors if drives and (other in drives) != (name in drives)]
             exact = name in drives and is_command(values)
-            level = 0.0 if exact else _level(run, name, values, related)
+            level = 0.0 if exact else _level(records, name, related)
             if level is not None:
                 levels[name] = min(level, levels.get(name, np.inf))
                 counts[name] = max(0.0 if exact else rounding(values), counts.get(name, 0.0))
@@ -114,11 +140,14 @@ def rests(drive: FloatArray, noise: float) -> bool:
     return bool(np.std(drive) <= AT_REST * noise)
 
 
+@lru_cache(maxsize=16)
 def _band(low: float, high: float) -> FloatArray:
     # Taps of a band-pass between shares of the sample rate: the windowed ideal one, with gain 1 in the middle of its band.
     place = np.arange(TAPS) - 0.5 * (TAPS - 1)
     taps = (2.0 * high * np.sinc(2.0 * high * place) - 2.0 * low * np.sinc(2.0 * low * place)) * np.kaiser(TAPS, KAISER)
-    return np.asarray(taps / float(taps @ np.cos(pi * (low + high) * place)))
+    taps = taps / float(taps @ np.cos(pi * (low + high) * place))
+    taps.flags.writeable = False
+    return np.asarray(taps)
 
 
 def _middles(power: FloatArray, share: float) -> list[float]:
@@ -137,20 +166,15 @@ def _above(power: FloatArray, share: float) -> list[float]:
     return [max(first, second)] if max(first, second) < LEVEL_WITHIN * min(first, second) else []
 
 
-def _own(values: FloatArray, others: FloatArray) -> FloatArray:
-    # Power of a record that is not coherent with the others, as the variance of white noise, shape (bins,).
-    window = hanning(SEGMENT)
-
-    def segments(rows: FloatArray) -> ComplexArray:
-        parts = np.lib.stride_tricks.sliding_window_view(rows, SEGMENT, axis=-1)[..., :: SEGMENT // 2, :]
-        return np.asarray(np.fft.rfft(parts * window, axis=-1))
-
-    y, x = segments(values), np.moveaxis(segments(others), 0, 1)
-    averages = len(y)
-    inputs = np.einsum("kif,kjf->fij", np.conj(x), x)
+def _own(y: ComplexArray, x: ComplexArray) -> FloatArray:
+    # Power of a record that is not coherent with others, as the variance of white noise, shape (bins,), from the transforms of
+    # their segments, shapes (bins, segments) and (bins, others, segments).
+    averages, count = y.shape[-1], x.shape[1]
+    conjugate = np.conj(x)
+    inputs = conjugate @ x.swapaxes(1, 2)
     # Inputs of one motion are nearly the same in some bins.
-    ridge = 1e-12 * np.trace(inputs, axis1=1, axis2=2).real[:, None, None] * np.eye(len(others)) + 1e-300 * np.eye(len(others))
-    cross = np.einsum("kif,kf->fi", np.conj(x), y)
-    shown = np.einsum("fi,fi->f", np.conj(cross), np.linalg.solve(inputs + ridge, cross[..., None])[..., 0]).real
-    own = np.maximum((np.abs(y) ** 2).sum(axis=0) - shown, 0.0)
-    return np.asarray(own / (averages - len(others)) / np.sum(window**2))
+    ridge = 1e-12 * np.trace(inputs, axis1=1, axis2=2).real[:, None, None] * np.eye(count) + 1e-300 * np.eye(count)
+    cross = conjugate @ y[..., None]
+    shown = np.einsum("fi,fi->f", np.conj(cross[..., 0]), np.linalg.solve(inputs + ridge, cross)[..., 0]).real
+    own = np.maximum((y.real**2 + y.imag**2).sum(axis=-1) - shown, 0.0)
+    return np.asarray(own / (averages - count) / np.sum(hanning(SEGMENT) ** 2))
