@@ -16,7 +16,7 @@ import numpy as np
 
 from isorig.analysis.campaign import BoolArray, FloatArray
 from isorig.analysis.errors import AnalysisError
-from isorig.analysis.spectra.modes import ModalFit, fit_modes
+from isorig.analysis.spectra.modes import SolvedModes, solved_modes
 from isorig.analysis.spectra.welch import FEWEST, Frf
 from isorig.analysis.spectra.window_effect import line_deviation
 
@@ -117,7 +117,7 @@ def _leakage(frf: Frf, size: FloatArray) -> tuple[FloatArray, tuple[float, ...],
     for group in _groups(_peaks(frf, size)):
         fit = _fitted(frf, group)
         own = np.zeros(size.shape, dtype=np.complex128)
-        if fit is not None and fit.leakage is not None:
+        if fit is not None:
             close = slice(max(0, group[0].top - FAR), group[-1].top + FAR + 1)
             own[close] = fit.leakage(frf.frequency[close])
         matters = np.abs(size - np.abs(frf.value - own)) > SLIGHT * frf.magnitude_std
@@ -180,7 +180,7 @@ def _near(frf: Frf, group: list[_Peak]) -> BoolArray:
     return within
 
 
-def _fitted(frf: Frf, group: list[_Peak]) -> ModalFit | None:
+def _fitted(frf: Frf, group: list[_Peak]) -> SolvedModes | None:
     # Modes are added where the residual is largest until the peaks are described.
     f, step = frf.frequency, frf.resolution
     low = max(float(f[group[0].top]) - _span(group[0]) * step, 0.5 * step)
@@ -191,11 +191,11 @@ def _fitted(frf: Frf, group: list[_Peak]) -> ModalFit | None:
         (float(f[peak.top]), min(0.5, float(np.sqrt(max(peak.bins**2 - 2.0, 0.25)) * step / (2.0 * f[peak.top]))))
         for peak in group
     ]
-    best: ModalFit | None = None
+    best: SolvedModes | None = None
     for _ in range(1 + ADDED):
         try:
             with np.errstate(all="ignore"):  # a mode that runs away ends in an error
-                fit = fit_modes(frf, (low, high), kind="general", guesses=guesses)
+                fit = solved_modes(frf, (low, high), kind="general", guesses=guesses)
         except (AnalysisError, np.linalg.LinAlgError, ValueError):
             return best
         if best is None or fit.misfit < best.misfit:
@@ -204,7 +204,8 @@ def _fitted(frf: Frf, group: list[_Peak]) -> ModalFit | None:
             return fit
         left = np.abs(frf.value[kept] - fit.fitted) / line_deviation(frf)[kept]
         worst = float(fit.frequency[int(np.argmax(left))])
-        guesses = [*((mode.frequency, mode.damping) for mode in fit.modes), (worst, fit.modes[0].damping)]
+        modes = sorted(map(tuple, fit.pairs.tolist()))
+        guesses = [*modes, (worst, modes[0][1])]
     return best
 
 

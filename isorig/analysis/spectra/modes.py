@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Literal, get_args
 
 import numpy as np
@@ -131,6 +130,79 @@ def fit_modes(
     guesses = given_guesses(guesses)
     one_of(kind, get_args(Kind), "the kind")
     residuals = whole(residuals, "the number of residuals", 0)
+    found = solved_modes(frf, band, kind=kind, guesses=guesses, residuals=residuals, tapered=tapered)
+    # A single average does not determine its errors: the residuals must.
+    least = 1.0 if frf.averages >= FEWEST else 0.0
+    std = _deviations(frf, found, max(found.misfit, least)).reshape(-1, 2)
+    order = np.argsort(found.pairs[:, 0])
+    modes = tuple(
+        Mode(
+            frequency=float(f), frequency_std=float(f_std), damping=float(zeta), damping_std=float(zeta_std),
+            lines=float(2.0 * zeta * f / frf.resolution),
+        )
+        for (f, zeta), (f_std, zeta_std) in zip(found.pairs[order], std[order], strict=True)
+    )  # fmt: skip
+    narrow = min(mode.lines for mode in modes)
+    return ModalFit(
+        modes=modes, kind=kind, frequency=found.frequency, fitted=found.fitted, misfit=found.misfit,
+        warning=f"only {narrow:.1f} frequency bins in the narrowest bandwidth; use a finer resolution" if narrow < 1.5 else "",
+        leakage=found.leakage,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class SolvedModes:
+    """Modes fitted to a transfer function, without their uncertainties.
+
+    Parameters
+    ----------
+    pairs
+        Frequencies (Hz) and damping ratios, shape (modes, 2), in any order.
+    amplitudes
+        Of the columns of the model, shape (columns,).
+    misfit
+        rms of the weighted residuals.
+    deviation
+        Standard deviation of the real and of the imaginary part in each fitted bin, shape (bins,).
+    shape
+        The model's columns.
+    """
+
+    pairs: FloatArray
+    amplitudes: FloatArray
+    misfit: float
+    deviation: FloatArray
+    shape: _Shape = field(repr=False)
+
+    @property
+    def frequency(self) -> FloatArray:
+        """Of the fitted bins, Hz, shape (bins,)."""
+        return self.shape.frequency
+
+    @property
+    def fitted(self) -> ComplexArray:
+        """The model as seen through the window in the fitted bins, shape (bins,)."""
+        return np.asarray(self.shape.columns(self.pairs.ravel()) @ self.amplitudes)
+
+    def leakage(self, f: FloatArray) -> ComplexArray:
+        """The model as seen through the window minus the same without a window, at frequencies in Hz."""
+        pairs = self.pairs.ravel()
+        return np.asarray((self.shape.at(f, tapered=True).columns(pairs) - self.shape.at(f).columns(pairs)) @ self.amplitudes)
+
+
+def solved_modes(
+    frf: Frf, band: tuple[float, float], *, kind: Kind, guesses: Sequence[tuple[float, float]] = (), residuals: int = 2,
+    tapered: bool = True,
+) -> SolvedModes:  # fmt: skip
+    """The modes of `fit_modes`, whose arguments these are, without their uncertainties, which take half of its time.
+
+    Raises
+    ------
+    DataError
+        The band has too few frequency bins.
+    FitError
+        The fit finds no mode within the band.
+    """
     kept = (frf.frequency >= band[0]) & (frf.frequency <= band[1]) & (frf.frequency > 0.0)
     f, value = frf.frequency[kept], frf.value[kept]
     guesses = guesses or _guess(f, np.abs(value), frf.resolution)
@@ -170,31 +242,10 @@ def fit_modes(
         raise FitError(
             f"the fit of {len(guesses)} modes left the band {band[0]:g} to {band[1]:g} Hz; give guesses or another band"
         )
-    columns = shape.columns(pairs.ravel())
-    weighted = _parts(columns / sigma[:, None])
+    weighted = _parts(shape.columns(pairs.ravel()) / sigma[:, None])
     amplitudes = np.asarray(np.linalg.lstsq(weighted, side, rcond=None)[0], dtype=np.float64)
     misfit = float(np.sqrt(np.mean((weighted @ amplitudes - side) ** 2)))
-    # A single average does not determine its errors: the residuals must.
-    least = 1.0 if frf.averages >= FEWEST else 0.0
-    std = _deviations(frf, shape, pairs.ravel(), amplitudes, sigma, max(misfit, least))
-    order = np.argsort(pairs[:, 0])
-    modes = tuple(
-        Mode(
-            frequency=float(pairs[i, 0]), frequency_std=float(std[2 * i]), damping=float(pairs[i, 1]),
-            damping_std=float(std[2 * i + 1]), lines=float(2.0 * pairs[i, 1] * pairs[i, 0] / frf.resolution),
-        )
-        for i in order
-    )  # fmt: skip
-    narrow = min(mode.lines for mode in modes)
-    return ModalFit(
-        modes=modes, kind=kind, frequency=f, fitted=np.asarray(columns @ amplitudes), misfit=misfit,
-        warning=f"only {narrow:.1f} frequency bins in the narrowest bandwidth; use a finer resolution" if narrow < 1.5 else "",
-        leakage=partial(_leakage, shape, pairs.ravel(), amplitudes),
-    )  # fmt: skip
-
-
-def _leakage(shape: _Shape, pairs: FloatArray, amplitudes: FloatArray, f: FloatArray) -> ComplexArray:
-    return np.asarray((shape.at(f, tapered=True).columns(pairs) - shape.at(f).columns(pairs)) @ amplitudes)
+    return SolvedModes(pairs=pairs, amplitudes=amplitudes, misfit=misfit, deviation=sigma, shape=shape)
 
 
 def _guess(f: FloatArray, size: FloatArray, resolution: float) -> list[tuple[float, float]]:
@@ -252,11 +303,10 @@ class _Shape:
         return np.asarray(ratio if self._kind == "transmissibility" else 1.0 - ratio)
 
 
-def _deviations(
-    frf: Frf, shape: _Shape, pairs: FloatArray, amplitudes: FloatArray, sigma: FloatArray, misfit: float
-) -> FloatArray:
+def _deviations(frf: Frf, found: SolvedModes, misfit: float) -> FloatArray:
     # Weighted least squares with correlated errors: (J'J)^-1 J'CJ (J'J)^-1, J the weighted derivatives with respect to
     # frequencies, damping ratios and amplitudes.
+    shape, pairs, amplitudes, sigma = found.shape, found.pairs.ravel(), found.amplitudes, found.deviation
     columns = shape.columns(pairs)
     rows: ComplexArray = np.concatenate([shape.slopes(pairs) @ amplitudes, columns], axis=1)
     stacked = _parts(rows / sigma[:, None])
