@@ -10,11 +10,11 @@ frequency bins with the smallest incoherent power bound its level, and the upper
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from isorig.analysis.campaign import BoolArray, FloatArray
+from isorig.analysis.campaign import BoolArray, FloatArray, IntArray
 from isorig.analysis.errors import AnalysisError
 from isorig.analysis.spectra.modes import SolvedModes, solved_modes
 from isorig.analysis.spectra.welch import FEWEST, Frf
@@ -142,18 +142,27 @@ def _peaks(frf: Frf, size: FloatArray) -> list[_Peak]:
     # Maxima with half-power points on both sides, of fewer than `WIDE` bins.
     clear = (1.0 - np.sqrt(0.5)) * size >= CLEAR * frf.magnitude_std
     inner = np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:]) & clear[1:-1]) + 1
-    found = []
-    for top in (int(k) for k in inner):
-        start, stop = max(0, top - WIDE), min(len(size), top + WIDE + 1)
-        part = size[start:stop]
-        below = start + np.flatnonzero(part < size[top] * np.sqrt(0.5))
-        left, right = below[below < top], below[below > top]
-        if not len(left) or not len(right):
-            continue
-        bins = int(right[0] - left[-1] - 1)
-        if bins < WIDE and size[left[-1] : right[0] + 1].max() == size[top]:
-            found.append(_Peak(top, bins))
+    left, right = (_fall(size, inner, way) for way in (-1, 1))
+    bins = left + right - 1
+    whole = (left > 0) & (right > 0) & (bins < WIDE)
+    found = [_Peak(top, count) for top, count in zip(inner[whole].tolist(), bins[whole].tolist(), strict=True)]
     return sorted(sorted(found, key=lambda peak: -size[peak.top])[:PEAKS])
+
+
+def _fall(size: FloatArray, tops: IntArray, way: Literal[-1, 1]) -> IntArray:
+    # Number of bins from maxima to the first one below half of their power, shape (maxima,); 0 if none of the next `WIDE` is, or
+    # a larger bin is before it.
+    found = np.zeros(len(tops), dtype=np.int64)
+    going = np.arange(len(tops))
+    for distance in range(1, WIDE + 1):
+        at = tops[going] + way * distance
+        inside = (at >= 0) & (at < len(size))
+        going, at = going[inside], at[inside]
+        top, here = size[tops[going]], size[at]
+        below = here < top * np.sqrt(0.5)
+        found[going[below]] = distance
+        going = going[~below & (here <= top)]
+    return found
 
 
 def _span(peak: _Peak) -> float:
