@@ -123,8 +123,6 @@ def fit_modes(
     >>> abs(mode.frequency - 164.5) < 4.0 * mode.frequency_std
     True
     """
-    from scipy.optimize import least_squares
-
     of_type(frf, Frf, "the transfer function", "one of iso.frf; give one, for example iso.frf(campaign)[0]")
     band = interval(band, "the band")
     guesses = given_guesses(guesses)
@@ -203,6 +201,8 @@ def solved_modes(
     FitError
         The fit finds no mode within the band.
     """
+    from scipy.optimize import least_squares
+
     kept = (frf.frequency >= band[0]) & (frf.frequency <= band[1]) & (frf.frequency > 0.0)
     f, value = frf.frequency[kept], frf.value[kept]
     guesses = guesses or _guess(f, np.abs(value), frf.resolution)
