@@ -329,7 +329,7 @@ class Campaign(Viewed):
     def __post_init__(self) -> None:
         runs = all_of_type(self.runs, Run, "the argument runs", "a sequence of iso.Run; give for example [run]")
         object.__setattr__(self, "runs", runs)
-        given_mapping(self.known, "the argument known", 'a mapping; give one, for example {"head_mass": 6.5}')
+        given_mapping(self.known, "the argument known", "a mapping; give one, for example {NAME: 6.5}")
         for name, value in self.known.items():
             of_type(name, str, "a name in the argument known", "a text; give it in quotes")
             finite(value, f"the known value {name!r}")

@@ -379,9 +379,7 @@ class RigModel(Part, frozen=True, kw_only=True, dict=True):  # dict: for the cac
         ModelError
             A path is no parameter, or a value contradicts physics.
         """
-        given_mapping(
-            values, "the argument values", 'a mapping of paths to numbers; give for example {"bodies.motor.mass": 20.0}'
-        )
+        given_mapping(values, "the argument values", 'a mapping of paths to numbers; give for example {"bodies.NAME.mass": 20.0}')
         tree: dict[str, Any] = {}
         try:
             for path, value in values.items():
@@ -400,7 +398,7 @@ class RigModel(Part, frozen=True, kw_only=True, dict=True):  # dict: for the cac
 
 
 def _path(given: object) -> str:
-    return of_type(given, str, "the path of a parameter", 'a text; give one, for example "bodies.motor.mass"')
+    return of_type(given, str, "the path of a parameter", 'a text; give one, for example "bodies.NAME.mass"')
 
 
 def to_tree(model: RigModel) -> dict[str, Any]:
