@@ -537,7 +537,7 @@ class _Search:
         """The noise floor of models in held-out data, shape (runs, channels).
 
         Noise counts as in the model most sensitive to it; a disturbance is what no model explains of the difference between
-        repeated runs, such as one with a drift.
+        repeated runs, for example one with a drift.
         """
         noise = np.max([self._noise_floor(model, judged) for model in models], axis=0)
         return np.asarray(np.hypot(noise, np.min([self._disturbance(model, judged) for model in models], axis=0)))
