@@ -34,8 +34,12 @@ def of_type(given: object, kind: type[T], what: str, allowed: str) -> T:
         It is of another type.
     """
     if not isinstance(given, kind):
-        raise ArgumentError(f"{what} is of type {type(given).__name__}, but must be {allowed}")
+        raise _other_type(given, what, allowed)
     return given
+
+
+def _other_type(given: object, what: str, allowed: str) -> ArgumentError:
+    return ArgumentError(f"{what} is of type {type(given).__name__}, but must be {allowed}")
 
 
 def given_mapping(given: object, what: str, allowed: str) -> Mapping[Any, Any]:
@@ -46,9 +50,8 @@ def given_mapping(given: object, what: str, allowed: str) -> Mapping[Any, Any]:
     ArgumentError
         It is of another type.
     """
-    if not isinstance(given, Mapping):
-        raise ArgumentError(f"{what} is of type {type(given).__name__}, but must be {allowed}")
-    return given
+    mapping: Mapping[Any, Any] = of_type(given, Mapping, what, allowed)  # type: ignore[type-abstract]
+    return mapping
 
 
 def all_of_type(given: object, kind: type[T], what: str, allowed: str) -> tuple[T, ...]:
@@ -69,7 +72,7 @@ def all_of_type(given: object, kind: type[T], what: str, allowed: str) -> tuple[
         It is no sequence, or one of the values is of another type.
     """
     if isinstance(given, str | bytes | Mapping) or not isinstance(given, Iterable):
-        raise ArgumentError(f"{what} is of type {type(given).__name__}, but must be {allowed}")
+        raise _other_type(given, what, allowed)
     values = tuple(given)
     for k, value in enumerate(values):
         if not isinstance(value, kind):
@@ -97,7 +100,7 @@ def number(given: object, what: str) -> float:
         It is a text or of another type.
     """
     if isinstance(given, bool) or not isinstance(given, Real):
-        raise ArgumentError(f"{what} is of type {type(given).__name__}, but must be a number; give it without quotes or brackets")
+        raise _other_type(given, what, "a number; give it without quotes or brackets")
     return float(given)
 
 
@@ -128,7 +131,7 @@ def whole(given: object, what: str, least: int) -> int:
         It is less than `least`.
     """
     if isinstance(given, bool) or not isinstance(given, Integral):
-        raise ArgumentError(f"{what} is of type {type(given).__name__}, but must be a whole number; give one from {least} on")
+        raise _other_type(given, what, f"a whole number; give one from {least} on")
     if given < least:
         raise DataError(f"{what} is {given}, but must be at least {least}; correct it")
     return int(given)
@@ -185,9 +188,9 @@ def numbers(given: object, what: str) -> NDArray[np.float64]:
     try:
         values = np.asarray(given)
     except ValueError:
-        raise ArgumentError(f"{what} is of type {type(given).__name__}, but must be {allowed}") from None
+        raise _other_type(given, what, allowed) from None
     if values.dtype.kind not in "iufb":
-        raise ArgumentError(f"{what} is of type {type(given).__name__}, but must be {allowed}")
+        raise _other_type(given, what, allowed)
     return np.asarray(values, dtype=np.float64)
 
 
@@ -222,7 +225,7 @@ def given_path(given: object, what: str) -> Path:
         It has a character that no path has.
     """
     if not isinstance(given, str | Path):
-        raise ArgumentError(f'{what} is of type {type(given).__name__}, but must be a path; give one, for example "campaign.h5"')
+        raise _other_type(given, what, 'a path; give one, for example "campaign.h5"')
     if "\0" in str(given):
         raise DataError(f"{what} is {str(given)!r}, but a path has no character zero; correct it")
     return Path(given)

@@ -34,10 +34,15 @@ def call(item: object, name: str, *args: Any, **more: Any) -> Any:
     AnalysisError
         None is registered.
     """
-    for kind in type(item).__mro__:
-        if (kind, name) in _REGISTERED:
-            return _REGISTERED[kind, name](item, *args, **more)
-    raise AnalysisError(f"{type(item).__name__} has no {name} here; import isorig as iso, and use what iso returns")
+    kind = _registered(item, name)
+    if kind is None:
+        raise AnalysisError(f"{type(item).__name__} has no {name} here; import isorig as iso, and use what iso returns")
+    return _REGISTERED[kind, name](item, *args, **more)
+
+
+def _registered(item: object, name: str) -> type | None:
+    # The type of an object, or the base of it, for which a method is registered.
+    return next((kind for kind in type(item).__mro__ if (kind, name) in _REGISTERED), None)
 
 
 class Viewed:
@@ -47,7 +52,7 @@ class Viewed:
 
     def plot(self, *others: Any, **more: Any) -> Any:
         """A matplotlib figure of it, with `others` of the same type overlaid where the type supports this."""
-        kind = next((kind for kind in type(self).__mro__ if (kind, "plot") in _REGISTERED), type(self))
+        kind = _registered(self, "plot") or type(self)
         all_of_type(others, kind, "the overlay", f"of type {kind.__name__}; give another one, or name an option")
         return call(self, "plot", *others, **more)
 

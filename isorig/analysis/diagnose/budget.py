@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.fitting.drive_related import SEGMENT, drive_related, segments
+from isorig.analysis.fitting.drive_related import SEGMENT, drive_related, related_density, segments
 from isorig.analysis.fitting.repeats import disturbance, repeated
 from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.model.rig_model import RigModel
@@ -131,7 +131,7 @@ def _shared(trials: Sequence[Trial], left: Sequence[FloatArray]) -> tuple[FloatA
             error = segments(trials[one], apart[channel])
             if len(drive) and len(error) == len(drive):
                 size = float(np.sum(np.mean(np.abs(error) ** 2, axis=0))) + 1e-300
-                own = np.abs(np.mean(drive.conj() * error, axis=0)) ** 2 / (np.mean(np.abs(drive) ** 2, axis=0) + 1e-300)
+                own = related_density(drive, error)
                 luck = 2.0 / len(drive)
                 share = max((float(np.sum(own)) / size - luck) / (1.0 - luck), 0.0)
                 drifts[[one, other], channel] = share * float(np.mean(apart[channel] ** 2))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -342,6 +342,10 @@ class _Found:
     exchanged: Mapping[tuple[str, str], tuple[str, str]]
 
 
+#: Errors by model and held-out data, which are kept so that their identity stays theirs.
+_Floors = dict[tuple[bytes, int], tuple[Sequence[Trial], FloatArray]]
+
+
 class _Search:
     # The search for causes, from a fitted baseline.
 
@@ -357,8 +361,8 @@ class _Search:
         self.first: Job | None = None
         self.cut_short = False
         self._drive_noise = drive_noise(campaign, described.drive.channel)
-        self._noise_floors: dict[tuple[bytes, int], tuple[Sequence[Trial], FloatArray]] = {}
-        self._disturbances: dict[tuple[bytes, int], tuple[Sequence[Trial], FloatArray]] = {}
+        self._noise_floors: _Floors = {}
+        self._disturbances: _Floors = {}
 
     def causes(self, baseline: Fit, divide: Divide) -> _Found:
         division = divide(self._trials)
@@ -543,16 +547,10 @@ class _Search:
         return np.asarray(np.hypot(noise, np.min([self._disturbance(model, judged) for model in models], axis=0)))
 
     def _disturbance(self, model: RigModel, judged: Sequence[Trial]) -> FloatArray:
-        key = model.encoded, id(judged)
-        if key not in self._disturbances:
-            self._disturbances[key] = judged, disturbance(model, judged)
-        return self._disturbances[key][1]
+        return _once(self._disturbances, model, judged, lambda: disturbance(model, judged))
 
     def _noise_floor(self, model: RigModel, judged: Sequence[Trial]) -> FloatArray:
-        key = model.encoded, id(judged)
-        if key not in self._noise_floors:
-            self._noise_floors[key] = judged, noise_floor(model, judged, self._drive_noise)
-        return self._noise_floors[key][1]
+        return _once(self._noise_floors, model, judged, lambda: noise_floor(model, judged, self._drive_noise))
 
     def settled(self, found: _Found) -> _Found:
         """The search with the last model at its minimum, and the uncertainty of its values; without time it stays as it is."""
@@ -597,6 +595,14 @@ class _Search:
             while more_draws(measured, draws):
                 draws.append(calibrated(stage.fit, self._trials, divide, floors, self._drive_noise, len(draws)))
         return max(draws, default=None)
+
+
+def _once(known: _Floors, model: RigModel, judged: Sequence[Trial], compute: Callable[[], FloatArray]) -> FloatArray:
+    # The errors of a model in held-out data, computed once.
+    key = model.encoded, id(judged)
+    if key not in known:
+        known[key] = judged, compute()
+    return known[key][1]
 
 
 def _allowed(quiet: FloatArray) -> FloatArray:

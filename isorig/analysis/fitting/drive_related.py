@@ -33,6 +33,21 @@ def segments(trial: Trial, values: FloatArray) -> ComplexArray:
     return np.asarray(np.fft.rfft(np.stack([values[s : s + n] * window for s in starts]), axis=1))
 
 
+def related_density(drive: ComplexArray, spectra: ComplexArray) -> FloatArray:
+    """Density of a record, in each frequency bin, that its transfer function from the drive explains; some of it by chance.
+
+    Parameters
+    ----------
+    drive, spectra
+        `segments` of both, shape (segments, bins).
+
+    Returns
+    -------
+    Shape (bins,).
+    """
+    return np.asarray(np.abs(np.mean(drive.conj() * spectra, axis=0)) ** 2 / (np.mean(np.abs(drive) ** 2, axis=0) + 1e-300))
+
+
 def drive_related(trials: Sequence[Trial], left: Sequence[FloatArray]) -> FloatArray:
     """Power that a transfer function from the drive takes away: one for all gains of a configuration, and each run's own.
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.fitting.drive_related import drive_related, segments
+from isorig.analysis.fitting.drive_related import drive_related, related_density, segments
 from isorig.analysis.fitting.score import signal_powers
 from isorig.analysis.fitting.trials import SIGNAL_SHARE, Disturbance, Trial, expected
 from isorig.analysis.model.rig_model import RigModel
@@ -62,12 +62,20 @@ def disturbance(model: RigModel, trials: Sequence[Trial]) -> FloatArray:
         The model whose residuals are compared, and the held-out data.
     """
     pairs = repeated(trials)
-    shape = len(trials), trials[0].measured.shape[0]
     if not pairs:
-        return np.zeros(shape)
+        return np.zeros((len(trials), trials[0].measured.shape[0]))
+    return np.asarray(np.sqrt(_power(trials, pairs, _left(model, trials)) / signal_powers(trials)))
+
+
+def _left(model: RigModel, trials: Sequence[Trial]) -> list[FloatArray]:
+    # The residuals of each run, shape (channels, samples).
+    return [trial.measured - expected(model, trial) for trial in trials]
+
+
+def _power(trials: Sequence[Trial], pairs: Sequence[tuple[int, int]], left: Sequence[FloatArray]) -> FloatArray:
+    # The power that `disturbance` compares with the signal's, shape (runs, channels).
     signal = signal_powers(trials)
-    left = [trial.measured - expected(model, trial) for trial in trials]
-    power = np.full(shape, np.nan)
+    power = np.full(signal.shape, np.nan)
     share = []
     for one, other in pairs:
         a, b = trials[one], trials[other]
@@ -80,13 +88,13 @@ def disturbance(model: RigModel, trials: Sequence[Trial]) -> FloatArray:
         for k in (one, other):
             power[k] = apart if np.isnan(power[k]).any() else np.maximum(power[k], apart)
     if not share:
-        return np.zeros(shape)
+        return np.zeros(signal.shape)
     known = ~np.isnan(power).any(axis=1)
     usual, typical = np.mean(share, axis=0), np.mean(power[known], axis=0)
     unrelated = _unrelated(trials, left)
     for k in np.flatnonzero(~known).tolist():
         power[k] = np.minimum(typical, np.maximum(usual * signal[k], unrelated[k]))
-    return np.asarray(np.sqrt(power / signal))
+    return power
 
 
 def with_disturbance(model: RigModel, trials: Sequence[Trial]) -> tuple[Trial, ...]:
@@ -100,15 +108,18 @@ def with_disturbance(model: RigModel, trials: Sequence[Trial]) -> tuple[Trial, .
     model, trials
         The model whose residuals are compared, and the runs.
     """
-    share = disturbance(model, trials)
-    if share.max() <= SIGNAL_SHARE:
-        return tuple(trials)
     pairs = repeated(trials)
-    found = [level for one, other in pairs if (level := _spectrum(model, trials[one], trials[other])) is not None]
+    if not pairs:
+        return tuple(trials)
+    left = _left(model, trials)
+    power = _power(trials, pairs, left)
+    if np.all(power <= SIGNAL_SHARE**2 * signal_powers(trials)):
+        return tuple(trials)
+    apart = (_spectrum(trials[one], trials[other], left[one], left[other]) for one, other in pairs)
+    found = [spectrum for spectrum in apart if spectrum is not None]
     if not found:
         return tuple(trials)
     frequency, density = found[0][0], np.mean([density for _, density in found], axis=0)
-    power = share**2 * signal_powers(trials)
     usual = np.mean(power[sorted({k for pair in pairs for k in pair})], axis=0)
     scale = np.sqrt(power / np.where(usual > 0.0, usual, 1.0))
     return tuple(
@@ -117,11 +128,10 @@ def with_disturbance(model: RigModel, trials: Sequence[Trial]) -> tuple[Trial, .
     )
 
 
-def _spectrum(model: RigModel, one: Trial, other: Trial) -> tuple[FloatArray, FloatArray] | None:
-    # Centres of frequency bands (Hz), and the density there of what two runs of one drive do not share, (channels, bands); None
-    # if they are too short.
+def _spectrum(one: Trial, other: Trial, left: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    # Centres of frequency bands (Hz), and the density there of what the residuals of two runs of one drive do not share, shape
+    # (channels, bands); None if they are too short.
     n = min(one.samples, other.samples)
-    left = [trial.measured[:, :n] - expected(model, trial)[:, :n] for trial in (one, other)]
     drive = segments(one, one.excitation.recorded[:n])
     averages = len(drive) / 2.0
     if averages <= 1.0:
@@ -132,12 +142,11 @@ def _spectrum(model: RigModel, one: Trial, other: Trial) -> tuple[FloatArray, Fl
     counts = np.bincount(band, minlength=BANDS)
     kept = counts > 0
     density = []
-    for row, values in enumerate((left[0] - left[1]) / np.sqrt(2.0)):
+    for row, values in enumerate((left[:, :n] - right[:, :n]) / np.sqrt(2.0)):
         spectra = segments(one, values)
         whole = np.mean(np.abs(spectra) ** 2, axis=0)
-        related = np.abs(np.mean(drive.conj() * spectra, axis=0)) ** 2 / (np.mean(np.abs(drive) ** 2, axis=0) + 1e-300)
         # By chance one part in the number of averages looks related.
-        related = np.maximum(related - whole / averages, 0.0) / (1.0 - 1.0 / averages)
+        related = np.maximum(related_density(drive, spectra) - whole / averages, 0.0) / (1.0 - 1.0 / averages)
         noise = 0.5 * (one.noise[row] ** 2 + other.noise[row] ** 2)
         beyond = np.bincount(band, whole - related, minlength=BANDS)[kept] / counts[kept] - noise
         density.append(np.maximum(beyond, 0.0))

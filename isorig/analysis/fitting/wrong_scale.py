@@ -104,8 +104,7 @@ class WrongScale:
 @dataclass(frozen=True)
 class _Explanation:
     # What is wrong, and its factor; a continuous one is fitted if None. Indices of sensors, drives, links or bodies. Records with
-    # further time derivatives are those of sensors, or of drives if `driven`.
-    # A sensor ("place") is on a body, and the masses of two bodies ("exchange") are exchanged.
+    # further time derivatives are those of sensors, or of drives if `driven`; `body` is the one on which a sensor is ("place").
     kind: Literal[
         "sound", "responses", "sensor", "drive", "stiffness", "mass", "rate", "sign", "derivative", "place", "exchange"
     ]  # fmt: skip
@@ -203,8 +202,8 @@ def _explanations(given: RigModel) -> Iterator[_Explanation]:
         yield _Explanation("drive", (k,), None)
     stiff = [k for k, link in enumerate(given.links) if link.stiffness > 0.0]
     heavy = [k for k, body in enumerate(given.bodies) if body.name not in given.imposed]
-    yield from _derivatives(given, alike)
     factor = None if "drive.factor" in given.free else 1.0
+    yield from _derivatives(given, alike, factor)
     yield from (_Explanation("place", (k,), factor, body=body) for k, body in _elsewhere(given))
     yield from (
         _Explanation("exchange", pair, factor) for pair in combinations(range(len(given.bodies)), 2) if _unlike(given, *pair)
@@ -215,9 +214,8 @@ def _explanations(given: RigModel) -> Iterator[_Explanation]:
     yield from (_Explanation("rate", (), factor) for factor in RATES if stiff)
 
 
-def _derivatives(given: RigModel, alike: Mapping[Quantity, tuple[int, ...]]) -> Iterator[_Explanation]:
+def _derivatives(given: RigModel, alike: Mapping[Quantity, tuple[int, ...]], factor: float | None) -> Iterator[_Explanation]:
     # One sensor or all of one quantity, or the motion that drives, has another derivative than described.
-    factor = None if "drive.factor" in given.free else 1.0
     for quantity, places in alike.items():
         for change in _changes(quantity):
             yield from (_Explanation("derivative", (k,), factor, change) for k in places)
@@ -379,7 +377,7 @@ class _Compared:
     def bodies(self, place: _Explanation, cost: float, settled: FloatArray) -> tuple[str, ...]:
         """The body on which a sensor is at this cost, followed by those that move alike: it is hardly less likely on them."""
         (k,) = place.places
-        others = [body for sensor, body in _elsewhere(self._given) if (sensor, body) != (k, place.body) and sensor == k]
+        others = [body for sensor, body in _elsewhere(self._given) if sensor == k and body != place.body]
         fits = self.fitted([replace(place, body=body) for body in others], settled)
         near = [body for body, fit in zip(others, fits, strict=True) if fit[0] < cost + MARGIN]
         return tuple(self._given.bodies[body].name for body in (place.body, *near))

@@ -259,10 +259,11 @@ def draw(family: str, seed: int, setting: Setting, folder: Path) -> tuple[Path, 
         alone = [_applied(rig, [one], swing, 1.0, [s]) for one, s in zip(chosen, seeds, strict=True)]
         sound = Hidden(rig=rig)
         changes = [_change(sound, h, swing, converter) for h in alone]
-        # Of two effects, each must show where the other is, too: friction may keep a body from its stop.
-        both = _applied(rig, chosen, swing, 1.0, seeds)
-        others = reversed(alone) if len(alone) == 2 else [sound for _ in alone]
-        beside = [_change(other, both, swing, converter) for other in others]
+        beside = changes
+        if len(alone) == 2:
+            # Each must show where the other is, too: friction may keep a body from its stop.
+            both = _applied(rig, chosen, swing, 1.0, seeds)
+            beside = [_change(other, both, swing, converter) for other in reversed(alone)]
         clear = (min(max(one.values()), max(two.values())) >= CLEAR for one, two in zip(changes, beside, strict=True))
         if all(h.known or shows for h, shows in zip(alone, clear, strict=True)):
             break
