@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
-from scipy.fft import next_fast_len
+from scipy.fft import next_fast_len, prev_fast_len
 
 from isorig.analysis.campaign import FloatArray
 
@@ -30,8 +32,14 @@ def low_passed(values: FloatArray, rate: float, corner: float) -> FloatArray:
         return values
     n = len(values)
     whole = mirrored(values)
-    gain = lowpass_gain(np.asarray(np.fft.rfftfreq(len(whole), 1.0 / rate), dtype=np.float64), corner)
+    gain = _gain(len(whole), rate, corner)
     return np.fft.irfft(np.fft.rfft(whole, axis=0) * gain.reshape(-1, *([1] * (values.ndim - 1))), len(whole), axis=0)[:n]
+
+
+@lru_cache(maxsize=8)
+def _gain(n: int, rate: float, corner: float) -> FloatArray:
+    # `lowpass_gain` in the bins of a record of n samples.
+    return lowpass_gain(np.asarray(np.fft.rfftfreq(n, 1.0 / rate), dtype=np.float64), corner)
 
 
 def smoothed(values: FloatArray, rate: float, corner: float) -> FloatArray:
@@ -60,6 +68,11 @@ def mirrored(values: FloatArray, sign: float = 1.0) -> FloatArray:
     beyond = next_fast_len(2 * n - 2, real=True) - n
     after = beyond // 2
     return np.concatenate([values, sign * values[n - 1 - after : n - 1][::-1], sign * values[1 : beyond - after + 1][::-1]])
+
+
+def fast_length(samples: int) -> int:
+    """The next smaller number of samples with a fast Fourier transform; a large prime factor takes several times the time."""
+    return prev_fast_len(samples) if samples > 0 else 0
 
 
 def signal_edge(values: FloatArray, rate: float) -> float:

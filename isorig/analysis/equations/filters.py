@@ -24,11 +24,9 @@ def rocker(omega: FloatArray, frequency: float) -> ComplexArray:
     return np.asarray(omega**2 / (own**2 - omega**2 + 2j * ROCKING_DAMPING * own * omega), dtype=np.complex128)
 
 
-def filtered(values: FloatArray, rate: float, mode: tuple[float, float]) -> FloatArray:
-    """A base's acceleration through an attached resonator, shape (n,)."""
-    n = len(values)
+def filtered(spectrum: ComplexArray, n: int, rate: float, mode: tuple[float, float]) -> FloatArray:
+    """The acceleration of a base, by the spectrum of its n samples, through an attached resonator, shape (n,)."""
     omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(n, 1.0 / rate), dtype=np.float64)
-    spectrum = np.asarray(np.fft.rfft(values), dtype=np.complex128)
     return np.asarray(np.fft.irfft(spectrum * resonator(omega, *mode), n))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -171,7 +172,9 @@ def fitted_form(
     low = np.array([f.encode(f.low) if f.low > 0.0 or not f.log else -np.inf for f in own])
     high = np.array([f.encode(f.high) for f in own])
 
-    def residual(coordinates: FloatArray) -> FloatArray:
+    @lru_cache(maxsize=1)  # least_squares asks for the derivatives where it has just asked for the residual
+    def residual_at(place: bytes) -> FloatArray:
+        coordinates = np.frombuffer(place)
         values = {f.path: f.decode(float(c)) for f, c in zip(own, coordinates, strict=False)}
         try:
             trial = model.replace(values)
@@ -184,6 +187,9 @@ def fitted_form(
         values = {**beside, **values}
         held = [(values[f.path] - sum(weight * values[path] for path, weight in f.follows)) / f.give for f in own if f.follows]
         return np.concatenate([left - left.mean(), HELD * np.array(held), coordinates[-1:]])
+
+    def residual(coordinates: FloatArray) -> FloatArray:
+        return residual_at(coordinates.tobytes())
 
     swing = float(np.abs(force.deflection).max())
     held_points = sum(bool(f.follows) for f in own)

@@ -131,6 +131,7 @@ class Combinations:
             weights[names.index(body)] = 1.0
             rows.append((estimate_of(body), 2, weights))
         self._rows = rows
+        self._known: dict[tuple[bytes, int], dict[str, float] | None] = {}
 
     @property
     def orders(self) -> dict[str, int]:
@@ -149,6 +150,12 @@ class Combinations:
         order
             0, 1 or 2.
         """
+        key = weights.tobytes(), order
+        if key not in self._known:
+            self._known[key] = self._combination(weights, order)
+        return self._known[key]
+
+    def _combination(self, weights: FloatArray, order: int) -> dict[str, float] | None:
         if not np.any(weights):
             return {}
         chosen: list[tuple[str, FloatArray]] = []

@@ -271,7 +271,7 @@ class Regressions:
                 for name, pair in slid.items():
                     after[name], added = self._linear(self.on.primary(self.on.balance_of(name)), *pair, [signals[name]])
             if narrow:
-                exact, inertia = self._ringing(spectral, row, (frequency, damping))
+                exact, inertia = self._ringing(spectral, self._base_spectra(row), (frequency, damping))
                 if inertia > 0.0:
                     after, added = after | exact, inertia
             if after:
@@ -294,21 +294,29 @@ class Regressions:
     def _narrow_mode(self, spectral: Mapping[str, Prepared], row: Row, frequency: float, damping: float) -> tuple[float, float]:
         from scipy.optimize import minimize
 
+        bases = self._base_spectra(row)
+
         def left(place: FloatArray) -> float:
             if place[1] > np.log(NARROW * self.on.rate / self.on.length / (damping * frequency)):
                 return np.inf  # no longer narrow
-            after, _ = self._ringing(spectral, row, (frequency * float(np.exp(place[0])), damping * float(np.exp(place[1]))))
+            after, _ = self._ringing(spectral, bases, (frequency * float(np.exp(place[0])), damping * float(np.exp(place[1]))))
             return float(sum(np.log10(max(value, 1.0)) for value in after.values()))
 
         start = np.array([[0.0, 0.0], [WITHIN, 0.0], [0.0, 0.7]])
         done = minimize(left, start[0], method="Nelder-Mead", options={"initial_simplex": start, "maxfev": RINGING})
         return frequency * float(np.exp(done.x[0])), damping * float(np.exp(done.x[1]))
 
-    def _ringing(self, spectral: Mapping[str, Prepared], row: Row, mode: tuple[float, float]) -> tuple[dict[str, float], float]:
+    def _base_spectra(self, row: Row) -> dict[int, tuple[ComplexArray, int]]:
+        # Spectrum and number of samples of a body's acceleration in each run.
+        motions = {r.index: self.on.combined(s, row) for r, s in zip(self.on.records, self.on.signals, strict=True)}
+        return {run: (np.asarray(np.fft.rfft(values)), len(values)) for run, values in motions.items()}
+
+    def _ringing(
+        self, spectral: Mapping[str, Prepared], bases: Mapping[int, tuple[ComplexArray, int]], mode: tuple[float, float]
+    ) -> tuple[dict[str, float], float]:  # fmt: skip
         # Residuals with a resonator that rings longer than a segment, filtered over whole runs, and its mass.
         columns = {
-            record.index: self.on.spectra.segments(filtered(self.on.combined(signals, row), self.on.rate, mode))[None]
-            for record, signals in zip(self.on.records, self.on.signals, strict=True)
+            run: self.on.spectra.segments(filtered(spectrum, n, self.on.rate, mode))[None] for run, (spectrum, n) in bases.items()
         }
         solved = {
             name: item.shaped({run: columns[run] for run in item.weights}, held_out=False) for name, item in spectral.items()
@@ -384,7 +392,7 @@ class Regressions:
             if any(run.run == record.index for run in self.on.sliding[name][0].runs):
                 values = np.sign(sign) * self.on.combined(signals, row)
                 if mode is not None:
-                    values = filtered(values, self.on.rate, mode)
+                    values = filtered(np.asarray(np.fft.rfft(values)), len(values), self.on.rate, mode)
                 found[record.index] = self.on.thinned(values)
         return found
 

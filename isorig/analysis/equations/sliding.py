@@ -8,10 +8,10 @@ eliminated block by block, linearized about the current fit (Gauss-Newton). Ever
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.ndimage import convolve1d
+from scipy.fft import irfft, next_fast_len, rfft
 
 from isorig.analysis.campaign import BoolArray, FloatArray, IntArray
 from isorig.analysis.lowpass import lowpass_gain
@@ -99,6 +99,11 @@ class SlidingRun:
     slow_velocity: FloatArray
     memory: dict[str, FloatArray] = field(default_factory=dict)
 
+    def without_slow_part(self) -> SlidingRun:
+        """The same signals with a slow part of their own, still zero."""
+        n = len(self.deflection)
+        return replace(self, slow=np.zeros(n), slow_velocity=np.zeros(n), memory={})
+
 
 @dataclass(kw_only=True)
 class _Block:
@@ -176,6 +181,7 @@ class Sliding:
         self.reach = REVERSAL if np.isinf(edge) else max(REVERSAL, round(SPREAD * rate / edge))
         self.spread = 0 if np.isinf(edge) else self.reach
         self.taps = _taps(rate, edge)
+        self._gains: dict[int, FloatArray] = {}  # of the low-pass, by length of the transform
         self.speed = max((float(np.std(run.velocity)) for run in self.runs if len(run.velocity)), default=1e-2)
         shortest = min(len(run.force) for run in runs)
         self.knot = max(round(KNOT_PERIODS * period * rate), 8)
@@ -414,9 +420,17 @@ class Sliding:
             slope = (columns(d + step, v, block.run, place) - matrix) @ values / step
             motion = self._spread(used, slope[:, None] * self._value[used] + self.damping * self._slope[used])
         if len(self.taps) > 1:
-            both = convolve1d(np.column_stack([matrix, motion]), self.taps, axis=0, mode="nearest")[block.used + beyond]
+            both = self._through_lowpass(np.column_stack([matrix, motion]))[block.used + beyond]
             matrix, motion = both[:, : matrix.shape[1]], both[:, matrix.shape[1] :]
         return matrix, motion
+
+    def _through_lowpass(self, columns: FloatArray) -> FloatArray:
+        # Columns through the low-pass; not valid within half of its length from their ends, where no samples are used.
+        size = next_fast_len(len(columns), real=True)
+        if size not in self._gains:  # of the symmetric taps, about their middle
+            half = len(self.taps) // 2
+            self._gains[size] = rfft(np.roll(np.pad(self.taps, (0, size - len(self.taps))), -half)).real
+        return np.asarray(irfft(rfft(columns, size, axis=0) * self._gains[size][:, None], size, axis=0), dtype=np.float64)
 
     def _spread(self, used: IntArray, weights: FloatArray) -> FloatArray:
         # Weights of the four splines at each sample as columns of all splines of a block, shape (n, knots).

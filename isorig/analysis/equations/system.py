@@ -22,7 +22,7 @@ from isorig.analysis.equations.sliding import ROUNDS, TAPS, Columns, Sliding, Sl
 from isorig.analysis.equations.spectral import Prepared, Row, Solved, Spectra
 from isorig.analysis.laws import Coulomb
 from isorig.analysis.laws.base import NO_LINK
-from isorig.analysis.lowpass import force_edge, low_passed, signal_edge
+from isorig.analysis.lowpass import fast_length, force_edge, low_passed, signal_edge
 from isorig.analysis.model.linear import floats
 from isorig.analysis.model.rig_model import GROUND, RigModel
 from isorig.analysis.rounding import is_command
@@ -179,6 +179,8 @@ class Equations:
         self.prepared: dict[str, Prepared] = {}
         self.sliding: dict[str, tuple[Sliding, SlidingFit]] = {}
         self._in_time: dict[tuple[str, str, bool], tuple[Sliding, SlidingFit] | None] = {}
+        self._scales: dict[tuple[str, str], tuple[float, float, float]] = {}
+        self._runs: dict[tuple[str, str], tuple[list[SlidingRun], float]] = {}
         self._slid: dict[tuple[int, str], tuple[SlidingFit, list[tuple[FloatArray, ...]]]] = {}
         for balance in self.balances:
             if balance.rubs:
@@ -336,7 +338,10 @@ class Equations:
         if key not in self._in_time:
             sign = next(s for e, s in balance.crossing if e.name == element.name)
             cut = self.cut(balance, element)
-            runs, noise = self._sliding_runs(balance, element, sign, self.records, self.signals, cut)
+            if key[:2] not in self._runs:
+                self._runs[key[:2]] = self._sliding_runs(balance, element, sign, self.records, self.signals, cut)
+            shared, noise = self._runs[key[:2]]
+            runs = [run.without_slow_part() for run in shared]
             self._in_time[key] = None
             if runs:
                 stiffness = element.link.stiffness if element.link is not None else 0.0
@@ -616,6 +621,13 @@ class Equations:
         )  # fmt: skip
 
     def _scale(self, element: Element, balance: Balance) -> tuple[float, float, float]:
+        # Largest deflection and velocity of an element, and its rms velocity.
+        key = element.name, balance.name
+        if key not in self._scales:
+            self._scales[key] = self._largest(element, balance)
+        return self._scales[key]
+
+    def _largest(self, element: Element, balance: Balance) -> tuple[float, float, float]:
         swing = fastest = speed = 0.0
         for record, signals in zip(self.records, self.signals, strict=True):
             if record.configuration in balance.configurations:
@@ -669,7 +681,8 @@ class Equations:
 
 def _read(run: Run, model: RigModel) -> dict[str, FloatArray]:
     held = {drive.channel for drive in model.drives if drive.imposes is None}
-    records = {name: run.channel(name).read(0, usable_stop(run)) for name in model.channels}
+    stop = fast_length(usable_stop(run))
+    records = {name: run.channel(name).read(0, stop) for name in model.channels}
     return {name: as_held(values, 1) if name in held and is_command(values) else values for name, values in records.items()}
 
 

@@ -12,6 +12,7 @@ from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.solve import Fit, Problem, damped_step
 from isorig.analysis.fitting.trials import Trial
+from isorig.analysis.lowpass import fast_length
 from isorig.analysis.model.rig_model import RigModel
 
 Progress = Callable[[str], None]
@@ -38,7 +39,7 @@ def shortened(trials: Sequence[Trial], seconds: float) -> tuple[Trial, ...]:
     """The same trials for a short fit: `seconds` from the drive's onset on, on a coarser grid."""
 
     def cut(trial: Trial) -> Trial:
-        fitted = round(min(trial.fitted, trial.onset + seconds * trial.sample_rate))
+        fitted = fast_length(round(min(trial.fitted, trial.onset + seconds * trial.sample_rate)))
         coarse = trial.excitation.resampled(min(trial.excitation.oversample, SHORT_OVERSAMPLE))
         return replace(trial, fitted=fitted, excitation=coarse.beginning(fitted))
 

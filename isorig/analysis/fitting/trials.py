@@ -14,6 +14,7 @@ import numpy as np
 from isorig.analysis.campaign import MOTION, Campaign, FloatArray, Run
 from isorig.analysis.errors import DataError
 from isorig.analysis.fitting.initial_state import MovingStart, PreparedRun, State, begins_in_motion, moving_start
+from isorig.analysis.lowpass import fast_length
 from isorig.analysis.model.linear import floats
 from isorig.analysis.model.rig_model import GROUND, RigModel, Sensor
 from isorig.analysis.rounding import is_command
@@ -317,7 +318,7 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
                 channels=names,
                 measured=measured,
                 noise=np.array([noise.get(name, 0.0) for name in names]),
-                fitted=0 if run.use == "holdout" else fit_samples(measured),
+                fitted=0 if run.use == "holdout" else fast_length(fit_samples(measured)),
                 ceiling=min(run.sample_rate / 2.0, 4.0 * run.band[1] if low and run.band else run.sample_rate / 2.0),
                 onset=onset_of(drive),
                 usable=min(run.usable, FLAT * run.sample_rate),

@@ -8,10 +8,11 @@ lever arms by which an element acts on further coordinates, for example for a ro
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from functools import cached_property, reduce
 from itertools import pairwise
 from math import isfinite
-from typing import Any, Literal, NoReturn, cast
+from typing import Any, Literal, NoReturn
 
 import msgspec
 import numpy as np
@@ -388,13 +389,18 @@ class RigModel(Part, frozen=True, kw_only=True, dict=True):  # dict: for the cac
                 for step in way:
                     node = node.setdefault(step, {})
                 node[last] = number(value, f"the value of {path!r}")
-            return cast("RigModel", _with_values(self, tree))
+            # Names and joints stay as they are, so the numbers are checked only: fits replace values thousands of times.
+            changed = copy(self)
+            for field, part in tree.items():
+                msgspec.structs.force_setattr(changed, field, _with_values(getattr(self, field), part))
         except ArgumentError:
             raise
         except (LookupError, AttributeError, TypeError, ValueError):
             for path in values:
                 self.get(path)  # says which path is no parameter
             raise
+        _check_numbers(changed, tree)
+        return changed
 
 
 def _path(given: object) -> str:
@@ -528,14 +534,6 @@ def check(model: RigModel) -> None:
         raise ModelError("the rig has no bodies; give at least one")
     if GROUND in names:
         raise ModelError('a body has the name "ground", which is reserved for the fixed reference; rename it')
-    for body in model.bodies:
-        if not (0.0 < body.mass < float("inf")):
-            raise ModelError(f"body {body.name!r} has mass {body.mass:g}; give a finite mass above zero")
-    for link in model.links:
-        for key in ("stiffness", "damping"):
-            value = getattr(link, key)
-            if not (0.0 <= value < float("inf")):
-                raise ModelError(f"link {link.name!r} has {key} {value:g}; give a finite value of zero or more")
     for part in joints:
         here = f"{type(part).__name__.lower()} {part.name!r}"
         _known(names, (part.a, part.b, *part.arms), here)
@@ -547,10 +545,7 @@ def check(model: RigModel) -> None:
         _seen(model, sensor)
         if sensor.force_in is None:
             _known(names, (sensor.body, sensor.relative_to, *sensor.arms), f"sensor {sensor.channel!r}")
-    for drive in model.drives:
-        _driven(model, names, drive)
-    _finite(msgspec.to_builtins(model, enc_hook=float))
-    _chained(model)
+    _check_numbers(model, msgspec.to_builtins(model, enc_hook=float))
     links = [link.name for link in model.links]
     for name, configuration in model.configurations.items():
         for rigid in configuration.rigid:
@@ -567,6 +562,23 @@ def check(model: RigModel) -> None:
     for name in model.limits.stroke:
         if name not in links:
             raise ModelError(f"limits.stroke names link {name!r}, which does not exist; the rig has {links}")
+
+
+def _check_numbers(model: RigModel, given: Mapping[str, Any]) -> None:
+    # Raise ModelError if numbers contradict physics; `given` are those that may be infinite, in plain dicts and lists.
+    for body in model.bodies:
+        if not (0.0 < body.mass < float("inf")):
+            raise ModelError(f"body {body.name!r} has mass {body.mass:g}; give a finite mass above zero")
+    for link in model.links:
+        for key in ("stiffness", "damping"):
+            value = getattr(link, key)
+            if not (0.0 <= value < float("inf")):
+                raise ModelError(f"link {link.name!r} has {key} {value:g}; give a finite value of zero or more")
+    names = [body.name for body in model.bodies]
+    for drive in model.drives:
+        _driven(model, names, drive)
+    _finite(given)
+    _chained(model)
 
 
 def _typed(model: RigModel) -> None:
