@@ -15,7 +15,8 @@ from isorig.analysis.campaign import MOTION, ROTARY, UNLOCKED, Quantity
 from isorig.analysis.model.drafted import DAMPING, MASS, STIFFNESS
 from isorig.analysis.model.rig_model import GROUND, Body, Configuration, Drive, Link, RigModel, Sensor
 from isorig.rig.errors import RecordingError
-from isorig.rig.exchange.clock import is_time, is_uneven_time, says_time, seconds_per, time_unit
+from isorig.rig.exchange.clock import is_time, is_uneven_time, rises_evenly, says_time, seconds_per, time_unit
+from isorig.rig.exchange.counter import sample_counter
 from isorig.rig.exchange.table import STREAMED, Column, ForeignTable
 from isorig.rig.exchange.tree import PLAIN
 from isorig.rig.exchange.units import UNITS, known_unit
@@ -45,11 +46,12 @@ SHORT = 16
 
 @dataclass(frozen=True)
 class _Part:
-    # Columns of a file with a common sampling: name in the draft, and source with its column.
+    # Columns of a file with a common sampling: name in the draft, and source with its column; sentences on those left out.
     table: ForeignTable
     group: str
     columns: dict[str, tuple[str, Column]]
     time: str | None
+    counts: tuple[str, ...] = ()
 
 
 def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file: str) -> tuple[str, str]:
@@ -63,6 +65,7 @@ def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file
         raise RecordingError(_no_records(tables))
     lines = ["# Proposed from the files. Lines marked with ? were guessed: check each.", ""]
     lines += [f"# {table.path.name}: {remark}." for table in tables for remark in table.remarks]
+    lines += [f"# {part.table.path.name}: {count}." for part in parts for count in part.counts]
     # A column is one channel in all parts that have it; if parts have different columns, each lists its own.
     places = dict.fromkeys(place for part in parts for place in part.columns)
     names: dict[str, str] = {}
@@ -222,10 +225,31 @@ def _parts(table: ForeignTable, group: str, columns: Mapping[str, tuple[str, Col
             sampled.setdefault((len(column.values), column.sample_rate), {})[name] = (source, column)
     longest = max((size for size, _ in sampled), default=0)
     return [
-        _Part(table, group, there, next((columns[name][0] for name, n in clocks.items() if n == size), None))
+        _part(table, group, there, next((columns[name][0] for name, n in clocks.items() if n == size), None))
         for (size, _), there in sampled.items()
         if size >= (SHORT if table.spectra else min(SHORT, longest))
     ]
+
+
+def _part(table: ForeignTable, group: str, there: dict[str, tuple[str, Column]], time: str | None) -> _Part:
+    # Without the columns that count the samples; a clock may have any name, if no other column is one.
+    counters = {name: found for name, (_, column) in there.items() if (found := sample_counter(column)) is not None}
+    rising = (name for name, (source, column) in there.items() if name not in counters and _may_be_time(source, column))
+    clock = next(rising, None) if time is None else None
+    records = {name: place for name, place in there.items() if name not in counters and name != clock}
+    if not records:
+        return _Part(table, group, there, time)
+    counts = tuple(
+        "; ".join(filter(None, (f"column {there[name][0]!r} {found.words}, so it is no channel and left out", found.faults())))
+        for name, found in counters.items()
+    )
+    return _Part(table, group, records, time if clock is None else there[clock][0], counts)
+
+
+def _may_be_time(source: str, column: Column) -> bool:
+    # A column without a unit, and without the name of a quantity, that rises evenly.
+    named = column.unit or _unit_in(column.label, source) or any(word in source.lower() for word, _ in QUANTITIES)
+    return not named and column.sample_rate is None and rises_evenly(column)
 
 
 def _channel(name: str, source: str, column: Column) -> list[str]:
@@ -305,7 +329,8 @@ def _run(
         f'excitation = "{excitation}"    # ? random, multisine, sweep, moves, free or other',
     ]
     if part.time is not None:
-        lines.append(f"time = {value_text(part.time)}")
+        known = says_time(part.time, table.columns[part.time])
+        lines.append(f"time = {value_text(part.time)}" + ("" if known else "    # ? its values rise evenly"))
         unit = time_unit(part.time, table.columns[part.time])
         if not table.columns[part.time].unit or seconds_per(unit) != 1.0:
             lines.append(f"time_unit = {value_text(unit)}" + ("" if table.columns[part.time].unit else "    # ?"))
