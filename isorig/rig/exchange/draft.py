@@ -83,17 +83,19 @@ def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file
         ]  # fmt: skip
     for place in places:
         lines += _channel(names[place], *first[place])
-    setups = {_configuration(part) for part in parts}
-    # A rig without locks has one configuration, which needs no name.
-    named = bonder or setups != {UNLOCKED}
-    ids: set[str] = set()
     kinds = {} if bonder else _kinds({names[place]: first[place] for place in places})
+    ids = _run_names(parts)
+    starts = _starts(dict(zip(ids, parts, strict=True)), names) if _released(kinds) else {}
+    setups = ids if len(starts) > 1 else [_configuration(part) for part in parts]
+    # A rig without locks has one configuration, which needs no name.
+    named = bonder or set(setups) != {UNLOCKED}
     excitation = "free" if _released(kinds) else "other"
-    for part in parts:
+    for name, setup, part in zip(ids, setups, parts, strict=True):
         own = [names[place] for place in part.columns] if len(part.columns) < len(places) else []
         other = {names[p]: source for p, (source, _) in part.columns.items() if source != first[p][0]}
-        lines += _run(part, own, other, folder, ids, _configuration(part) if named else "", excitation)
-    return "\n".join(lines), "" if bonder else _rig(kinds, setups)
+        lines += _run(name, part, own, other, folder, setup if named else "", excitation)
+    configurations = {setup: starts.get(name, Configuration()) for name, setup in zip(ids, setups, strict=True)}
+    return "\n".join(lines), "" if bonder else _rig(kinds, dict(sorted(configurations.items(), reverse=not starts)))
 
 
 def _is_bonder(places: Iterable[str]) -> bool:
@@ -114,7 +116,29 @@ def _released(kinds: Mapping[str, Quantity]) -> bool:
     return len(kinds) == 1 and all(kind in MOTION for kind in kinds.values())
 
 
-def _rig(kinds: Mapping[str, Quantity], setups: set[str]) -> str:
+def _run_names(parts: Sequence[_Part]) -> list[str]:
+    names: list[str] = []
+    for part in parts:
+        text = _run_text(part)
+        names.append(text if text not in names else f"{text}_{len(names)}")
+    return names
+
+
+def _starts(parts: Mapping[str, _Part], names: Mapping[str, str]) -> dict[str, Configuration]:
+    # By run: a body that was pulled aside starts where its position, the only record, begins.
+    found = {}
+    for run, part in parts.items():
+        ((place, (source, column)),) = part.columns.items()
+        unit = UNITS[_unit_of(names[place], column, source)]
+        values = np.asarray(column.values, dtype=np.float64)
+        values = values[np.isfinite(values)]
+        if MOTION.get(unit.quantity) == 0 and len(values):
+            start = float(f"{float(values[0]) / column.sensitivity * unit.factor:.3g}")
+            found[run] = Configuration(initial_position={f"body_{names[place]}": start})
+    return found
+
+
+def _rig(kinds: Mapping[str, Quantity], configurations: Mapping[str, Configuration]) -> str:
     # One body a motion sensor, in a row from the ground; the first channel that is no motion drives the last of them.
     released = _released(kinds)
     moved = next((name for name in kinds if any(word in name for word in BASES)), next(iter(kinds), "drive"))
@@ -146,7 +170,7 @@ def _rig(kinds: Mapping[str, Quantity], setups: set[str]) -> str:
             Sensor(channel=name, body=f"body_{name}", quantity=kinds[name] if moving else "acceleration")
             for name in sensed if name in kinds
         ),
-        configurations={name: Configuration() for name in sorted(setups, reverse=True)},
+        configurations=dict(configurations),
         free=tuple(f"links.{link.name}.{key}" for link in links for key in ("stiffness", "damping")),
     )  # fmt: skip
     drive_note = f"? that it pushes {driven} is a guess, and so is factor, the force per unit of the channel"
@@ -155,7 +179,7 @@ def _rig(kinds: Mapping[str, Quantity], setups: set[str]) -> str:
     elif released:
         drive_note = (
             f"? no column is a drive: if {driven} was pulled and let go, {FREE},\n"
-            "so that rig import records a drive of zero, and the position where it starts as initial_position in configurations"
+            "so that rig import records a drive of zero, and correct initial_position, where it starts"
         )
     elif kinds.get(drive) in MOTION:
         drive_note += (
@@ -168,6 +192,7 @@ def _rig(kinds: Mapping[str, Quantity], setups: set[str]) -> str:
         "bodies": "? kg, for a rotation kg m^2",
         "links": "? stiffness and damping: N/m and N s/m, for a rotation N m/rad and N m s/rad",
         "drive": drive_note,
+        "configurations": "? initial_position: where the records begin, m or rad from the position of rest" if released else "",
         "sensors": "" if moving else "? no unit is that of a motion: give unit and sensitivity in the mapping, and quantity here",
     })  # fmt: skip
 
@@ -312,11 +337,9 @@ def _configuration(part: _Part) -> str:
 
 
 def _run(
-    part: _Part, own: Sequence[str], other: Mapping[str, str], folder: Path, ids: set[str], configuration: str, excitation: str
+    name: str, part: _Part, own: Sequence[str], other: Mapping[str, str], folder: Path, configuration: str, excitation: str
 ) -> list[str]:
     table, group, text = part.table, part.group, _run_text(part)
-    name = text if text not in ids else f"{text}_{len(ids)}"
-    ids.add(name)
     guess = re.search(r"(?:gain|(?<![a-z])[ul])[ _-]?(\d+(?:\.\d+)?)", text, re.IGNORECASE)
     gain = table.numbers.get(f"{group}.gain", table.numbers.get("gain")) or (float(guess[1]) if guess else 1.0)
     rate = next(column.sample_rate for _, column in part.columns.values())
