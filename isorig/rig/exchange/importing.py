@@ -19,6 +19,7 @@ from isorig.analysis.given import given_path
 from isorig.analysis.model.rig_model import Drive, RigModel
 from isorig.analysis.spectra.overload import extremes
 from isorig.analysis.spectra.quality import clipped_or_dead, fault_sentences
+from isorig.analysis.spectra.zero_errors import zero_errors
 from isorig.analysis.units import KGF
 from isorig.analysis.wording import did_you_mean
 from isorig.rig.errors import PlanError, RecordingError
@@ -350,6 +351,7 @@ def shortcomings(campaign: Campaign) -> list[str]:
     """What records show to be wrong, in sentences: short runs, copies, several levels at one gain, and faulty channels."""
     drive = references_of(campaign)[0]
     found = [*fault_sentences(faults_in(campaign, drive, clipped_or_dead)), *levels_in_words(campaign, drive)]
+    means = zero_errors(campaign)
     for at, run in enumerate(campaign.runs):
         original = next((other.id for other in campaign.runs[:at] if _is_copy(other, run)), None)
         if original is not None:
@@ -367,6 +369,7 @@ def shortcomings(campaign: Campaign) -> list[str]:
                 )
             least = max(low, -high)
             if channel.quantity == "acceleration" and least > STEADY:
+                means.pop(name, None)
                 found.append(
                     f"Run {run.id!r} has never less than {least:.3g} {channel.unit} in channel {name!r}, more than gravity all "
                     "the time: check the unit, the sensitivity and the sensor's zero, or correct it by offset in the mapping."
@@ -379,7 +382,7 @@ def shortcomings(campaign: Campaign) -> list[str]:
             )
         elif len(run) < SHORTEST:
             found.append(f"{begin}, but fits need at least {SHORTEST}: record longer runs.")
-    return found
+    return [*found, *means.values()]
 
 
 def _is_copy(one: Run, other: Run) -> bool:
