@@ -19,6 +19,7 @@ from isorig.analysis.given import given_path
 from isorig.analysis.model.rig_model import Drive, RigModel
 from isorig.analysis.spectra.overload import extremes
 from isorig.analysis.spectra.quality import clipped_or_dead, fault_sentences
+from isorig.analysis.spectra.stated_bands import wrong_bands
 from isorig.analysis.spectra.zero_errors import zero_errors
 from isorig.analysis.units import KGF
 from isorig.analysis.wording import did_you_mean
@@ -382,7 +383,7 @@ def shortcomings(campaign: Campaign) -> list[str]:
             )
         elif len(run) < SHORTEST:
             found.append(f"{begin}, but fits need at least {SHORTEST}: record longer runs.")
-    return [*found, *means.values()]
+    return [*found, *means.values(), *wrong_bands(campaign, drive)]
 
 
 def _is_copy(one: Run, other: Run) -> bool:
