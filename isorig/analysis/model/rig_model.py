@@ -354,10 +354,10 @@ class RigModel(Part, frozen=True, kw_only=True, dict=True):  # dict: for the cac
 
     def sensor(self, channel: str) -> Sensor:
         """The sensor with that channel."""
-        text(channel, "the name of a channel", "table")
-        for sensor in self.sensors:
+        for sensor in self.sensors if isinstance(channel, str) else ():
             if sensor.channel == channel:
                 return sensor
+        text(channel, "the name of a channel", "table")
         names = [sensor.channel for sensor in self.sensors]
         raise ModelError(f"no sensor records {channel!r}{did_you_mean(channel, names)}; the rig has {names}")
 
@@ -437,10 +437,10 @@ Named = TypeVar("Named", Body, Link, Contact)
 
 
 def _named(parts: Sequence[Named], name: str, kind: str) -> Named:
-    # The part of that name; names may come from a user.
-    text(name, f"the name of a {kind}", parts[0].name if parts else kind)
-    found = next((part for part in parts if part.name == name), None)
+    # The part of that name; names may come from a user. Most exist: only others are checked.
+    found = next((part for part in parts if part.name == name), None) if isinstance(name, str) else None
     if found is None:
+        text(name, f"the name of a {kind}", parts[0].name if parts else kind)
         names = [part.name for part in parts]
         raise ModelError(f"the rig has no {kind} {name!r}{did_you_mean(name, names)}, only {names}; name one of these")
     return found
