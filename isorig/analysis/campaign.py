@@ -14,7 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isorig.analysis.errors import ArgumentError, DataError
-from isorig.analysis.given import all_of_type, finite, given_mapping, interval, number, numbers, of_type, one_of, positive, whole
+from isorig.analysis.given import (
+    all_of_type,
+    finite,
+    given_mapping,
+    index,
+    interval,
+    number,
+    numbers,
+    of_type,
+    one_of,
+    positive,
+    text,
+    whole,
+)
 from isorig.analysis.views import Viewed, call
 
 FloatArray = NDArray[np.float64]
@@ -115,8 +128,16 @@ class Channel:
         return f"Channel({self.name!r}, {self.quantity} in {self.unit}, {len(self)} samples)"
 
     def read(self, start: int = 0, stop: int | None = None) -> FloatArray:
-        """Physical values from `start` to `stop` (the end if None), shape (stop - start,)."""
-        values: FloatArray = np.multiply(self.samples[start:stop], self.scale, dtype=np.float64)
+        """Physical values from `start` to `stop` (the end if None), shape (stop - start,).
+
+        Raises
+        ------
+        ArgumentError
+            One of them is no whole number.
+        """
+        begin = index(start, "the first sample")
+        end = None if stop is None else index(stop, "the end of the samples")
+        values: FloatArray = np.multiply(self.samples[begin:end], self.scale, dtype=np.float64)
         if self.offset:
             values += self.offset
         return values
@@ -283,7 +304,7 @@ class Run(Viewed):
 
     def channel(self, name: str) -> Channel:
         """The channel with that name; a DataError lists the available ones."""
-        of_type(name, str, "the name of a channel", "a text; give it in quotes")
+        text(name, "the name of a channel", "table")
         if name not in self.channels:
             raise DataError(
                 f"run {self.id!r} has no channel {name!r}, only {', '.join(sorted(self.channels))}; "
@@ -357,7 +378,15 @@ class Campaign(Viewed):
         return call(self, "rig")
 
     def select(self, *, configuration: str | None = None, gain: float | None = None) -> tuple[Run, ...]:
-        """The runs with that configuration and gain (any if None)."""
+        """The runs with that configuration and gain (any if None).
+
+        Raises
+        ------
+        ArgumentError
+            The configuration is no text, or the gain no number.
+        """
+        if configuration is not None:
+            text(configuration, "the configuration", UNLOCKED)
         gain = None if gain is None else number(gain, "the gain")
         return tuple(
             run
@@ -367,7 +396,14 @@ class Campaign(Viewed):
         )
 
     def seconds_since_start(self, run: Run) -> float:
-        """Seconds from the campaign's first `started` to this run's; 0 if unknown."""
+        """Seconds from the campaign's first `started` to this run's; 0 if unknown.
+
+        Raises
+        ------
+        ArgumentError
+            It is no run.
+        """
+        of_type(run, Run, "the run", "an iso.Run; give one of campaign.runs")
         times = [r.started for r in self.runs if r.started is not None]
         if run.started is None or not times:
             return 0.0

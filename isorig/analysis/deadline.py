@@ -42,6 +42,11 @@ class Deadline:
         """Seconds so far."""
         return time.process_time() - self._start
 
+    @property
+    def left(self) -> float:
+        """Seconds until the time ends, negative after it."""
+        return self._end - time.process_time()
+
     def keep(self, seconds: float) -> None:
         """End the time these seconds before the limit: what follows takes them."""
         self._end = self._limit - seconds
@@ -61,6 +66,12 @@ def time_spent() -> float:
     """Seconds since the deadline in force began; zero without one."""
     deadline = _in_force.get()
     return 0.0 if deadline is None else deadline.spent
+
+
+def time_left() -> float:
+    """Seconds until the deadline in force ends, negative after it; infinite without one."""
+    deadline = _in_force.get()
+    return inf if deadline is None else deadline.left
 
 
 def keep_time(seconds: float) -> None:

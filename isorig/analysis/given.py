@@ -91,6 +91,42 @@ def channel_names(given: object, what: str) -> tuple[str, ...]:
     return all_of_type(given, str, what, 'a sequence of channel names; give one, for example ["table"]')
 
 
+def text(given: object, what: str, example: str) -> str:
+    """A text; the refusal has the example.
+
+    Raises
+    ------
+    ArgumentError
+        It is of another type.
+    """
+    return of_type(given, str, what, f'a text; give it in quotes, for example "{example}"')
+
+
+def flag(given: object, what: str) -> bool:
+    """True or False.
+
+    Raises
+    ------
+    ArgumentError
+        It is of another type.
+    """
+    if not isinstance(given, bool | np.bool_):
+        raise _other_type(given, what, "True or False; give one of them")
+    return bool(given)
+
+
+def callback(given: object, what: str) -> None:
+    """Refuse what cannot be called with a line of text.
+
+    Raises
+    ------
+    ArgumentError
+        It cannot be called.
+    """
+    if not callable(given):
+        raise _other_type(given, what, "a function that takes a line of text; give for example print")
+
+
 def number(given: object, what: str) -> float:
     """A number, which may be infinite.
 
@@ -120,7 +156,7 @@ def finite(given: object, what: str) -> float:
     return value
 
 
-def whole(given: object, what: str, least: int) -> int:
+def whole(given: object, what: str, least: int, most: int | None = None) -> int:
     """A whole number.
 
     Raises
@@ -128,12 +164,26 @@ def whole(given: object, what: str, least: int) -> int:
     ArgumentError
         It is of another type.
     DataError
-        It is less than `least`.
+        It is less than `least`, or more than `most`.
+    """
+    value = index(given, what)
+    if value < least:
+        raise DataError(f"{what} is {value}, but must be at least {least}; correct it")
+    if most is not None and value > most:
+        raise DataError(f"{what} is {value:.6g}, but must be at most {most}; correct it")
+    return value
+
+
+def index(given: object, what: str) -> int:
+    """A whole number, which may be negative: counted from the end.
+
+    Raises
+    ------
+    ArgumentError
+        It is of another type.
     """
     if isinstance(given, bool) or not isinstance(given, Integral):
-        raise _other_type(given, what, f"a whole number; give one from {least} on")
-    if given < least:
-        raise DataError(f"{what} is {given}, but must be at least {least}; correct it")
+        raise _other_type(given, what, "a whole number; give one without a decimal point")
     return int(given)
 
 
@@ -142,11 +192,13 @@ def one_of(given: object, allowed: Iterable[str], what: str) -> None:
 
     Raises
     ------
+    ArgumentError
+        It is no text.
     DataError
         It is none of them.
     """
     names = tuple(allowed)
-    if given not in names:
+    if of_type(given, str, what, f"one of {', '.join(names)}; give one of these") not in names:
         raise DataError(f"{what} is {given!r}, but must be one of {', '.join(names)}; give one of these")
 
 

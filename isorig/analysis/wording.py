@@ -187,16 +187,40 @@ def sized(value: float, unit: str, std: float | None = None, digits: int = 3) ->
     number = value / scale
     if not std or not np.isfinite(std):
         return f"{number:.{digits}g}{of}"
-    spread = std / scale
+    return f"{with_std(number, std / scale, digits)}{of}"
+
+
+def with_std(value: float, std: float, digits: int = 3, *, sign: bool = False) -> str:
+    """A value and its standard uncertainty, to the digits that this justifies.
+
+    Parameters
+    ----------
+    value, std
+        Both in the same unit.
+    digits
+        Significant digits of a value whose uncertainty is zero or not finite, or that is far from one.
+    sign
+        Whether a positive value has a sign, as that of a change.
+
+    Examples
+    --------
+    >>> with_std(54.7, 12.3), with_std(0.01841, 0.0061), with_std(7.25, 0.0)
+    ('55 ± 12', '0.018 ± 0.006', '7.25 ± 0')
+    """
+    plus = "+" if sign else ""
+    if not 0.0 < std < np.inf:
+        return f"{value:{plus}.{digits}g} ± {std:.{digits}g}"
     # One digit of the uncertainty; two if it begins with a one, where rounding would change it by half.
-    first = int(np.floor(np.log10(spread)))
-    places = -first + (1 if spread / 10.0**first < 2.0 else 0)
-    order = int(np.floor(np.log10(abs(number)))) if number else first
+    first = int(np.floor(np.log10(std)))
+    places = -first + (1 if std / 10.0**first < 2.0 else 0)
+    order = int(np.floor(np.log10(abs(value)))) if value else first
     if not LEAST_ORDER <= order < MOST_DIGITS:
-        return f"{number:.{digits}g} ± {spread:.1g}{of}"
+        return f"{value:{plus}.{digits}g} ± {std:.1g}"
     # An uncertainty above the value must not round it to zero: it keeps two digits.
     shown = min(places, MOST_DIGITS - 1 - order) if places >= -order else 1 - order
-    return f"{round(number, shown):.{max(shown, 0)}f} ± {round(spread, places):.{max(places, 0)}f}{of}"
+    # One far below the digits of the value would be a row of zeros.
+    spread = f"{std:.1g}" if shown < places - 1 else f"{round(std, places):.{max(places, 0)}f}"
+    return f"{round(value, shown):{plus}.{max(shown, 0)}f} ± {spread}"
 
 
 def sized_unit(value: float, unit: str) -> tuple[float, str]:

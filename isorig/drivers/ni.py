@@ -415,7 +415,8 @@ def _brief(error: Exception) -> str:
 
 
 def _not_installed(error: Exception) -> str:
-    brief = " ".join(str(error).split())[:120]
+    # NI's first sentence; the others say the same as ours.
+    brief = " ".join(str(error).split()).split(". ", maxsplit=1)[0].rstrip(".")[:120]
     return f"NI's runtime NI-DAQmx is missing on this computer ({brief}); install it from ni.com, then start again"
 
 

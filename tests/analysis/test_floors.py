@@ -18,7 +18,7 @@ from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.laws import Coulomb, Cubic, Stribeck
 from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel, Sensor
 from isorig.analysis.simulate import Excitation
-from isorig.analysis.simulate.inverse import DECIMATION, EDGE, motion_from, required_drive
+from isorig.analysis.simulate.inverse import DECIMATIONS, EDGE, driven_groups, motion_from, required_drive
 from isorig.analysis.spectra.windows import HANN
 
 GROUNDED = Link(name="base", a="base", b="ground", stiffness=0.0, damping=1.0)
@@ -162,12 +162,36 @@ def test_the_drive_that_a_motion_takes_is_newtons_law(swapped: bool) -> None:
     )  # fmt: skip
     d, v = x - base, omega * (3e-3 * np.cos(omega * time) + 1e-3 * np.sin(omega * time))
     force = -2.0 * omega**2 * x + 400.0 * d + 3.0 * v + 1e6 * d**3 + 0.5 * np.sign(v)
-    found = required_drive(rig, motion_from({"m": x, "base": base}, 1024.0, np.zeros(len(time))))
-    kept = slice(EDGE * DECIMATION, -EDGE * DECIMATION, DECIMATION)
+    # Together both bodies feel only the ground: what joins them cancels.
+    both = (
+        -(omega**2) * (2.0 * x + 5.0 * base) + GROUNDED.stiffness * base - GROUNDED.damping * omega * 1e-3 * np.sin(omega * time)
+    )
+    groups = driven_groups(rig)
+    assert groups == (("m",), ("m", "base"))
+    motion = replace(motion_from({"m": x, "base": base}, 1024.0, np.zeros(len(time))), groups=groups)
+    kept = slice(EDGE * DECIMATIONS[0], -EDGE * DECIMATIONS[0], DECIMATIONS[0])
     # The decimation rounds friction's jumps: compare where the sign is steady.
     steady = np.abs(v[kept]) > 0.5 * np.abs(v).max()
-    difference = (found[: len(force[kept])] - force[kept])[steady]
-    assert np.abs(difference).max() < 0.05 * np.abs(force).max()
+    for found, expected in zip(required_drive(rig, motion), (force, both), strict=True):
+        difference = (found[: len(force[kept])] - expected[kept])[steady]
+        assert np.abs(difference).max() < 0.05 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("decimation", DECIMATIONS)
+def test_a_lower_corner_leaves_a_slow_motion_as_it_is(decimation: int) -> None:
+    omega, time = 2.0 * np.pi * 0.2, np.arange(65536) / 1024.0
+    x = 3e-3 * np.sin(omega * time)
+    rig = RigModel(
+        name="slow", bodies=(Body(name="m", mass=2.0),), drive=Drive(channel="force", factor=1.0, pushes={"m": 1.0}),
+        links=(Link(name="bearing", a="m", b="ground", damping=3.0),),
+        sensors=(Sensor(channel="m", body="m", quantity="displacement"),),
+    )  # fmt: skip
+    force = 3.0 * omega * 3e-3 * np.cos(omega * time) - 2.0 * omega**2 * x
+    (found,) = required_drive(rig, motion_from({"m": x}, 1024.0, np.zeros(len(time)), decimation))
+    expected = force[::decimation][EDGE : EDGE + len(found)]
+    inside = slice(EDGE, -EDGE) if decimation < DECIMATIONS[-1] else slice(5, -5)
+    # Each stage of the decimation ripples by 1 %.
+    np.testing.assert_allclose(found[inside], expected[inside], atol=0.05 * float(np.abs(force).max()))
 
 
 def test_errors_are_rms_and_only_what_was_held_out_counts(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -258,7 +282,7 @@ def test_a_velocity_is_resolved_from_three_standard_deviations_of_its_noise_on(a
     )  # fmt: skip
     motion = motion_from({"m": 3.0 * above * blur * time}, 1024.0, np.full(len(time), -0.2))
     # A contact that slides forward takes its friction, one that may stick what the record has; the decimation ripples by 1 %.
-    assert required_drive(rig, replace(motion, blur={"m": blur}))[50:-50] == pytest.approx(-0.2 if sticks else 0.5, rel=0.02)
+    assert required_drive(rig, replace(motion, blur={"m": blur}))[0, 50:-50] == pytest.approx(-0.2 if sticks else 0.5, rel=0.02)
 
 
 def test_a_rig_scored_by_its_drive_gets_the_noise_of_its_positions(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -266,10 +290,10 @@ def test_a_rig_scored_by_its_drive_gets_the_noise_of_its_positions(monkeypatch: 
     clean = {"m": 3e-3 * np.sin(12.0 * time)}
     shaken = {"m": clean["m"] + np.random.default_rng(1).normal(0.0, 1e-5, len(time))}
     motion, other = (motion_from(positions, 1024.0, np.zeros(len(time))) for positions in (clean, shaken))
-    force = required_drive(RIG, motion)
+    (force,) = required_drive(RIG, motion)
     trial = replace(
         trial_of(np.zeros(N), 0.0), measured=force[None], channels=("head",), fitted=len(force) // 2, motion=motion, shaken=other
     )
     part = slice(len(force) // 2, len(force))
-    expected = np.sqrt(np.mean((required_drive(RIG, other) - force)[part] ** 2) / np.mean(force[part] ** 2))
+    expected = np.sqrt(np.mean((required_drive(RIG, other)[0] - force)[part] ** 2) / np.mean(force[part] ** 2))
     assert scores.noise_floor(RIG, [trial], 0.0)[0, 0] == pytest.approx(expected)

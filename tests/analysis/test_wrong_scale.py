@@ -191,7 +191,9 @@ def test_inverted_sensors_and_wrong_rates() -> None:
         assert (found.kind, found.ratio) == ("rate", factor)
 
 
-@pytest.mark.parametrize(("factor", "found"), [(1.0, False), (2.0, True), (0.5, True), (4.0, True), (1.7, False), (1.4, False)])
+@pytest.mark.parametrize(
+    ("factor", "found"), [(1.0, False), (2.0, True), (0.5, True), (4.0, True), (0.2, True), (1.7, False), (1.4, False)]
+)
 def test_a_resonance_confirms_a_wrong_rate(factor: float, found: bool) -> None:
     """With play the levels alone do not decide, but the resonance is recorded at the same multiple of the described one.
 

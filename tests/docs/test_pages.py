@@ -72,6 +72,14 @@ def test_commands_run(page: Path, folder: Path, environment: dict[str, str]) -> 
         assert not left, f"{page.name} leaves processes running:\n{code}\n{said}"
 
 
+@pytest.mark.parametrize("page", pages(), ids=lambda page: page.name)
+def test_a_page_says_where_the_recording_of_its_commands_comes_from(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    run = (block for block in BLOCK.finditer(text) if block[1] not in SHOWN and "title=" not in block[2])
+    first = next((block.start() for block in run if "campaign.h5" in block[3]), None)
+    assert first is None or "`campaign.h5`" in text[:first] or "rig virtual campaign" in text[:first]
+
+
 def called(call: list[str], folder: Path, environment: dict[str, str], limit: float = 200.0) -> tuple[int | str, str, bool]:
     """How a call ended, what it said, and whether it left processes behind; none of them outlives this.
 

@@ -103,8 +103,25 @@ def test_the_draft_of_one_position_can_be_imported(tmp_path: Path) -> None:
     )
     mapping.write_text(text)
     assert text.count('excitation = "free"') == 2
+    starts = {name: setup.initial_position["body_position_mm"] for name, setup in model.configurations.items()}
+    assert starts == pytest.approx(STARTS, abs=1e-4)
     assert main(["import", str(mapping), "-o", str(tmp_path / "o.h5")]) == 0
     assert sorted(read(tmp_path / "o.h5").runs[0].channels) == ["position_mm", "push"]
+
+
+def test_a_single_release_has_one_configuration(tmp_path: Path) -> None:
+    files(tmp_path, "free", "free")
+    assert main(["import", "--draft", str(tmp_path / "near.csv"), "-o", str(tmp_path / "d.toml")]) == 0
+    ((name, setup),) = read_rig(tmp_path / "d-rig.toml").model.configurations.items()
+    assert name == "unlocked"
+    assert setup.initial_position["body_position_mm"] == pytest.approx(STARTS["near"], abs=1e-4)
+    assert "configuration = " not in (tmp_path / "d.toml").read_text()
+
+
+def test_an_acceleration_says_nothing_about_where_the_rig_starts(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("acc [g]\n" + "\n".join(f"{x:.6g}" for x in decay(0.1)) + "\n")
+    assert main(["import", "--draft", str(tmp_path / "a.csv"), "-o", str(tmp_path / "d.toml")]) == 0
+    assert not read_rig(tmp_path / "d-rig.toml").model.configurations["unlocked"].initial_position
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """The report page in a real browser: every chart drawn, nothing in the console, nothing wider than the window."""
 
+import doctest
 import json
 import re
 from dataclasses import replace
@@ -18,6 +19,7 @@ from isorig.analysis.model.rig_model import Configuration
 from isorig.analysis.parameters.joint_fit import Characterization
 from isorig.analysis.spectra.quality import Fault, fault_sentences
 from isorig.rig.files.parameter_table import ParameterFile, characterize_campaign
+from isorig.rig.report import sections
 from isorig.rig.report.charts import MOST_POINTS, SERIES, Chart, ChartTrace, Panel, spread_over
 from isorig.rig.report.first import _model
 from isorig.rig.report.frequency import frequency_sections
@@ -257,3 +259,7 @@ def test_bands_that_differ_are_not_called_no_discrepancy() -> None:
     none, one = _model(found, None, []), _model(found, None, [band])
     assert (none.short, one.short) == ("No discrepancy found", "Only single bands differ")
     assert "(1) are listed below" in one.text[0]
+
+
+def test_numbers_of_tables() -> None:
+    assert doctest.testmod(sections).failed == 0

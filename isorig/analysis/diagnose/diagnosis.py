@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray
-from isorig.analysis.deadline import ask_time, keep_time, out_of_time, time_spent
+from isorig.analysis.deadline import Deadline, ask_time, keep_time, out_of_time, time_left, time_spent
 from isorig.analysis.diagnose.budget import Budget, budget
 from isorig.analysis.diagnose.causes.base import Evidence
 from isorig.analysis.diagnose.considered import ConsideredCandidate, all_considered
@@ -75,8 +75,11 @@ MOST_STEPS = 3
 #: Kinds of causes that may explain data with a wrong unit.
 MAY_STAND_FOR_UNITS = {"sensor", "known_value"}
 #: Time that is kept for what follows the search (uncertainties, evidence, page), and for evidence and page alone, as multiples of
-#: the time in which runs and equations are prepared. Chosen: evidence and page took 0.5 to 3.4 times that time.
-AFTER_SEARCH, AFTER_FITS = 5.0, 4.0
+#: the time in which runs and equations are prepared. Chosen: evidence and page took 0.4 to 2.4 times that time.
+AFTER_SEARCH, AFTER_FITS = 5.0, 2.5
+#: Seconds that a ranking of the equations may take if the search did not come to it, even if the limit is shorter. Chosen: short
+#: records are ranked in this time, and without it there is no answer at all.
+LEAST_RANKING = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,7 +168,7 @@ def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, pro
     """Fit the baseline, show its misfit, and identify the cause.
 
     The deadline in force (`isorig.analysis.deadline`) ends the search so early that what follows it ends in time, too. The answer
-    is then what was found so far, at least by the equations of motion, and `cut_short` states this.
+    is then what was found so far, at least by the equations of motion if `LEAST_RANKING` suffices, and `cut_short` states this.
 
     Parameters
     ----------
@@ -191,8 +194,11 @@ def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, pro
         return found
     progress("no described place explains the whole error; looking for friction on the ground where nothing joins a body to it")
     extended = [with_guides(found.extended.model)] if found.steps else []
-    if not any(_rubs_at_a_guide(campaign, each, model) for each in (guided, *extended)):
-        return found
+    try:
+        if not any(_rubs_at_a_guide(campaign, each, model) for each in (guided, *extended)):
+            return found
+    except OutOfTimeError:
+        return replace(found, cut_short=True)
     again = _at_described_places(campaign, guided, tolerance, progress)
     added = {link.name for link in guided.links} - {link.name for link in model.links}
     there = [step.location for step in again.steps if step.location in added and step.kind == "friction_shape"]
@@ -263,7 +269,9 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
     blamed = search.first.suspects if told and search.first is not None else None
     # Where the motion is too sensitive for any simulation, the equations still hold sample by sample.
     points = told or search.cut_short
-    shown_by_equations = pointed(equations) if points and found.verdict == "unexplained" and not contradicted else None
+    shown_by_equations = None
+    with suppress(OutOfTimeError), Deadline(max(time_left(), LEAST_RANKING)):
+        shown_by_equations = pointed(equations) if points and found.verdict == "unexplained" and not contradicted else None
     if blamed is not None and blamed.clearly:
         shown_by_equations = shown_by_equations or (None if contradicted else blamed.clear)
         text = f"Equations of motion: {blamed.clearly} No simulation with it follows the records."
@@ -309,7 +317,9 @@ def _standing(found: Sequence[Doubt], model: RigModel, equations: Equations) -> 
     # strong friction holds two bodies together as a far stiffer link would.
     if not any(doubt.parameter.startswith("links.") for doubt in found):
         return tuple(found)
-    blamed = suspects(equations)
+    blamed = None
+    with suppress(OutOfTimeError):
+        blamed = suspects(equations)
     values = start_values(equations, blamed.chosen[0] if blamed is not None else None)
     return tuple(d for d in found if d.parameter not in values or not is_near(values[d.parameter], model.get(d.parameter)))
 

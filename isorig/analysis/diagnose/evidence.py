@@ -24,7 +24,7 @@ from isorig.analysis.model.rig_model import GROUND, RigModel
 from isorig.analysis.spectra.periodic import periodic
 from isorig.analysis.spectra.quality import faults
 from isorig.analysis.spectra.welch import estimate
-from isorig.analysis.wording import of_signal, with_article
+from isorig.analysis.wording import of_signal, with_article, with_std
 
 #: Standard errors above which a quantity is a sign, and the share below which it is too small to be one.
 SURE, SMALL = 4.0, 0.004
@@ -172,7 +172,7 @@ def _rigid_bodies(model: RigModel, pairs: Sequence[Double]) -> list[Sign]:
             share = np.abs(value - ratio).mean()
             off, shifted = abs(ratio - 1.0) > max(SURE * error, SMALL), abs(delay) > max(SURE * late, BRIEFEST)
             text = (
-                f"Rigid bodies: {name}, {one} and {other} must move as one; amplitude ratio {ratio:.4f} ± {error:.1g}, "
+                f"Rigid bodies: {name}, {one} and {other} must move as one; amplitude ratio {with_std(ratio, error)}, "
                 f"{_late(one, delay, late)}"
             )
             if not off and not shifted and share < LEAST:
@@ -198,7 +198,7 @@ def _chains(model: RigModel, groups: Groups) -> list[Sign]:
         if abs(level - 1.0) > max(SURE * error, SMALL) and bent < UNEVEN * abs(level - 1.0):
             found.append(
                 Sign(
-                    text=f"Constant ratio: the recorded {sensor.channel} is {level:.4g} ± {error:.1g} times the simulated one, "
+                    text=f"Constant ratio: the recorded {sensor.channel} is {with_std(level, error)} times the simulated one, "
                     "the same in all runs and frequency bins.",
                     supported=supported("constant ratio", sensor.channel),
                 )
@@ -220,7 +220,7 @@ def _chains(model: RigModel, groups: Groups) -> list[Sign]:
 
 def _late(channel: str, delay: float, std: float) -> str:
     # A delay in s and its standard deviation.
-    return f"{channel} {abs(delay) * 1e3:.3g} ± {std * 1e3:.1g} ms {'late' if delay >= 0.0 else 'early'}"
+    return f"{channel} {with_std(abs(delay) * 1e3, std * 1e3)} ms {'late' if delay >= 0.0 else 'early'}"
 
 
 def poles(model: RigModel, groups: Groups) -> list[Sign]:
@@ -432,7 +432,7 @@ def _bends(surface: Surface) -> list[Sign]:
     verb: SignKind = "stiffens" if rise > 0.0 else "softens"
     return [
         Sign(
-            text=f"Restoring force: the {where} {verb} with its swing by {100 * abs(rise):.2g} ± {100 * error:.1g} % beyond the "
+            text=f"Restoring force: the {where} {verb} with its swing by {with_std(100 * abs(rise), 100 * error)} % beyond the "
             f"baseline ({ends}).",
             supported=supported(verb, surface.link),
         )
@@ -446,7 +446,7 @@ def _rubs(surface: Surface) -> list[Sign]:
     if abs(ways) > max(SURE * ways_std, least):
         found.append(
             Sign(
-                text=f"Friction force: at the {surface.link} the force at high velocity is {abs(ways):.2g} ± {ways_std:.1g} N "
+                text=f"Friction force: at the {surface.link} the force at high velocity is {with_std(abs(ways), ways_std)} N "
                 "larger in one direction than in the other, beyond the baseline.",
                 supported=supported("uneven directions", surface.link),
             )
@@ -456,7 +456,7 @@ def _rubs(surface: Surface) -> list[Sign]:
         kind: SignKind = "more at low and high velocity" if bend > 0.0 else "less at low and high velocity"
         found.append(
             Sign(
-                text=f"Friction force: at the {surface.link} friction is {abs(bend):.2g} ± {bend_std:.1g} N {more} at low and "
+                text=f"Friction force: at the {surface.link} friction is {with_std(abs(bend), bend_std)} N {more} at low and "
                 "high than at medium velocity, beyond the baseline.",
                 supported=supported(kind, surface.link),
             )

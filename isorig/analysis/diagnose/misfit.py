@@ -13,7 +13,7 @@ from isorig.analysis.errors import DataError
 from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.isolation.ratio import isolation_ratio
 from isorig.analysis.model.rig_model import RigModel
-from isorig.analysis.wording import capitalized, of_signal, state, with_article
+from isorig.analysis.wording import capitalized, of_signal, state, with_article, with_std
 
 #: A band counts if the misfit's power exceeds the noise's by this factor, other quantities by this many standard errors.
 ABOVE_NOISE, SURE = 4.0, 4.0
@@ -217,7 +217,7 @@ def _peaks(model: RigModel, compared: Doubles) -> list[Discrepancy]:
         others = sorted({c for c, _ in shifts if c != configuration})
         fit = [c for c in others if _agree([s for k, s in shifts.items() if k[0] == c])]
         text = (
-            f"{_at(model, configuration, gain)}, {with_article(sensor.channel)}'s peak is {abs(by):.2g} ± {std:.1g} Hz "
+            f"{_at(model, configuration, gain)}, {with_article(sensor.channel)}'s peak is {with_std(abs(by), std)} Hz "
             f"{'higher' if by > 0 else 'lower'} than simulated, at {at:.4g} Hz, and its height is {height:.3g} times the "
             "simulated one"
         )

@@ -10,6 +10,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.equations.motion import Combinations
+from isorig.analysis.model.linear import floats
 from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel, direction
 
 #: Up to this number of bodies all sets of bodies are considered, above it the single bodies and what lies beyond each link.
@@ -131,6 +132,9 @@ class Lock:
 def balances(model: RigModel, combos: Combinations | None = None) -> tuple[Balance, ...]:
     """The equations that the sensors support: for each element and each body the one with the fewest elements.
 
+    Where no spring holds the rig, also that of all bodies: a slow motion hardly strains the joints between them, and the sensors'
+    noise is most of their elongations.
+
     A set of bodies gives an equation if all their accelerations are measured, and the elongations of all elements that act on it.
     An equation of bodies whose motion is estimated alone would repeat the estimate.
     """
@@ -242,4 +246,6 @@ def _chosen(
             best = min((b for b in found if body in b.bodies), key=size, default=None)
             if best is not None:
                 chosen.append(best)
+    if floats(combos.model):
+        chosen += [balance for balance in found if set(balance.bodies) == set(known) and balance not in chosen]
     return tuple(chosen)

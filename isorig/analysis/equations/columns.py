@@ -129,7 +129,9 @@ def direction_of(velocity: FloatArray, speed: float) -> FloatArray:
 
 
 def _friction(course: Course) -> FloatArray:
-    return direction_of(course.velocity, course.speed)[:, None]
+    # Also what it differs by between forward and backward, which shows where the element rests in between.
+    way = direction_of(course.velocity, course.speed)
+    return np.column_stack([way, way**2])
 
 
 def _friction_by_velocity(course: Course) -> FloatArray:
@@ -199,7 +201,7 @@ def periodic(pitch: float) -> Shape:
 
 #: The shapes at an element, simple ones first.
 SHAPES: tuple[Shape, ...] = (
-    Shape(kind="friction_shape", name="dry friction", columns=_friction, charge=1),
+    Shape(kind="friction_shape", name="dry friction", columns=_friction, charge=2),
     Shape(kind="drift", name="drift of stiffness", columns=_drift, charge=1),
     Shape(kind="drift", name="drift of friction", columns=_friction_drift, charge=1, with_friction=True),
     Shape(kind="drift", name="drift of damping", columns=_damping_drift, charge=1),

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Protocol
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from isorig.analysis.campaign import ComplexArray, FloatArray, IntArray
+from isorig.analysis.deadline import ask_time
 from isorig.analysis.equations.balances import Balance, Element, Lock
 from isorig.analysis.equations.columns import (
     CORNERS,
@@ -118,6 +120,13 @@ class Ranking:
         return self.worst >= HOLDS
 
 
+@dataclass
+class _Done:
+    # The regressions of some equations so far: their number, and what they found.
+    parts: int = 0
+    found: list[Explanation] = field(default_factory=list)
+
+
 class Regressions:
     """The regressions of every kind at every place.
 
@@ -125,17 +134,24 @@ class Regressions:
     ----------
     on
         The equations.
+    done
+        Those that were done before; it is updated, so that an interrupted ranking is continued.
     """
 
-    def __init__(self, on: Equations) -> None:
-        self.on = on
+    def __init__(self, on: Equations, done: _Done) -> None:
+        self.on, self._done = on, done
         worst = max(on.residuals().values(), default=0.0)
         self.least = HOLDS if worst >= HOLDS else HINTS  # residual from which an equation is explained
 
     def ranked(self) -> Ranking:
-        """Every kind at every place, best first."""
-        before = self.on.residuals()
-        found: list[Explanation] = []
+        """Every kind at every place, best first.
+
+        Raises
+        ------
+        OutOfTimeError
+            The time of the deadline in force has ended.
+        """
+        before, found = self.on.residuals(), self._done.found
 
         def add(
             kind: str, place: str, what: str, after: Mapping[str, float], charge: float, source: str = "", **values: float
@@ -147,27 +163,29 @@ class Regressions:
                 )
             )  # fmt: skip
 
-        for element in self.on.elements():
-            self._shapes(element, add, before)
-        self._repeating(add, before, found)
-        self._bodies(add, before)
-        self._rocking(add)
-        self._locks(add)
-        self._sensors(add, before)
+        parts: list[Callable[[], None]] = [
+            *(partial(self._shape, one, shape, add) for one in self.on.elements() for shape in self._shapes(one, before)),
+            *(partial(self._repeating, balance, add, before, found) for balance in self.on.balances),
+            *(partial(self._body, body, add, before) for body in self.on.combos.measured),
+            partial(self._rocking, add), partial(self._locks, add), *self._sensors(add, before),
+        ]  # fmt: skip
+        for part in parts[self._done.parts :]:
+            ask_time()
+            part()
+            self._done.parts += 1
         return Ranking(residuals=before, explanations=tuple(sorted(found, key=lambda item: -item.score)))
 
-    def _shapes(self, element: Element, add: _Add, before: Mapping[str, float]) -> None:
+    def _shapes(self, element: Element, before: Mapping[str, float]) -> list[Shape]:
         rubbing = element.contact is not None
         mine = [balance.name for balance in self.on.balances if balance.contains(element)]
         if all(before.get(name, 0.0) < self.least for name in mine) and not any(
             lock.element.name == element.name and before[name] >= self.least for name, lock in self.on.stuck.items()
         ):
-            return
+            return []
         # A contact's friction replaces the plain one; without a contact there is only the plain one and what it may become.
         left_out = {"dry friction"} if rubbing else {s.name for s in SHAPES if s.with_friction and s.name != "slip"}
         left_out |= {s.name for s in SHAPES if s.kind == "drift" and not self.on.timed}
-        for shape in (shape for shape in SHAPES if shape.name not in left_out):
-            self._shape(element, shape, add)
+        return [shape for shape in SHAPES if shape.name not in left_out]
 
     def _shape(self, element: Element, shape: Shape, add: _Add, **values: float) -> None:
         after: dict[str, float] = {}
@@ -190,18 +208,17 @@ class Regressions:
         if after:
             add(shape.kind, element.name, shape.name, after, float(shape.charge), "", **values)
 
-    def _repeating(self, add: _Add, before: Mapping[str, float], found: Sequence[Explanation]) -> None:
-        # A force that repeats with the position, in equations that no other shape repairs: a curve follows a few periods.
-        for balance in self.on.balances:
-            whole = before.get(balance.name, 0.0)  # none where nothing of it remains to be tested
-            if whole < self.least or min((item.residuals[balance.name] for item in found), default=whole) < self.least:
-                continue
-            for element, _ in balance.crossing:
-                in_time = self.on.in_time(balance, element)
-                if in_time is not None:
-                    pitch = pitch_of(*in_time, self.on.base_columns(element))
-                    if pitch is not None:
-                        self._shape(element, periodic(pitch), add, pitch=pitch)
+    def _repeating(self, balance: Balance, add: _Add, before: Mapping[str, float], found: Sequence[Explanation]) -> None:
+        # A force that repeats with the position, in an equation that no other shape repairs: a curve follows a few periods.
+        whole = before.get(balance.name, 0.0)  # none where nothing of it remains to be tested
+        if whole < self.least or min((item.residuals[balance.name] for item in found), default=whole) < self.least:
+            return
+        for element, _ in balance.crossing:
+            in_time = self.on.in_time(balance, element)
+            if in_time is not None:
+                pitch = pitch_of(*in_time, self.on.base_columns(element))
+                if pitch is not None:
+                    self._shape(element, periodic(pitch), add, pitch=pitch)
 
     def _bent(self, balance: Balance, element: Element, shape: Shape) -> float:
         # Residual of an equation without friction with a shape. The time domain is better where the slow part of an integrated
@@ -233,49 +250,48 @@ class Regressions:
         after, _, _ = _joint({balance.name: scans}, {balance.name}, 0.0)
         return after.get(balance.name, prepared.solved.residual)
 
-    def _bodies(self, add: _Add, before: Mapping[str, float]) -> None:
+    def _body(self, body: str, add: _Add, before: Mapping[str, float]) -> None:
         band = self.on.spectra.frequency
         frequencies = np.geomspace(max(2.0 * self.on.lowest, band[0] * 1.5), HIGHEST * band[-1], RESONATORS)
-        for body in self.on.combos.measured:
-            if body in self.on.model.imposed or body in self.on.hidden:
-                continue
-            row, mass = self.on.body_row(body), self.on.model.body(body).mass
-            inside = [b for b in self.on.balances if body in b.bodies]
-            if all(before.get(b.name, 0.0) < self.least for b in inside):
-                continue
-            inside = sorted(inside, key=self.on.unknown_scale)
-            spectral = {b.name: self.on.prepared[b.name] for b in inside if b.name in self.on.prepared}
-            slid = {b.name: self.on.sliding[b.name] for b in inside if b.name in self.on.sliding}
-            # Where this inertia is all that is known, its mass is only the scale.
-            scaled = {b.name for b in inside if self.on.scales(b)}
-            if f"bodies.{body}.mass" not in self.on.model.free:
-                one = np.ones((1, len(band)), dtype=complex)
-                scans = {name: item.scan(row, one)[0] for name, item in spectral.items()}
-                after, change = self._shared(scans, slid, {n: self._time_row(n, row) for n in slid}, scaled, -0.9 * mass)
-                # An equation whose scale is this mass alone grows with it, and so does the noise in it.
-                grown = (1.0 + change / mass) ** 2
-                after = {name: value if name in scaled else value / grown for name, value in after.items()}
-                if after:
-                    add("known_value", body, "mass", after, 1, mass=mass + change)
-            frequency, damping = self._fitted_mode(spectral, slid, row, scaled, frequencies)
-            narrow = spectral and damping * frequency < NARROW * self.on.rate / self.on.length
-            if narrow:
-                frequency, damping = self._narrow_mode(spectral, row, frequency, damping)
-            gain = resonator(self.on.spectra.omega, frequency, damping)[None]
-            of_filter = {name: item.scan(row, gain) for name, item in spectral.items()}
-            signals = {name: self._time_row(name, row, (frequency, damping)) for name in slid}
-            if scaled:
-                after, added = self._shared({n: scan[0] for n, scan in of_filter.items()}, slid, signals, scaled, 0.0)
-            else:
-                after, added, _ = _attached(of_filter, scaled)
-                for name, pair in slid.items():
-                    after[name], added = self._linear(self.on.primary(self.on.balance_of(name)), *pair, [signals[name]])
-            if narrow:
-                exact, inertia = self._ringing(spectral, self._base_spectra(row), (frequency, damping))
-                if inertia > 0.0:
-                    after, added = after | exact, inertia
+        if body in self.on.model.imposed or body in self.on.hidden:
+            return
+        row, mass = self.on.body_row(body), self.on.model.body(body).mass
+        inside = [b for b in self.on.balances if body in b.bodies]
+        if all(before.get(b.name, 0.0) < self.least for b in inside):
+            return
+        inside = sorted(inside, key=self.on.unknown_scale)
+        spectral = {b.name: self.on.prepared[b.name] for b in inside if b.name in self.on.prepared}
+        slid = {b.name: self.on.sliding[b.name] for b in inside if b.name in self.on.sliding}
+        # Where this inertia is all that is known, its mass is only the scale.
+        scaled = {b.name for b in inside if self.on.scales(b)}
+        if f"bodies.{body}.mass" not in self.on.model.free:
+            one = np.ones((1, len(band)), dtype=complex)
+            scans = {name: item.scan(row, one)[0] for name, item in spectral.items()}
+            after, change = self._shared(scans, slid, {n: self._time_row(n, row) for n in slid}, scaled, -0.9 * mass)
+            # An equation whose scale is this mass alone grows with it, and so does the noise in it.
+            grown = (1.0 + change / mass) ** 2
+            after = {name: value if name in scaled else value / grown for name, value in after.items()}
             if after:
-                add("added_motion", body, "resonator", after, 3, frequency=frequency, damping=damping, mass=added)
+                add("known_value", body, "mass", after, 1, mass=mass + change)
+        frequency, damping = self._fitted_mode(spectral, slid, row, scaled, frequencies)
+        narrow = spectral and damping * frequency < NARROW * self.on.rate / self.on.length
+        if narrow:
+            frequency, damping = self._narrow_mode(spectral, row, frequency, damping)
+        gain = resonator(self.on.spectra.omega, frequency, damping)[None]
+        of_filter = {name: item.scan(row, gain) for name, item in spectral.items()}
+        signals = {name: self._time_row(name, row, (frequency, damping)) for name in slid}
+        if scaled:
+            after, added = self._shared({n: scan[0] for n, scan in of_filter.items()}, slid, signals, scaled, 0.0)
+        else:
+            after, added, _ = _attached(of_filter, scaled)
+            for name, pair in slid.items():
+                after[name], added = self._linear(self.on.primary(self.on.balance_of(name)), *pair, [signals[name]])
+        if narrow:
+            exact, inertia = self._ringing(spectral, self._base_spectra(row), (frequency, damping))
+            if inertia > 0.0:
+                after, added = after | exact, inertia
+        if after:
+            add("added_motion", body, "resonator", after, 3, frequency=frequency, damping=damping, mass=added)
 
     def _fitted_mode(
         self, spectral: Mapping[str, Prepared], slid: Mapping[str, tuple[Sliding, SlidingFit]], row: Row,
@@ -514,7 +530,8 @@ class Regressions:
                 best = min(best, (float(total), float(stiffness)))
         return best
 
-    def _sensors(self, add: _Add, before: Mapping[str, float]) -> None:
+    def _sensors(self, add: _Add, before: Mapping[str, float]) -> Iterator[Callable[[], None]]:
+        # The regressions of each channel's faults.
         orders = self.on.combos.orders
         channels = [c for c in self.on.model.channels if c in orders or (c, -1) in self.on.spectra.index]
         for channel in channels:
@@ -528,12 +545,17 @@ class Regressions:
             seen = [before[name] for name in inside] or [before[name] for name in slid]
             if all(value < self.least for value in seen):
                 continue
-            self._linear_faults(add, channel, inside, slid, before)
+            yield partial(self._linear_faults, add, channel, inside, slid, before)
             if channel in orders:
-                for what, errors in ERRORS.items():
-                    of_runs = self._errors(channel, errors)
-                    if count := max(map(len, of_runs)):
-                        add("sensor", channel, what, self._erring(channel, of_runs, inside, slid), count)
+                yield from (partial(self._nonlinear_fault, add, channel, what, inside, slid) for what in ERRORS)
+
+    def _nonlinear_fault(
+        self, add: _Add, channel: str, what: str, inside: Mapping[str, Prepared],
+        slid: Mapping[str, tuple[Sliding, SlidingFit]],
+    ) -> None:  # fmt: skip
+        of_runs = self._errors(channel, ERRORS[what])
+        if count := max(map(len, of_runs)):
+            add("sensor", channel, what, self._erring(channel, of_runs, inside, slid), count)
 
     def _linear_faults(
         self, add: _Add, channel: str, inside: Mapping[str, Prepared], slid: Mapping[str, tuple[Sliding, SlidingFit]],
@@ -765,12 +787,20 @@ def _attached(scans: Mapping[str, FloatArray], scaled: Collection[str]) -> tuple
 
 
 _RANKED: WeakKeyDictionary[Equations, Ranking] = WeakKeyDictionary()
+_BEGUN: WeakKeyDictionary[Equations, _Done] = WeakKeyDictionary()
 
 
 def ranking(equations: Equations) -> Ranking:
-    """Every kind of cause at every place, ranked by the residuals that it removes; the same equations are ranked once."""
+    """Every kind of cause at every place, ranked by the residuals that it removes; the same equations are ranked once.
+
+    Raises
+    ------
+    OutOfTimeError
+        The time of the deadline in force has ended; the next call continues.
+    """
     if equations not in _RANKED:
-        _RANKED[equations] = Regressions(equations).ranked()
+        _RANKED[equations] = Regressions(equations, _BEGUN.setdefault(equations, _Done())).ranked()
+        del _BEGUN[equations]
     return _RANKED[equations]
 
 

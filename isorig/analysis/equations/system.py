@@ -46,6 +46,9 @@ SURE = 0.5
 EDGE = 1.0
 #: Seconds at both ends of a run that are left out where anything is integrated, in periods of the lowest mode.
 ENDS = 2.5
+#: Where the sensors show no motion at the lowest mode, their edge in multiples of the frequency that takes its place. Chosen: a
+#: decade of motions remains, as around a mode.
+SLOWER = 10.0
 #: Index of dry friction in the columns of an equation in the time domain: after spring and damper.
 FRICTION_COLUMN = 2
 #: Samples per period of the edge: more repeat each other.
@@ -110,10 +113,6 @@ class Equations:
         driven = any(np.any(r.channels[drive.channel]) for r in self.records for drive in model.drives)
         self.timed = driven or len({r.start for r in self.records}) > 1
         self.end = max((r.start + len(next(iter(r.channels.values()))) / self.rate for r in self.records), default=1.0)
-        length = 2 ** round(np.log2(max(SEGMENT_PERIODS / self.lowest * self.rate, SHORTEST)))
-        while length > SHORTEST and length > longest // 2:
-            length //= 2
-        self.length = min(length, longest)
         # Displacements carry no signal in the second derivative above some frequency: there equations are cut.
         self.edge = np.inf
         for channel, order in self.combos.orders.items():
@@ -122,6 +121,12 @@ class Equations:
                 used = [e for e in edges if np.isfinite(e)]
                 if used:
                     self.edge = min(self.edge, EDGE * max(*used, self._pushed_edge(channel, 2 - order)))
+        if self.edge < self.lowest:  # a slow motion, as which the rig moves without any mode
+            self.lowest = max(self.edge / SLOWER, 4.0 * self.rate / max(longest, 1))
+        length = 2 ** round(np.log2(max(SEGMENT_PERIODS / self.lowest * self.rate, SHORTEST)))
+        while length > SHORTEST and length > longest // 2:
+            length //= 2
+        self.length = min(length, longest)
         self.assumed = model
         self.every = max(1, int(self.rate / (SAMPLES * self.edge))) if np.isfinite(self.edge) else 1
         self._prepare()
@@ -363,11 +368,8 @@ class Equations:
         sliding, with_friction = found
         state, values = sliding.state(), np.delete(with_friction.values, FRICTION_COLUMN)
         without = sliding.fit(self.base_columns(element, dry=False), values, ROUNDS)
-        if shape.name == "dry friction":
-            fitted = with_friction
-        else:
-            sliding.restore(state)
-            fitted = self._with_shape(element, sliding, without, shape, self.own_frequency(element, balance), dry=False)
+        sliding.restore(state)
+        fitted = self._with_shape(element, sliding, without, shape, self.own_frequency(element, balance), dry=False)
         sliding.restore(state)
         return (sliding.residual(fitted) - 1.0) / (sliding.residual(without) - 1.0)
 

@@ -111,7 +111,7 @@ def noise_floor(model: RigModel, trials: Sequence[Trial], drive_noise: float) ->
         part = held_out(trial)
         if trial.motion is not None and trial.shaken is not None:
             off = required_drive(model, trial.motion) - required_drive(model, trial.shaken)
-            return np.asarray(np.mean(off[part] ** 2)).reshape(1, 1)
+            return np.asarray(np.mean(off[:, part] ** 2, axis=1))[None]
         clean = true_motion(model, trial)
         drive = trial.excitation.recorded
         shaken = (replace(trial, excitation=trial.excitation.with_drive(drive + noise)) for noise in noises)

@@ -56,8 +56,8 @@ UNLIKE = 1.6
 RUNS = 2
 #: Power relative to the sensor's noise below which a frequency is left out.
 ABOVE_NOISE = 10.0
-#: Factors by which a sample rate is mistaken: the next setting of an instrument, its power of ten, kHz read as Hz.
-RATES = (0.5, 2.0, 0.25, 4.0, 0.1, 10.0, 1e-3, 1e3)
+#: Factors by which a sample rate is mistaken: the next settings of an instrument (powers of two, or 1, 2, 5), kHz read as Hz.
+RATES = (0.5, 2.0, 0.25, 4.0, 0.2, 5.0, 0.1, 10.0, 1e-3, 1e3)
 #: Change of the cost below which a fit ends, a hundredth of what decides; the most steps of one; difference of its derivatives.
 CONVERGED, STEPS, DIFFERENCE = 0.01 * MARGIN, 25, 1e-4
 #: Levenberg-Marquardt dampings that are tried at once, relative to the last one.

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from isorig.analysis.campaign import Campaign, FloatArray, Measured, Run, broad, given_campaign
 from isorig.analysis.errors import DataError
-from isorig.analysis.given import interval, number, of_type, positive
+from isorig.analysis.given import all_of_type, interval, number, of_type, positive, text
 from isorig.analysis.isolation.optimum import uncoupled_frequency
 from isorig.analysis.model.rig_model import RigModel, Sensor
 from isorig.analysis.simulate import simulate
@@ -171,6 +171,13 @@ def isolation_ratio(
     campaign = given_campaign(campaign)
     resolution, stitch = positive(resolution, "the resolution"), positive(stitch, "the stitching frequency")
     around_peak = interval(around_peak, "the range around the peak")
+    for name in (response, reference):
+        text(name, "the name of a channel", "table")
+    two = 'two configurations, numerator and denominator; give for example ("unlocked", "locked")'
+    given = all_of_type(configurations, str, "the argument configurations", two)
+    if len(given) != 2:
+        raise DataError(f"the argument configurations has {len(given)} names, but must be {two}")
+    configurations = given[0], given[1]
     pieces = _pieces(campaign, response, reference, configurations, resolution)
     frequency = pieces[0].unlocked.frequency
     source = np.full(len(frequency), -1)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, Literal, get_args, get_origin, get_type_hints
 
 import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import ModelError
-from isorig.analysis.given import number
+from isorig.analysis.given import all_of_type, number, one_of
 from isorig.analysis.laws.elements import Element
 
 #: Sub-steps of a sample interval for integrating a memory along a measured motion.
@@ -55,6 +55,10 @@ class Law(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
 
     #: By field: the annotation of every number of the law has one.
     parameters: ClassVar[dict[str, Parameter]]
+    #: The fields that are several numbers, those that may be None, and the texts that others may be.
+    tables: ClassVar[frozenset[str]]
+    optional: ClassVar[frozenset[str]]
+    choices: ClassVar[dict[str, tuple[str, ...]]]
     #: Whether it has a memory.
     remembers: ClassVar[bool] = False
 
@@ -62,14 +66,26 @@ class Law(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
         super().__init_subclass__(**options)
         hints = get_type_hints(cls, include_extras=True)
         cls.parameters = {name: hint.__metadata__[0] for name, hint in hints.items() if get_origin(hint) is Annotated}
+        kinds = {name: hints[name].__origin__ for name in cls.parameters}
+        cls.choices = {
+            name: get_args(hint)
+            for name, hint in hints.items()
+            if get_origin(hint) is Literal and isinstance(get_args(hint)[0], str)
+        }
+        cls.tables = frozenset(name for name, kind in kinds.items() if get_origin(kind) is tuple)
+        cls.optional = frozenset(name for name, kind in kinds.items() if type(None) in get_args(kind))
 
     def __post_init__(self) -> None:
+        for name, allowed in self.choices.items():
+            one_of(getattr(self, name), allowed, name)
         for name, parameter in self.parameters.items():
-            value = getattr(self, name)
-            if isinstance(value, str):
-                number(value, name)
-            if not isinstance(value, int | float):
+            given = getattr(self, name)
+            if name in self.tables:
+                several = all_of_type(given, object, name, "a sequence of numbers; give one, for example (0.0, 1.0)")
+                msgspec.structs.force_setattr(self, name, tuple(number(each, name) for each in several))
+            if name in self.tables or (given is None and name in self.optional):
                 continue
+            value = number(given, name)
             if not math.isfinite(value):
                 raise ModelError(f"{name} is {value}; give a finite number")
             if parameter.above is not None and value <= parameter.above:

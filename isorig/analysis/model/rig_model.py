@@ -12,14 +12,14 @@ from copy import copy
 from functools import cached_property, reduce
 from itertools import pairwise
 from math import isfinite
-from typing import Any, Literal, NoReturn
+from typing import Any, Literal, TypeVar
 
 import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import MOTION, ROTARY, UNLOCKED, FloatArray, Quantity
 from isorig.analysis.errors import ArgumentError, ModelError
-from isorig.analysis.given import all_of_type, given_mapping, number, of_type
+from isorig.analysis.given import all_of_type, given_mapping, number, of_type, text
 from isorig.analysis.laws import FrictionLaw, LinkLaw
 from isorig.analysis.laws.base import LinkConstants
 from isorig.analysis.model.limits import Limits
@@ -343,21 +343,22 @@ class RigModel(Part, frozen=True, kw_only=True, dict=True):  # dict: for the cac
 
     def body(self, name: str) -> Body:
         """The body with that name."""
-        return next((b for b in self.bodies if b.name == name), None) or _missing(self.bodies, name, "body")
+        return _named(self.bodies, name, "body")
 
     def link(self, name: str) -> Link:
         """The link with that name."""
-        return next((b for b in self.links if b.name == name), None) or _missing(self.links, name, "link")
+        return _named(self.links, name, "link")
 
     def contact(self, name: str) -> Contact:
         """The contact with that name."""
-        return next((b for b in self.contacts if b.name == name), None) or _missing(self.contacts, name, "contact")
+        return _named(self.contacts, name, "contact")
 
     def sensor(self, channel: str) -> Sensor:
         """The sensor with that channel."""
-        for sensor in self.sensors:
+        for sensor in self.sensors if isinstance(channel, str) else ():
             if sensor.channel == channel:
                 return sensor
+        text(channel, "the name of a channel", "table")
         names = [sensor.channel for sensor in self.sensors]
         raise ModelError(f"no sensor records {channel!r}{did_you_mean(channel, names)}; the rig has {names}")
 
@@ -438,9 +439,17 @@ def _plain(part: Any) -> Any:
     return part.item() if isinstance(part, np.generic) else part
 
 
-def _missing(parts: Sequence[Body | Link | Contact], name: str, kind: str) -> NoReturn:
-    names = [part.name for part in parts]
-    raise ModelError(f"the rig has no {kind} {name!r}{did_you_mean(name, names)}, only {names}; name one of these")
+Named = TypeVar("Named", Body, Link, Contact)
+
+
+def _named(parts: Sequence[Named], name: str, kind: str) -> Named:
+    # The part of that name; names may come from a user. Most exist: only others are checked.
+    found = next((part for part in parts if part.name == name), None) if isinstance(name, str) else None
+    if found is None:
+        text(name, f"the name of a {kind}", parts[0].name if parts else kind)
+        names = [part.name for part in parts]
+        raise ModelError(f"the rig has no {kind} {name!r}{did_you_mean(name, names)}, only {names}; name one of these")
+    return found
 
 
 def _step(item: Any, step: str, path: str) -> Any:
@@ -527,9 +536,9 @@ def check(model: RigModel) -> None:
     _unique(list(model.channels), "channel")
     joints: tuple[Link | Contact, ...] = (*model.links, *model.contacts)
     joined = [part.name for part in joints]
-    for text in (model.name, *names, *joined, *model.channels, *model.configurations, *model.note.splitlines()):
-        if not text.isprintable():
-            raise ModelError(f"the rig has the name {text!r}, which cannot be displayed; rename it")
+    for name in (model.name, *names, *joined, *model.channels, *model.configurations, *model.note.splitlines()):
+        if not name.isprintable():
+            raise ModelError(f"the rig has the name {name!r}, which cannot be displayed; rename it")
     if not names:
         raise ModelError("the rig has no bodies; give at least one")
     if GROUND in names:

@@ -19,6 +19,7 @@ from isorig.analysis.campaign import MOTION, ComplexArray, FloatArray
 from isorig.analysis.errors import DataError, ModelError
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.linear import linear_part
+from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.model.rig_model import GROUND, RigModel, direction, single_drive
 from isorig.analysis.proposals.limits import LargestMotions
 from isorig.analysis.proposals.menu import cost
@@ -69,6 +70,16 @@ def named_figures(model: RigModel) -> dict[str, Figure]:
     if len(path) == 1:
         found["friction_force"] = lambda rig: rig.get(path[0])
     return found
+
+
+def figure_unit(name: str, model: RigModel) -> str:
+    """The unit of a parameter of `named_figures`."""
+    body, _, kind = name.rpartition("_")
+    if kind == "mass":
+        return unit_of(f"bodies.{body}.mass", model)
+    if name == "friction_force":
+        return next(unit_of(f"contacts.{c.name}.law.{name}", model) for c in model.contacts if hasattr(c.law, name))
+    return "Hz" if kind == "frequency" else "1"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,11 +4,14 @@ A simulated run of such a rig drifts away from the measurement. The measured for
 equations of motion: positions through a zero-phase low-pass, central differences, then both forces decimated in the same way
 (Gautier, Janot and Vandanjon 2013, IEEE Trans. Control Syst. Technol. 21, 428). Where a velocity is not resolved, a dry contact
 may stick: it transmits any force between those of slow sliding in both directions, so the drive is only known within their range.
+
+The drive follows from the momentum of the pushed body, and also from that of the pushed body with those joined to it: the smaller
+the group, the more of the joints between the bodies it shows; the larger, the less of their deflections' noise it contains.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -19,10 +22,11 @@ from isorig.analysis.laws.base import NO_LINK
 from isorig.analysis.model.rig_model import GROUND, Chain, Contact, Link, RigModel, single_drive
 from isorig.analysis.simulate.sampling import shift
 
-#: Corner frequency of the low-pass as a share of the sample rate, its order, and the decimation factor after it.
-CORNER = 0.08
+#: Corner frequency of the low-pass in multiples of the sample rate after decimation, its order, and the decimation factors, of
+#: which the first one is used whose low-pass leaves little noise. Chosen: 0.08 of the sample rate as in the source for the first.
+CORNER = 0.8
 ORDER = 4
-DECIMATION = 10
+DECIMATIONS = (10, 20, 40, 80)
 #: A velocity is resolved from this many standard deviations of its noise on. Chosen: its sign is then right.
 RESOLVED = 3.0
 #: Number of decimated samples dropped at each end.
@@ -45,6 +49,10 @@ class Motion:
         Standard deviation of the noise of each body's velocity, m/s.
     channels
         The channel that records each body.
+    groups
+        Sets of bodies from whose momentum the drive is computed; empty for the pushed body alone.
+    decimation
+        Factor between the sample rates of the motion and of the computed drive.
     """
 
     position: Mapping[str, FloatArray]
@@ -54,17 +62,23 @@ class Motion:
     drive: FloatArray
     blur: Mapping[str, float] = field(default_factory=dict)
     channels: Mapping[str, str] = field(default_factory=dict)
+    groups: tuple[tuple[str, ...], ...] = ()
+    decimation: int = DECIMATIONS[0]
 
 
-def motion_from(positions: Mapping[str, FloatArray], rate: float, drive: FloatArray) -> Motion:
+def motion_from(
+    positions: Mapping[str, FloatArray], rate: float, drive: FloatArray, decimation: int = DECIMATIONS[0]
+) -> Motion:  # fmt: skip
     """Low-pass filter the positions of each body, and differentiate them twice; the noise of the velocities is not known."""
     from scipy.signal import butter, sosfiltfilt
 
-    sections = butter(ORDER, CORNER * rate, fs=rate, output="sos")
+    sections = butter(ORDER, CORNER / decimation * rate, fs=rate, output="sos")
     position = {body: np.asarray(sosfiltfilt(sections, values)) for body, values in positions.items()}
     velocity = {body: np.gradient(values, 1.0 / rate) for body, values in position.items()}
     acceleration = {body: np.gradient(values, 1.0 / rate) for body, values in velocity.items()}
-    return Motion(position=position, velocity=velocity, acceleration=acceleration, sample_rate=rate, drive=drive)
+    return Motion(
+        position=position, velocity=velocity, acceleration=acceleration, sample_rate=rate, drive=drive, decimation=decimation
+    )  # fmt: skip
 
 
 def position_from(velocity: FloatArray, rate: float) -> FloatArray:
@@ -74,15 +88,31 @@ def position_from(velocity: FloatArray, rate: float) -> FloatArray:
     return np.asarray(cumulative_trapezoid(velocity, dx=1.0 / rate, initial=0))
 
 
-def decimated(values: FloatArray) -> FloatArray:
-    """A record decimated by `DECIMATION` without delay, without the filter transients at its ends."""
+def decimated(values: FloatArray, decimation: int = DECIMATIONS[0]) -> FloatArray:
+    """A record decimated by one of `DECIMATIONS` without delay, without the filter transients at its ends."""
     from scipy.signal import decimate
 
-    return np.asarray(decimate(values, DECIMATION, ftype="iir", zero_phase=True))[EDGE:-EDGE]
+    once = DECIMATIONS[0]  # a filter for a larger factor at once is inaccurate
+    for factor in (once, *[2] * round(np.log2(decimation / once))):
+        values = np.asarray(decimate(values, factor, ftype="iir", zero_phase=True))
+    return values[EDGE:-EDGE]
+
+
+def driven_groups(model: RigModel) -> tuple[tuple[str, ...], ...]:
+    """The pushed body, and growing sets of it and the bodies that links or contacts join to it."""
+    names = [body.name for body in model.bodies if body.name not in model.imposed]
+    parts: list[Link | Contact] = [*model.links, *model.contacts]
+    group = {name for name, weight in model.drive.pushes.items() if weight}
+    found = []
+    while group:
+        found.append(tuple(name for name in names if name in group))
+        joined = {end for part in parts if {part.a, part.b} & group for end in (part.a, part.b)} & set(names)
+        group = group | joined if joined - group else set()
+    return tuple(found)
 
 
 def required_drive(model: RigModel, motion: Motion) -> FloatArray:
-    """The drive channel's record computed from a motion, decimated.
+    """The drive channel's record computed from a motion, decimated, for each group of bodies, shape (groups, n).
 
     Raises
     ------
@@ -100,20 +130,26 @@ def required_drive(model: RigModel, motion: Motion) -> FloatArray:
     if len(pushed) != 1 or unseen or any(faults) or any(unused):
         raise SimulationError(f"the rig {model.name!r} cannot be judged by its drive; every body must be measured, one be pushed")
     motion = _without_faults(motion, {sensor.channel: sensor.chain for sensor in model.sensors})
-    name = pushed[0]
-    least = model.body(name).mass * motion.acceleration[name]
+    needed = [_needed(model, motion, group) for group in motion.groups or (tuple(pushed),)]
+    scale, rate = chain.gain / (model.drive.factor * model.drive.pushes[pushed[0]]), motion.sample_rate
+    acting = shift((motion.drive - chain.offset) / scale, -chain.delay, rate)
+    drives = (shift(scale * np.clip(acting, *ends), chain.delay, rate) + chain.offset for ends in needed)
+    return np.stack([decimated(drive, motion.decimation) for drive in drives])
+
+
+def _needed(model: RigModel, motion: Motion, group: Sequence[str]) -> tuple[FloatArray, FloatArray]:
+    # Least and largest force that moves a group of bodies as recorded.
+    least = np.sum([model.body(name).mass * motion.acceleration[name] for name in group], axis=0)
     most = least.copy()
     parts: list[Link | Contact] = [*model.links, *model.contacts]
     for part in parts:
-        if name not in (part.a, part.b):
-            continue
-        sign = 1.0 if name == part.a else -1.0
+        if (part.a in group) == (part.b in group):
+            continue  # its forces on both ends cancel, or act elsewhere
+        sign = 1.0 if part.a in group else -1.0
         ends = [sign * resistance for resistance in _resistances(model, motion, part)]
         least += np.minimum(*ends)
         most += np.maximum(*ends)
-    scale, rate = chain.gain / (model.drive.factor * model.drive.pushes[name]), motion.sample_rate
-    acting = shift((motion.drive - chain.offset) / scale, -chain.delay, rate)
-    return decimated(shift(scale * np.clip(acting, least, most), chain.delay, rate) + chain.offset)
+    return least, most
 
 
 def _without_faults(motion: Motion, chains: Mapping[str, Chain]) -> Motion:

@@ -10,7 +10,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import DataError
-from isorig.analysis.given import all_of_type, numbers, positive, whole
+from isorig.analysis.given import all_of_type, flag, number, numbers, positive, whole
 from isorig.analysis.jit import fast_kernel
 from isorig.analysis.lowpass import smoothed
 
@@ -26,6 +26,8 @@ PART = 512
 HIGHEST_CORNER = 0.49
 #: Samples, besides the delay, for which a delayed signal keeps its values beyond its ends: the interpolation has died away then.
 HELD = 32
+#: Most steps per sample. Chosen: at a thousandth of the sample interval, the engine's error is far below rounding of a record.
+STEPS_MOST = 1024
 #: Number of samples kept after the end of a shortened drive.
 AFTER = 256
 #: Linear interpolation between values attenuates a spectrum by sinc^2; this filter compensates it to fourth order in the step.
@@ -145,7 +147,9 @@ class Excitation:
             If the drive is shorter than two samples or not finite, or the rate is not positive.
         """
         recorded, sample_rate = numbers(drive, "the drive"), positive(sample_rate, "the sample rate", " Hz")
-        oversample = whole(oversample, "the number of steps per sample", 1)
+        oversample, held = whole(oversample, "the number of steps per sample", 1, STEPS_MOST), flag(held, "the argument held")
+        if not (corner := number(corner, "the corner frequency")) > 0.0:
+            raise DataError(f"the corner frequency is {corner:g} Hz, but must be positive; leave it out for no low-pass")
         all_of_type(others, object, "the argument others", "a sequence of arrays; give for example [VALUES]")
         if recorded.ndim != 1 or len(recorded) < 2:
             raise DataError(f"the drive has shape {recorded.shape}; give one record of at least two samples")
@@ -160,7 +164,16 @@ class Excitation:
         )
 
     def resampled(self, oversample: int) -> Excitation:
-        """The same drive on another grid."""
+        """The same drive on another grid.
+
+        Raises
+        ------
+        ArgumentError
+            The number of steps per sample is no whole number.
+        DataError
+            It is less than one, or more than `STEPS_MOST`.
+        """
+        oversample = whole(oversample, "the number of steps per sample", 1, STEPS_MOST)
         if oversample == self.oversample:
             return self
         others = tuple(other.resampled(oversample) for other in self.others)
@@ -175,8 +188,16 @@ class Excitation:
         return replace(fresh, others=self.others)
 
     def beginning(self, samples: int) -> Excitation:
-        """The first samples of the same drive, and the further ones that filters and delays need."""
-        kept = samples + AFTER
+        """The first samples of the same drive, and the further ones that filters and delays need.
+
+        Raises
+        ------
+        ArgumentError
+            Their number is no whole number.
+        DataError
+            It is negative.
+        """
+        kept = whole(samples, "the number of samples", 0) + AFTER
         others = tuple(other.beginning(samples) for other in self.others)
         return replace(self, recorded=self.recorded[:kept], fine=self.fine[: kept * self.oversample], others=others)
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from isorig.analysis.errors import ModelError
-from isorig.analysis.given import all_of_type, given_mapping, number, of_type, whole
+from isorig.analysis.given import all_of_type, finite, flag, given_mapping, number, of_type, text, whole
 from isorig.analysis.model.rig_model import RigModel, given_rig
 from isorig.analysis.simulate.compiled import compile_rig
 from isorig.analysis.simulate.free_run import NOWHERE, Response, imposed_start, response_of, run_rig, sense_of, true_fine
@@ -62,9 +62,10 @@ def simulate(
     """
     model = given_rig(model)
     of_type(excitation, Excitation, "the drive", "an iso.Excitation; give iso.Excitation.prepare(VALUES, SAMPLE_RATE)")
-    configuration = next(iter(model.configurations)) if configuration is None else configuration
-    start_time = number(start_time, "the start time")
-    samples = None if samples is None else whole(samples, "the number of samples", 0)
+    first = next(iter(model.configurations))
+    configuration = first if configuration is None else text(configuration, "the configuration", first)
+    start_time, as_recorded = finite(start_time, "the start time"), flag(as_recorded, "the argument as_recorded")
+    samples = None if samples is None else whole(samples, "the number of samples", 0, len(excitation.recorded))
     _check_start(model, start)
     rate, over = excitation.sample_rate, excitation.oversample
     n = len(excitation.recorded) if samples is None else samples

@@ -9,6 +9,7 @@ import numpy as np
 
 from isorig.analysis.campaign import MOTION, SI_UNIT, FloatArray
 from isorig.analysis.errors import ModelError
+from isorig.analysis.given import text
 from isorig.analysis.model.linear import imposed_coordinates, linear_part
 from isorig.analysis.model.rig_model import RigModel, direction
 from isorig.analysis.views import call, shows
@@ -57,10 +58,13 @@ def state_space(model: RigModel, configuration: str | None = None) -> StateSpace
 
     Raises
     ------
+    ArgumentError
+        The configuration is no text.
     ModelError
         The configuration is unknown, a motion is imposed by other than its acceleration, or a sensor records a force.
     """
-    name = next(iter(model.configurations)) if configuration is None else configuration
+    first = next(iter(model.configurations))
+    name = first if configuration is None else text(configuration, "the configuration", first)
     basis, mass, damping, stiffness = linear_part(model, name)
     other = next((drive for drive in model.drives if drive.imposes is not None and MOTION.get(drive.quantity) != 2), None)
     if other is not None:

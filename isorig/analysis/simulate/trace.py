@@ -9,7 +9,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray, IntArray
 from isorig.analysis.errors import SimulationError
-from isorig.analysis.given import of_type
+from isorig.analysis.given import finite, flag, of_type, text
 from isorig.analysis.laws.base import NO_LINK
 from isorig.analysis.model.linear import imposed_coordinates, linear_part
 from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel, direction, given_rig
@@ -92,7 +92,9 @@ def trace(
     """
     model = given_rig(model)
     of_type(excitation, Excitation, "the drive", "an iso.Excitation; give iso.Excitation.prepare(VALUES, SAMPLE_RATE)")
-    configuration = next(iter(model.configurations)) if configuration is None else configuration
+    first = next(iter(model.configurations))
+    configuration = first if configuration is None else text(configuration, "the configuration", first)
+    start_time, as_recorded = finite(start_time, "the start time"), flag(as_recorded, "the argument as_recorded")
     rate, over, n = excitation.sample_rate, excitation.oversample, len(excitation.recorded)
     h = 1.0 / (rate * over)
     inside = _run(model, excitation, configuration, start_time, len(excitation.fine))

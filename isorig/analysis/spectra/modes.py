@@ -15,7 +15,7 @@ import numpy as np
 
 from isorig.analysis.campaign import ComplexArray, FloatArray
 from isorig.analysis.errors import DataError, FitError
-from isorig.analysis.given import given_guesses, interval, of_type, one_of, whole
+from isorig.analysis.given import flag, given_guesses, interval, of_type, one_of, whole
 from isorig.analysis.jackknife import deviation
 from isorig.analysis.spectra.hits import BEFORE
 from isorig.analysis.spectra.leakage import error_moments, record_moments, through
@@ -127,7 +127,7 @@ def fit_modes(
     band = interval(band, "the band")
     guesses = given_guesses(guesses)
     one_of(kind, get_args(Kind), "the kind")
-    residuals = whole(residuals, "the number of residuals", 0)
+    residuals, tapered = whole(residuals, "the number of residuals", 0), flag(tapered, "the argument tapered")
     found = solved_modes(frf, band, kind=kind, guesses=guesses, residuals=residuals, tapered=tapered)
     # A single average does not determine its errors: the residuals must.
     least = 1.0 if frf.averages >= FEWEST else 0.0

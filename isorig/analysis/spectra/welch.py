@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from isorig.analysis.campaign import ComplexArray, FloatArray, Run, given_runs
 from isorig.analysis.errors import DataError
-from isorig.analysis.given import channel_names, number, of_type, whole
+from isorig.analysis.given import channel_names, flag, number, of_type, one_of, text, whole
 from isorig.analysis.spectra.groups import FEWEST_GROUPS, MOST, Grouping, Groups, Sums, group_bytes, group_size, joined
 from isorig.analysis.spectra.inputs import Drives, Estimator
 from isorig.analysis.spectra.windows import HANN, OVERLAP_MOST, Window
@@ -147,8 +147,24 @@ class Spectra:
         return f"Spectra({', '.join(self.channels)} over {', '.join(self.cross)}, {over})"
 
     def density(self, channel: str) -> FloatArray:
-        """Power spectral density of a channel, unit^2 / Hz, shape (bins,)."""
-        return np.asarray(self.auto[self.channels.index(channel)])
+        """Power spectral density of a channel, unit^2 / Hz, shape (bins,).
+
+        Raises
+        ------
+        ArgumentError
+            Its name is no text.
+        DataError
+            These spectra do not have it.
+        """
+        return np.asarray(self.auto[self._row(channel)])
+
+    def _row(self, channel: str) -> int:
+        text(channel, "the name of a channel", self.channels[-1])
+        if channel not in self.channels:
+            raise DataError(
+                f"{channel!r} is not a channel of these spectra ({', '.join(self.channels)}); give one, or estimate them with it"
+            )
+        return self.channels.index(channel)
 
     def extent(self, channel: str) -> tuple[float, float]:
         """The lowest and the highest frequency at which a channel has power, Hz; not zero and its neighbour, where means leak."""
@@ -158,7 +174,7 @@ class Spectra:
 
     def frf(self, response: str, reference: str, estimator: Estimator = "H1") -> Frf:
         """The transfer function from `reference` to `response` with a single drive: `frfs` of one reference."""
-        return self.frfs(response, (reference,), estimator)[0]
+        return self.frfs(response, (text(reference, "the reference", self.channels[0]),), estimator)[0]
 
     def frfs(self, response: str, references: Sequence[str], estimator: Estimator = "H1") -> tuple[Frf, ...]:
         """The transfer functions from each of `references` to `response`, with all of them driving at once.
@@ -170,9 +186,16 @@ class Spectra:
 
         Raises
         ------
+        ArgumentError
+            An argument is of another type.
         DataError
-            A reference is not among those of the estimate, the drives cannot be separated, or H2 is requested for several.
+            There is no reference, a channel is not among those of the estimate, the drives cannot be separated, or H2 is
+            requested for several.
         """
+        references, row = channel_names(references, "the argument references"), self._row(response)
+        one_of(estimator, get_args(Estimator), "the estimator")
+        if not references:
+            raise DataError("no reference was given; give one of " + ", ".join(self.cross))
         for reference in references:
             if reference not in self.cross:
                 raise DataError(
@@ -183,7 +206,6 @@ class Spectra:
                 f"H2 was requested for {len(references)} simultaneous drives, for which it is not defined; use H1 or Hv, or name "
                 "one reference"
             )
-        row = self.channels.index(response)
         matrix = np.stack([np.stack([self.cross[i][self.channels.index(j)] for j in references], -1) for i in references], -2)
         drives = Drives(matrix, tuple(references), self.averages)
         cross, power = np.stack([self.cross[name][row] for name in references], axis=-1), self.auto[row]
@@ -215,7 +237,8 @@ class Spectra:
 
     def unit(self, channel: str) -> str:
         """The unit of a channel; empty if unknown."""
-        return self.units[self.channels.index(channel)] if self.units else ""
+        row = self._row(channel)
+        return self.units[row] if self.units else ""
 
     def _scales(self, channels: Sequence[str]) -> FloatArray:
         if len({self.unit(name) for name in channels}) == 1:
@@ -286,7 +309,7 @@ def estimate(
     channels = None if channels is None else channel_names(channels, "the argument channels")
     resolution, overlap = number(resolution, "the resolution"), number(overlap, "the overlap")
     of_type(window, Window, "the window", "a Window; leave it out, or give iso.frf the name of a window")
-    longest = None if longest is None else whole(longest, "the argument longest", 1)
+    longest, jackknife = None if longest is None else whole(longest, "the argument longest", 1), flag(jackknife, "the jackknife")
     if not runs:
         raise DataError("no run was given; give at least one")
     if not 0.0 <= overlap <= OVERLAP_MOST:

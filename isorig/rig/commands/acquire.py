@@ -121,7 +121,7 @@ def acquire(
     if json:
         return
     bad = [item.id for item in taken if not item.verdict.good]
-    words = [f"{len(taken)} runs measured" + ("" if bad else ", no faults")]
+    words = [f"{len(taken)} {'run' if len(taken) == 1 else 'runs'} measured" + ("" if bad else ", no faults")]
     if bad:
         words.append(f"repeat while the rig is set up: --resume {' '.join(f'--again {name}' for name in bad)}")
     try:

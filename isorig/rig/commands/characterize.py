@@ -33,7 +33,7 @@ def characterize(campaign: Path, *, output: Output, model: str | None = None) ->
     from rich.console import Console
 
     from isorig.analysis.spectra.quality import fault_sentences
-    from isorig.analysis.wording import of_signal
+    from isorig.analysis.wording import of_signal, with_std
     from isorig.rig.files.output import write_text
     from isorig.rig.files.parameter_table import characterize_campaign, drive_levels, write_characterization
     from isorig.rig.files.recording import read
@@ -69,7 +69,7 @@ def characterize(campaign: Path, *, output: Output, model: str | None = None) ->
     if common:
         print(f"* {common}")
     for level in drive_levels(measured, found.fit.model.drive.channel):
-        size = f"{level.value:.4g} ± {level.std:.1g} {level.unit}"
+        size = f"{with_std(level.value, level.std)} {level.unit}"
         print(f"drive at gain {level.gain:g}, {level.excitation}: {level.measure} {size}")
     if not found.calibrated:
         print("The recording has no calibration_std, so the uncertainties do not include the calibration of the sensors.")

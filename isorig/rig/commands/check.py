@@ -62,6 +62,8 @@ def check(*files: Path) -> None:
 
 def _remarks(campaign: Campaign) -> list[str]:
     # The file is valid, but some commands cannot use it.
+    from isorig.analysis.spectra.stated_bands import wrong_bands
+    from isorig.analysis.spectra.zero_errors import zero_errors
     from isorig.rig.acquire.run_check import incoherences
     from isorig.rig.errors import PlanError
     from isorig.rig.files.rigfile import rig_of
@@ -72,6 +74,8 @@ def _remarks(campaign: Campaign) -> list[str]:
     except PlanError as error:
         return [f"The rig's description cannot be used: {error}"]
     sentences = [f"CHECK UNITS, CHANNELS AND GIVEN VALUES FIRST. {doubt.text}" for doubt in doubts_in(campaign)]
+    sentences += zero_errors(campaign).values()
+    sentences += wrong_bands(campaign, model.drive.channel)
     sentences += [reason.text for reason in incoherences(campaign, [drive.channel for drive in model.drives])]
     for run in campaign.runs:
         if run.configuration not in model.configurations:

@@ -61,4 +61,5 @@ def view(
         drawn = ScreenServer(subject, readings).run(lambda: time.monotonic() > end, lambda address: print(address, flush=True))
     except KeyboardInterrupt:
         return
-    print(f"{drawn.frames} frames with {drawn.values} values were drawn", file=sys.stderr)
+    shown = f"{drawn.frames} frames with {drawn.values} values were drawn" if drawn.frames else "no browser had the page open"
+    print(shown, file=sys.stderr)

@@ -84,6 +84,15 @@ def is_uneven_time(name: str, column: Column) -> bool:
     return len(at) > 0 and len(np.unique(np.round(np.delete(intervals, at) / usual, 2))) <= ALIKE
 
 
+def rises_evenly(column: Column) -> bool:
+    """Whether a column may be a clock by its values alone: they rise evenly, at most a few rows are missing, and not all are
+    whole numbers, whose unit nothing says."""
+    values = column.values
+    if values.dtype.kind != "f" or len(values) < BESIDE or np.array_equal(values, np.round(values)):
+        return False
+    return _is_even("", column) or is_uneven_time("", column)
+
+
 def breaks(intervals: FloatArray) -> IntArray:
     """Indices of the few intervals of a clock that are unusual: rows are missing there, or repeated; empty if it has many.
 

@@ -15,7 +15,8 @@ from isorig.analysis.campaign import MOTION, ROTARY, UNLOCKED, Quantity
 from isorig.analysis.model.drafted import DAMPING, MASS, STIFFNESS
 from isorig.analysis.model.rig_model import GROUND, Body, Configuration, Drive, Link, RigModel, Sensor
 from isorig.rig.errors import RecordingError
-from isorig.rig.exchange.clock import is_time, is_uneven_time, says_time, seconds_per, time_unit
+from isorig.rig.exchange.clock import is_time, is_uneven_time, rises_evenly, says_time, seconds_per, time_unit
+from isorig.rig.exchange.counter import sample_counter
 from isorig.rig.exchange.table import STREAMED, Column, ForeignTable
 from isorig.rig.exchange.tree import PLAIN
 from isorig.rig.exchange.units import UNITS, known_unit
@@ -45,11 +46,12 @@ SHORT = 16
 
 @dataclass(frozen=True)
 class _Part:
-    # Columns of a file with a common sampling: name in the draft, and source with its column.
+    # Columns of a file with a common sampling: name in the draft, and source with its column; sentences on those left out.
     table: ForeignTable
     group: str
     columns: dict[str, tuple[str, Column]]
     time: str | None
+    counts: tuple[str, ...] = ()
 
 
 def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file: str) -> tuple[str, str]:
@@ -63,6 +65,7 @@ def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file
         raise RecordingError(_no_records(tables))
     lines = ["# Proposed from the files. Lines marked with ? were guessed: check each.", ""]
     lines += [f"# {table.path.name}: {remark}." for table in tables for remark in table.remarks]
+    lines += [f"# {part.table.path.name}: {count}." for part in parts for count in part.counts]
     # A column is one channel in all parts that have it; if parts have different columns, each lists its own.
     places = dict.fromkeys(place for part in parts for place in part.columns)
     names: dict[str, str] = {}
@@ -80,17 +83,19 @@ def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file
         ]  # fmt: skip
     for place in places:
         lines += _channel(names[place], *first[place])
-    setups = {_configuration(part) for part in parts}
-    # A rig without locks has one configuration, which needs no name.
-    named = bonder or setups != {UNLOCKED}
-    ids: set[str] = set()
     kinds = {} if bonder else _kinds({names[place]: first[place] for place in places})
+    ids = _run_names(parts)
+    starts = _starts(dict(zip(ids, parts, strict=True)), names) if _released(kinds) else {}
+    setups = ids if len(starts) > 1 else [_configuration(part) for part in parts]
+    # A rig without locks has one configuration, which needs no name.
+    named = bonder or set(setups) != {UNLOCKED}
     excitation = "free" if _released(kinds) else "other"
-    for part in parts:
+    for name, setup, part in zip(ids, setups, parts, strict=True):
         own = [names[place] for place in part.columns] if len(part.columns) < len(places) else []
         other = {names[p]: source for p, (source, _) in part.columns.items() if source != first[p][0]}
-        lines += _run(part, own, other, folder, ids, _configuration(part) if named else "", excitation)
-    return "\n".join(lines), "" if bonder else _rig(kinds, setups)
+        lines += _run(name, part, own, other, folder, setup if named else "", excitation)
+    configurations = {setup: starts.get(name, Configuration()) for name, setup in zip(ids, setups, strict=True)}
+    return "\n".join(lines), "" if bonder else _rig(kinds, dict(sorted(configurations.items(), reverse=not starts)))
 
 
 def _is_bonder(places: Iterable[str]) -> bool:
@@ -111,7 +116,29 @@ def _released(kinds: Mapping[str, Quantity]) -> bool:
     return len(kinds) == 1 and all(kind in MOTION for kind in kinds.values())
 
 
-def _rig(kinds: Mapping[str, Quantity], setups: set[str]) -> str:
+def _run_names(parts: Sequence[_Part]) -> list[str]:
+    names: list[str] = []
+    for part in parts:
+        text = _run_text(part)
+        names.append(text if text not in names else f"{text}_{len(names)}")
+    return names
+
+
+def _starts(parts: Mapping[str, _Part], names: Mapping[str, str]) -> dict[str, Configuration]:
+    # By run: a body that was pulled aside starts where its position, the only record, begins.
+    found = {}
+    for run, part in parts.items():
+        ((place, (source, column)),) = part.columns.items()
+        unit = UNITS[_unit_of(names[place], column, source)]
+        values = np.asarray(column.values, dtype=np.float64)
+        values = values[np.isfinite(values)]
+        if MOTION.get(unit.quantity) == 0 and len(values):
+            start = float(f"{float(values[0]) / column.sensitivity * unit.factor:.3g}")
+            found[run] = Configuration(initial_position={f"body_{names[place]}": start})
+    return found
+
+
+def _rig(kinds: Mapping[str, Quantity], configurations: Mapping[str, Configuration]) -> str:
     # One body a motion sensor, in a row from the ground; the first channel that is no motion drives the last of them.
     released = _released(kinds)
     moved = next((name for name in kinds if any(word in name for word in BASES)), next(iter(kinds), "drive"))
@@ -143,7 +170,7 @@ def _rig(kinds: Mapping[str, Quantity], setups: set[str]) -> str:
             Sensor(channel=name, body=f"body_{name}", quantity=kinds[name] if moving else "acceleration")
             for name in sensed if name in kinds
         ),
-        configurations={name: Configuration() for name in sorted(setups, reverse=True)},
+        configurations=dict(configurations),
         free=tuple(f"links.{link.name}.{key}" for link in links for key in ("stiffness", "damping")),
     )  # fmt: skip
     drive_note = f"? that it pushes {driven} is a guess, and so is factor, the force per unit of the channel"
@@ -152,7 +179,7 @@ def _rig(kinds: Mapping[str, Quantity], setups: set[str]) -> str:
     elif released:
         drive_note = (
             f"? no column is a drive: if {driven} was pulled and let go, {FREE},\n"
-            "so that rig import records a drive of zero, and the position where it starts as initial_position in configurations"
+            "so that rig import records a drive of zero, and correct initial_position, where it starts"
         )
     elif kinds.get(drive) in MOTION:
         drive_note += (
@@ -165,6 +192,7 @@ def _rig(kinds: Mapping[str, Quantity], setups: set[str]) -> str:
         "bodies": "? kg, for a rotation kg m^2",
         "links": "? stiffness and damping: N/m and N s/m, for a rotation N m/rad and N m s/rad",
         "drive": drive_note,
+        "configurations": "? initial_position: where the records begin, m or rad from the position of rest" if released else "",
         "sensors": "" if moving else "? no unit is that of a motion: give unit and sensitivity in the mapping, and quantity here",
     })  # fmt: skip
 
@@ -222,10 +250,31 @@ def _parts(table: ForeignTable, group: str, columns: Mapping[str, tuple[str, Col
             sampled.setdefault((len(column.values), column.sample_rate), {})[name] = (source, column)
     longest = max((size for size, _ in sampled), default=0)
     return [
-        _Part(table, group, there, next((columns[name][0] for name, n in clocks.items() if n == size), None))
+        _part(table, group, there, next((columns[name][0] for name, n in clocks.items() if n == size), None))
         for (size, _), there in sampled.items()
         if size >= (SHORT if table.spectra else min(SHORT, longest))
     ]
+
+
+def _part(table: ForeignTable, group: str, there: dict[str, tuple[str, Column]], time: str | None) -> _Part:
+    # Without the columns that count the samples; a clock may have any name, if no other column is one.
+    counters = {name: found for name, (_, column) in there.items() if (found := sample_counter(column)) is not None}
+    rising = (name for name, (source, column) in there.items() if name not in counters and _may_be_time(source, column))
+    clock = next(rising, None) if time is None else None
+    records = {name: place for name, place in there.items() if name not in counters and name != clock}
+    if not records:
+        return _Part(table, group, there, time)
+    counts = tuple(
+        "; ".join(filter(None, (f"column {there[name][0]!r} {found.words}, so it is no channel and left out", found.faults())))
+        for name, found in counters.items()
+    )
+    return _Part(table, group, records, time if clock is None else there[clock][0], counts)
+
+
+def _may_be_time(source: str, column: Column) -> bool:
+    # A column without a unit, and without the name of a quantity, that rises evenly.
+    named = column.unit or _unit_in(column.label, source) or any(word in source.lower() for word, _ in QUANTITIES)
+    return not named and column.sample_rate is None and rises_evenly(column)
 
 
 def _channel(name: str, source: str, column: Column) -> list[str]:
@@ -288,11 +337,9 @@ def _configuration(part: _Part) -> str:
 
 
 def _run(
-    part: _Part, own: Sequence[str], other: Mapping[str, str], folder: Path, ids: set[str], configuration: str, excitation: str
+    name: str, part: _Part, own: Sequence[str], other: Mapping[str, str], folder: Path, configuration: str, excitation: str
 ) -> list[str]:
     table, group, text = part.table, part.group, _run_text(part)
-    name = text if text not in ids else f"{text}_{len(ids)}"
-    ids.add(name)
     guess = re.search(r"(?:gain|(?<![a-z])[ul])[ _-]?(\d+(?:\.\d+)?)", text, re.IGNORECASE)
     gain = table.numbers.get(f"{group}.gain", table.numbers.get("gain")) or (float(guess[1]) if guess else 1.0)
     rate = next(column.sample_rate for _, column in part.columns.values())
@@ -305,7 +352,8 @@ def _run(
         f'excitation = "{excitation}"    # ? random, multisine, sweep, moves, free or other',
     ]
     if part.time is not None:
-        lines.append(f"time = {value_text(part.time)}")
+        known = says_time(part.time, table.columns[part.time])
+        lines.append(f"time = {value_text(part.time)}" + ("" if known else "    # ? its values rise evenly"))
         unit = time_unit(part.time, table.columns[part.time])
         if not table.columns[part.time].unit or seconds_per(unit) != 1.0:
             lines.append(f"time_unit = {value_text(unit)}" + ("" if table.columns[part.time].unit else "    # ?"))

@@ -19,10 +19,13 @@ from isorig.analysis.given import given_path
 from isorig.analysis.model.rig_model import Drive, RigModel
 from isorig.analysis.spectra.overload import extremes
 from isorig.analysis.spectra.quality import clipped_or_dead, fault_sentences
+from isorig.analysis.spectra.stated_bands import wrong_bands
+from isorig.analysis.spectra.zero_errors import zero_errors
 from isorig.analysis.units import KGF
 from isorig.analysis.wording import did_you_mean
 from isorig.rig.errors import PlanError, RecordingError
-from isorig.rig.exchange.clock import column_rate, is_time, is_uneven_time
+from isorig.rig.exchange.clock import column_rate, is_time, is_uneven_time, says_time
+from isorig.rig.exchange.counter import sample_counter
 from isorig.rig.exchange.mapping import ChannelMap, Mapping, RunMap, read_mapping
 from isorig.rig.exchange.reading import read_foreign
 from isorig.rig.exchange.table import Column, ForeignTable
@@ -292,8 +295,11 @@ def _rates(wanted: RunMap, columns: dict[str, Column], table: ForeignTable, part
     if len(rates) == 1 and all(column.sample_rate is not None for column in columns.values()):
         hertz = rates.pop()
         found.append(_Rate(hertz, "file", f"{hertz:.6g} Hz by the file itself"))
+    unused = _unused(columns, table)
+    if wanted.rate_from is None:
+        _counts_all(unused, part, here)
     if wanted.time is None:
-        found += _unused_clocks(wanted, columns, table, part, here)
+        found += _unused_clocks(wanted, unused, part, here)
     return found
 
 
@@ -301,19 +307,35 @@ def _cut(column: Column, part: tuple[int, int]) -> Column:
     return replace(column, values=column.values[slice(*part)])
 
 
-def _unused_clocks(
-    wanted: RunMap, columns: dict[str, Column], table: ForeignTable, part: tuple[int, int], here: str
-) -> list[_Rate]:
-    # Time columns next to the channels that the mapping does not name. One that is not even shows that the samples are not,
-    # unless the mapping states which rate is right.
+def _unused(columns: dict[str, Column], table: ForeignTable) -> dict[str, Column]:
+    # The columns next to the channels that are none of them.
     sources = [channel for channel in table.columns if any(table.columns[channel] is used for used in columns.values())]
     length = len(next(iter(columns.values())).values)
-    found = []
+    found = {}
     for name, column in table.columns.items():
         around = re.split(r"[./][^./]*$", name)[0] if re.search(r"[./]", name) else ""
         near = any(source.startswith(around) for source in sources)
-        if name in sources or not near or len(column.values) != length:
-            continue
+        if name not in sources and near and len(column.values) == length:
+            found[name] = column
+    return found
+
+
+def _counts_all(unused: dict[str, Column], part: tuple[int, int], here: str) -> None:
+    # Refuses samples of which a counter shows that some are missing.
+    for name, column in unused.items():
+        counter = sample_counter(_cut(column, part))
+        if counter is not None and not says_time(name, column) and (faults := counter.faults(part[0])):
+            raise RecordingError(
+                f"{here}: column {name!r} {counter.words}, but {faults}; if it is no counter, state which sample rate is right "
+                "with rate_from"
+            )
+
+
+def _unused_clocks(wanted: RunMap, unused: dict[str, Column], part: tuple[int, int], here: str) -> list[_Rate]:
+    # Time columns that the mapping does not name. One that is not even shows that the samples are not, unless the mapping states
+    # which rate is right.
+    found = []
+    for name, column in unused.items():
         clock = _cut(column, part)
         if wanted.rate_from is None and is_uneven_time(name, clock):
             try:
@@ -330,6 +352,7 @@ def shortcomings(campaign: Campaign) -> list[str]:
     """What records show to be wrong, in sentences: short runs, copies, several levels at one gain, and faulty channels."""
     drive = references_of(campaign)[0]
     found = [*fault_sentences(faults_in(campaign, drive, clipped_or_dead)), *levels_in_words(campaign, drive)]
+    means = zero_errors(campaign)
     for at, run in enumerate(campaign.runs):
         original = next((other.id for other in campaign.runs[:at] if _is_copy(other, run)), None)
         if original is not None:
@@ -347,6 +370,7 @@ def shortcomings(campaign: Campaign) -> list[str]:
                 )
             least = max(low, -high)
             if channel.quantity == "acceleration" and least > STEADY:
+                means.pop(name, None)
                 found.append(
                     f"Run {run.id!r} has never less than {least:.3g} {channel.unit} in channel {name!r}, more than gravity all "
                     "the time: check the unit, the sensitivity and the sensor's zero, or correct it by offset in the mapping."
@@ -359,7 +383,7 @@ def shortcomings(campaign: Campaign) -> list[str]:
             )
         elif len(run) < SHORTEST:
             found.append(f"{begin}, but fits need at least {SHORTEST}: record longer runs.")
-    return found
+    return [*found, *means.values(), *wrong_bands(campaign, drive)]
 
 
 def _is_copy(one: Run, other: Run) -> bool:

@@ -22,7 +22,7 @@ from msgspec.structs import asdict
 from numpy.typing import NDArray
 
 from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, Gap, Measured, Quantity, Run, Samples, Spectrum, given_campaign
-from isorig.analysis.given import given_path
+from isorig.analysis.given import all_of_type, given_mapping, given_path
 from isorig.analysis.views import shows
 from isorig.rig.errors import OutputError, RecordingError
 from isorig.rig.files.hdf import opened
@@ -411,6 +411,9 @@ def write(path: str | Path, campaign: Measured, extras: Mapping[str, Extra] | No
     2
     """
     path, campaign = given_path(path, "the recording"), given_campaign(campaign)
+    if extras is not None:
+        by_id = "a mapping of the ids of runs to their additional data; leave it out"
+        all_of_type(given_mapping(extras, "the argument extras", by_id).values(), Extra, "the argument extras", by_id)
     ids = [run.id for run in campaign.runs]
     for run in campaign.runs:
         if ids.count(run.id) > 1:

@@ -34,8 +34,9 @@ def description_text(model: RigModel, notes: Mapping[str, str] | None = None) ->
             lines += [*(f"  {value_text(part)}," for part in tree[key]), "]"]
         if key == "contacts":
             lines += ["", *comments(said.get("drive", "")), f"drive = {value_text(tree['drive'])}"]
-    for name, setup in tree.get("configurations", {}).items():
-        lines += ["", *table_text(f"configurations.{key_text(name)}", setup)[:-1]]
+    for k, (name, setup) in enumerate(tree.get("configurations", {}).items()):
+        above = comments(said.get("configurations", "")) if k == 0 else []
+        lines += ["", *above, *table_text(f"configurations.{key_text(name)}", setup)[:-1]]
     for key in HEADED:
         if key in tree:
             lines += ["", *comments(said.get(key, "")), *table_text(key, tree[key])[:-1]]

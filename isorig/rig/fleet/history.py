@@ -20,6 +20,7 @@ from isorig.analysis.trends.follow import Followed, follow
 from isorig.analysis.trends.scatter import Scatter, scatter_of
 from isorig.analysis.trends.series import Series
 from isorig.analysis.trends.siblings import Siblings, siblings
+from isorig.analysis.wording import with_std
 from isorig.rig.errors import RigError
 from isorig.rig.fleet.catalogue import SUPERSEDED, WITHOUT
 from isorig.rig.fleet.policy import POLICY
@@ -100,8 +101,8 @@ class Track:
         """A change in words: its size, with the standard uncertainty."""
         if self.log:
             share, std = math.expm1(change.after - change.before), math.exp(change.after - change.before) * change.std
-            return f"{with_std(100.0 * share, 100.0 * std)} %"
-        return f"{with_std(change.after - change.before, change.std)} {self.unit}"
+            return f"{with_std(100.0 * share, 100.0 * std, sign=True)} %"
+        return f"{with_std(change.after - change.before, change.std, sign=True)} {self.unit}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -197,20 +198,6 @@ class Fleet:
         """Those of all rigs, the latest first."""
         found = [incident for rig in self.rigs.values() for incident in rig.incidents]
         return sorted(found, key=lambda i: self.rigs[i.rig].campaigns[i.alarm].started, reverse=True)
-
-
-def with_std(value: float, std: float) -> str:
-    """A value with a sign and its standard uncertainty of one digit, both to the same decimal.
-
-    Examples
-    --------
-    >>> with_std(27.314, 0.0123), with_std(-0.5, 12.0)
-    ('+27.31 ± 0.01', '-0 ± 10')
-    """
-    if not 0.0 < std < math.inf:
-        return f"{value:+.3g} ± {std:.1g}"
-    decimals = -math.floor(math.log10(float(f"{std:.1g}")))
-    return f"{round(value, decimals):+.{max(decimals, 0)}f} ± {round(std, decimals):.{max(decimals, 0)}f}"
 
 
 def followed(answers: pd.DataFrame, baseline: str, *, false_per_month: float | None = None) -> Fleet:

@@ -87,6 +87,17 @@ def _percent(share: float) -> str:
     return f"{100.0 * share:.0f} %" if share >= 1.0 else f"{100.0 * share:.2g} %"
 
 
+def fitted_percent(share: float) -> str:
+    """A relative standard uncertainty; one above the value itself says that the fits do not determine it.
+
+    Examples
+    --------
+    >>> fitted_percent(0.0123), fitted_percent(4.1e8)
+    ('1.2 %', 'not identifiable')
+    """
+    return "not identifiable" if share >= 1.0 else _percent(share)
+
+
 def _summary(fleet: Fleet) -> list[str]:
     campaigns = [c for rig in fleet.rigs.values() for c in rig.campaigns]
     first, last = (end(campaigns, key=lambda c: c.started).day for end in (min, max))
@@ -177,7 +188,7 @@ def _scatter(fleet: Fleet) -> Section:
         track = next(rig.tracks[name] for rig in fleet.rigs.values() if name in rig.tracks)
         size = _percent(found.variance**0.5) if track.log else with_unit(found.variance**0.5, track.unit, 2)
         fitted = float(np.median(np.concatenate([r.tracks[name].series.std for r in fleet.rigs.values() if name in r.tracks])))
-        own = _percent(fitted) if track.log else with_unit(fitted, track.unit, 2)
+        own = fitted_percent(fitted) if track.log else with_unit(fitted, track.unit, 2)
         limits = fleet.limits.get(name)
         shown = "too few campaigns" if limits is None else ", ".join(f"{limit:.2g}" for limit in limits)
         rows.append((parameter_words(name), size, own, f"{found.freedom:.0f}", shown))

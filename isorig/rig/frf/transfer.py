@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from isorig.analysis.campaign import Campaign, FloatArray, Measured, Run, broad, given_campaign
 from isorig.analysis.errors import DataError
-from isorig.analysis.given import channel_names, of_type, one_of
+from isorig.analysis.given import all_of_type, channel_names, flag, of_type, one_of
 from isorig.analysis.spectra.gain_levels import by_drive, by_level, level_of
 from isorig.analysis.spectra.hits import looks_hit
 from isorig.analysis.spectra.impact import HammerTest, hammer_test
@@ -156,6 +156,11 @@ def transfer_functions(
     responses = channel_names(responses, "the argument responses")
     one_of(estimator, get_args(Estimator), "the estimator")
     of_type(window, str, "the window", 'the name of a window; give one, for example "hann"')
+    jackknife = flag(jackknife, "the jackknife")
+    if not drives:
+        raise DataError(f"no reference was given; give the drive channel, {references_of(campaign)[0]!r}, or leave it out")
+    if found is not None:
+        found = all_of_type(found, Fault, "the argument found", "a sequence of faults; give those of iso.faults")
     runs = broad(campaign.runs)
     if not runs:
         raise DataError(f"{campaign.source} has no run with a broad-band drive; measure one with noise, a multisine or a sweep")

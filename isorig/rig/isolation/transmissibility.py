@@ -11,7 +11,7 @@ import numpy as np
 from isorig.analysis.campaign import Campaign, FloatArray
 from isorig.analysis.errors import DataError
 from isorig.analysis.isolation.ratio import rms_ratio
-from isorig.analysis.wording import by_factor
+from isorig.analysis.wording import by_factor, with_std
 from isorig.rig.errors import PlanError
 from isorig.rig.files.output import write_csv, write_json
 from isorig.rig.files.rigfile import rig_of
@@ -141,7 +141,7 @@ def sentences(found: Transmitted) -> list[str]:
             compared = f" {configuration}, relative to {relative_to}," if relative_to else ""
             said.append(
                 f"{name.capitalize()}: |{found.response} / {found.reference}|{compared} {band} is "
-                f"{r.mean:.4g} ± {r.mean_std:.1g}{'' if found.unit == '1' else f' {found.unit}'} (rms over frequency)."
+                f"{with_std(r.mean, r.mean_std)}{'' if found.unit == '1' else f' {found.unit}'} (rms over frequency)."
             )
     measured = {ratio.gain: ratio for ratio in found.ratios["measured"]}
     for name, ratios in found.ratios.items():

@@ -9,7 +9,7 @@ from datetime import datetime
 import numpy as np
 
 from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, Measured, Run, given_campaign
-from isorig.analysis.given import of_type
+from isorig.analysis.given import flag, of_type
 from isorig.analysis.model.rig_model import RigModel, given_rig
 from isorig.analysis.simulate import simulate
 from isorig.analysis.simulate.free_run import excitation_of
@@ -49,6 +49,7 @@ def predicted(model: RigModel, campaign: Measured, *, origin: datetime | None = 
     """
     runs = []
     model, campaign = given_rig(model), given_campaign(campaign)
+    flag(as_recorded, "the argument as_recorded")
     if origin is not None:
         of_type(origin, datetime, "the origin", "a datetime; give one, for example campaign.runs[0].started")
     driving = [drive.channel for drive in model.drives]

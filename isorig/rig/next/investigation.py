@@ -13,8 +13,8 @@ from isorig.analysis.fitting.solve import base_parameters
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.proposals.policy import POLICY as PROPOSALS
-from isorig.analysis.proposals.precision import named_figures, std_of
-from isorig.analysis.wording import capitalized
+from isorig.analysis.proposals.precision import figure_unit, named_figures, std_of
+from isorig.analysis.wording import capitalized, sized
 from isorig.rig.acquire.plan import Plan
 from isorig.rig.diagnose.many import diagnose_file
 from isorig.rig.errors import PlanError
@@ -258,5 +258,5 @@ def _figures(rivals: Rivals) -> str:
     for name, figure in named_figures(variant.model).items():
         std = std_of(variant, figure)
         if std > 0.0:
-            shown.append(f"{words(name)} {figure(variant.model):.4g} ± {std:.1g}")
+            shown.append(f"{words(name)} {sized(figure(variant.model), figure_unit(name, variant.model), std)}")
     return f"Parameters: {', '.join(shown)}."

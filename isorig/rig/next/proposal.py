@@ -25,7 +25,7 @@ from isorig.analysis.simulate import simulate
 from isorig.analysis.spectra.noise import noise_levels
 from isorig.rig.acquire.plan import RunPlan
 from isorig.rig.errors import PlanError
-from isorig.rig.files.rivals import Rivals
+from isorig.rig.files.rivals import OpenSet, Rivals
 from isorig.rig.next.policy import POLICY
 from isorig.rig.next.runs import candidate, described, drive_scale, in_hand, prospect
 
@@ -171,11 +171,8 @@ def situation(
     if len({(d.explains.model["name"], n) for d, n in zip(diagnoses, names, strict=True)}) > 1:
         raise PlanError("the diagnoses are of different rigs; give diagnoses of one rig")
     ruled_out = {key for each in diagnoses for key in each.ruled_out} - set(last.named)
-    open_ = [
-        msgspec.structs.replace(one, models=[m for m in one.models if m.key not in ruled_out])
-        for one in last.open
-        if one.why == "indistinguishable"
-    ] + [one for one in last.open if one.why == "undecided"]
+    open_ = [_without(one, ruled_out) if one.why == "indistinguishable" else one for one in last.open]
+    open_.sort(key=lambda one: one.why == "undecided")
     earlier = [run for each in diagnoses[:-1] for run in each.runs]
     both = msgspec.structs.replace(last, open=open_, runs=[*earlier, *last.runs])
     if both.runs and not any(run.driven for run in both.runs):
@@ -187,6 +184,15 @@ def situation(
     taken = in_hand(both.runs, plans, last.sample_rate, scale)
     return Situation(
         rivals=both, taken=taken, limits=_complete(both, model, limits, taken), scale=scale, plans=plans, declined=declined
+    )
+
+
+def _without(one: OpenSet, ruled_out: Set[Key]) -> OpenSet:
+    # A set without the causes that an earlier run ruled out; a twin has the equations of one of them, so it goes with the last.
+    models = [model for model in one.models if model.key not in ruled_out]
+    twins = [key for key in one.twins if models and key not in ruled_out]
+    return msgspec.structs.replace(
+        one, models=models, twins=twins, unfitted=[key for key in one.unfitted if key not in ruled_out]
     )
 
 

@@ -13,7 +13,7 @@ from isorig.analysis.campaign import Campaign, Measured, given_campaign
 from isorig.analysis.deadline import Deadline
 from isorig.analysis.diagnose import diagnosis as analysis
 from isorig.analysis.diagnose.diagnosis import Diagnosis
-from isorig.analysis.given import finite
+from isorig.analysis.given import callback, finite
 from isorig.analysis.model.rig_model import RigModel, given_rig
 from isorig.analysis.parameters.joint_fit import Characterization
 from isorig.analysis.views import Viewed, shows
@@ -108,6 +108,7 @@ def diagnose(
         finite(tolerance, "the tolerance"),
         None if seconds is None else finite(seconds, "the time limit"),
     )
+    callback(progress, "the argument progress")
     baseline = campaign.rig if model is None else with_sensors(given_rig(model), "the model")
     with Deadline(seconds):
         found = analysis.diagnose(campaign, baseline, tolerance=tolerance, progress=progress)
@@ -142,6 +143,7 @@ def characterize(
     >>> print(f"{entry.value:.2f} {entry.unit}")
     5.06 Hz
     """
+    callback(progress, "the argument progress")
     given = model if model is None or isinstance(model, GivenRig) else GivenRig(model=given_rig(model))
     return characterize_campaign(given_campaign(campaign), progress, given)
 

@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from math import hypot
 
 from isorig.analysis.parameters.joint_fit import Characterization
+from isorig.analysis.wording import with_std
 from isorig.rig.files.parameter_table import ParameterFile
 from isorig.rig.report.page import Section, Table
 from isorig.rig.report.sections import number, words
@@ -44,7 +45,7 @@ def _label(item: ParameterFile) -> str:
 def _shown(pair: tuple[float, float] | None) -> str:
     if pair is None:
         return "–"
-    return number(pair[0], 6) if pair[1] == 0.0 else f"{number(pair[0], 6)} ± {number(pair[1], 2)}"
+    return number(pair[0], 6) if pair[1] == 0.0 else with_std(*pair)
 
 
 def _change(value: float | None, std: float | None, before: tuple[float, float] | None) -> float | None:

@@ -58,7 +58,7 @@ def misfit_charts(trials: Sequence[Trial], models: Mapping[tuple[str, Role], Sim
             Chart(
                 name=f"misfit-{trial.run.id}",
                 caption=f"{label(trial.run, _alone(trials))}{about}",
-                panels=[Panel(label=f"{name}, {unit(trial.run.channel(name).unit)}/√Hz", log=True) for name in trial.channels],
+                panels=[Panel(label=f"{name}, {unit(trial.unit_of(name))}/√Hz", log=True) for name in trial.channels],
                 traces=traces,
                 link="spectra",
             )
@@ -97,7 +97,7 @@ def time_charts(trials: Sequence[Trial], models: Mapping[tuple[str, Role], Simul
             Chart(
                 name=f"time-{trial.run.id}",
                 caption=f"{label(trial.run, _alone(trials))}{about}",
-                panels=[Panel(label=f"{name}, {unit(trial.run.channel(name).unit)}") for name in trial.channels],
+                panels=[Panel(label=f"{name}, {unit(trial.unit_of(name))}") for name in trial.channels],
                 traces=traces,
                 x_label="time, s",
                 x_log=False,

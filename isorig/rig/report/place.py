@@ -148,7 +148,7 @@ def held_out_records(
         for row, name in enumerate(trial.channels):
             found.append(
                 HeldOutRecord(
-                    run=trial.run.id, channel=name, unit=trial.run.channel(name).unit, sample_rate=trial.sample_rate,
+                    run=trial.run.id, channel=name, unit=trial.unit_of(name), sample_rate=trial.sample_rate,
                     start=part.start / trial.sample_rate, measured=trial.measured[row][part],
                     models={key: responses[trial.run.id][name][part] for key, responses in models.items()},
                     noise=float(trial.noise[row]), size=sizes[name],

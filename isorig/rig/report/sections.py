@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 NOT_GIVEN = "not given"
 #: Of a diagnosis that reached its time limit.
 CUT_SHORT = "The time limit ended the search for causes before all were tried."
+#: Number from which on a table gives an exponent: before that, digits are easier to compare.
+PLAIN_MOST = 1e7
 LIBRARIES = ("isorig", "numpy", "scipy", "numba", "h5py")
 
 
@@ -43,8 +45,17 @@ def label(run: Run, alone: bool = False) -> str:
 
 
 def number(value: float | None, digits: int = 5) -> str:
-    """A number for a table; a dash if there is none."""
-    return "–" if value is None else f"{value:.{digits}g}"
+    """A number for a table, with an exponent only above `PLAIN_MOST`; a dash if there is none.
+
+    Examples
+    --------
+    >>> number(104.0, 2), number(6409764.2, 6), number(3.1e9, 2), number(None)
+    ('100', '6409760', '3.1e+09', '–')
+    """
+    if value is None:
+        return "–"
+    text = f"{value:.{digits}g}"
+    return f"{float(text):.0f}" if "e+" in text and abs(value) < PLAIN_MOST else text
 
 
 def unit(text: str) -> str:

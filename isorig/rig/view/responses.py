@@ -96,6 +96,8 @@ class AveragedRuns:
         error, n = self.error(), self.spectra.averages
         set_up = f"gain {self.gain:g}" if alone else f"{self.configuration}, gain {self.gain:g}"
         phrase = f"{set_up}: averages {n:.0f}"
+        if not np.isfinite(error):
+            return f"{phrase}, error not available: no response has a frequency bin within the band"
         if self.planned is None or self.planned <= n:
             return f"{phrase}, error {100 * error:.2g} %"
         at_end = error * np.sqrt(n / self.planned)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from isorig.analysis.errors import ModelError
-from isorig.analysis.given import given_mapping, number
+from isorig.analysis.given import flag, given_mapping, number
 from isorig.analysis.laws import Coulomb
 from isorig.analysis.model.rig_model import GROUND, Body, Configuration, Contact, Drive, RigModel, Sensor
 from isorig.analysis.model.spring import spring
@@ -66,6 +66,7 @@ def wire_bonder(values: Mapping[str, float] = THESIS, *, friction: bool = True) 
     ()
     """
     given_mapping(values, "the argument values", 'a mapping; give one, for example {**THESIS, "friction_force": 12.0}')
+    flag(friction, "the argument friction")
     for name in THESIS:
         if name not in values and (friction or name != "friction_force"):
             raise ModelError(f"the values of the wire bonder lack {name!r}, but it needs {', '.join(THESIS)}; add it")

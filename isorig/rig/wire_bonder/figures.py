@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 
 from isorig.analysis.isolation.ratio import IsolationRatio
+from isorig.analysis.wording import with_std
 from isorig.rig.frf.figures import DASHES, PER, Figure, banded, gridded
 from isorig.rig.wire_bonder.four_set_ups import ErrorSurface, SetUp
 
@@ -39,7 +40,7 @@ def isolation_figure(ratios: Mapping[str, IsolationRatio], stuck: Mapping[float,
     for at, (step, std) in zip(shown.stitches, shown.steps, strict=True):
         wide.axvline(at, color="0.4", ls=":", lw=1.0)
         if np.isfinite(step):
-            text = f" {at:g} Hz: step {step:.3f} ± {std:.1g}"
+            text = f" {at:g} Hz: step {with_std(step, std)}"
             wide.text(at, 0.94, text, fontsize=8, transform=wide.get_xaxis_transform())
     wide.legend(fontsize=8, loc="lower left")
     _peaks_at_their_places(peak, ratios)
@@ -64,7 +65,7 @@ def _peaks_at_their_places(axis: Axes, ratios: Mapping[str, IsolationRatio]) -> 
             top = int(np.argmin(np.abs(frf.frequency - at)))
             axis.plot(frf.frequency[top], np.abs(frf.value[top]), "o", mfc="none", ms=6, color=colour)
     sentences = [
-        f"{name} {r.peaks.ratio:.3f} ± {r.peaks.std:.1g} (at equal frequency {r.peaks.by_line:.3f})" for name, r in ratios.items()
+        f"{name} {with_std(r.peaks.ratio, r.peaks.std)} (at equal frequency {r.peaks.by_line:.3f})" for name, r in ratios.items()
     ]
     # A line for each ratio, so that no title is wider than its figure.
     title = "\n".join(["Ratio of the peaks at their own frequencies, unlocked / locked:", *sentences])

@@ -26,7 +26,7 @@ from isorig.analysis.isolation.ratio import (
 )
 from isorig.analysis.spectra.gain_levels import by_level, changes
 from isorig.analysis.spectra.quality import Fault, fault_sentences, faults, without
-from isorig.analysis.wording import by_factor
+from isorig.analysis.wording import by_factor, with_std
 from isorig.rig.errors import PlanError, RecordingError
 from isorig.rig.files.models import read_model
 from isorig.rig.files.output import write_csv, write_json
@@ -132,15 +132,15 @@ def isolation_sentences(compared: Compared) -> list[str]:
         )
     sentences += [
         f"{name.capitalize()}: from {share.band[0]:.3g} to {share.band[1]:.3g} Hz at gain {share.gain:.3g} the isolation "
-        f"{'reduces' if share.share >= 0.0 else 'increases'} the heatblock's vibration by {100.0 * abs(share.share):.3g} ± "
-        f"{100.0 * share.std:.1g} %."
+        f"{'reduces' if share.share >= 0.0 else 'increases'} the heatblock's vibration by "
+        f"{with_std(100.0 * abs(share.share), 100.0 * share.std)} %."
         for name, share in compared.isolated.items()
     ]
     for at, (step, std), above, below in zip(ratio.stitches, ratio.steps, ratio.pieces, ratio.pieces[1:], strict=False):
         if np.isfinite(step):
             sentences.append(
                 f"At {at:g} Hz, between gain {above.gain:g} and gain {below.gain:g}, there is a step: the ratio at gain "
-                f"{above.gain:g} is {step:.3f} ± {std:.1g} of that at gain {below.gain:g}."
+                f"{above.gain:g} is {with_std(step, std)} of that at gain {below.gain:g}."
             )
     for gain, share in compared.stuck.items():
         sentences.append(
@@ -151,11 +151,11 @@ def isolation_sentences(compared: Compared) -> list[str]:
         if np.isfinite(peaks.ratio):
             sentences.append(
                 f"{name.capitalize()}, the heatblock's largest peak is at {peaks.unlocked:.2f} Hz unlocked and "
-                f"{peaks.locked:.2f} Hz locked; the ratio of the two peaks is {peaks.ratio:.3f} ± "
-                f"{peaks.std:.1g}, the ratio at the frequency of the unlocked peak is {peaks.by_line:.3f}."
+                f"{peaks.locked:.2f} Hz locked, and the ratio of the two peaks is "
+                f"{with_std(peaks.ratio, peaks.std)}, the ratio at the frequency of the unlocked peak is {peaks.by_line:.3f}."
             )
     for name, offset in compared.offsets.items():
-        apart = ", ".join(f"{p.offset:+.3f} ± {p.std:.1g} Hz at gain {p.gain:g}" for p in offset.pairs)
+        apart = ", ".join(f"{with_std(p.offset, p.std)} Hz at gain {p.gain:g}" for p in offset.pairs)
         sentences.append(offset.verdict if name == "measured" else f"{name.capitalize()}, unlocked minus locked peak: {apart}.")
     if compared.offset_refused:
         sentences.append(f"The offset of the heatblock's peaks is not available: {compared.offset_refused}.")

@@ -11,11 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run, Use
+from isorig.analysis.errors import DataError
 from isorig.analysis.given import all_of_type, finite, interval, positive, whole
 from isorig.analysis.model.rig_model import Chain, RigModel, given_rig
 from isorig.analysis.simulate import Excitation, record, simulate
 from isorig.analysis.simulate.excitation import moves, random
+from isorig.analysis.simulate.sampling import STEPS_MOST
 from isorig.rig.virtual.levels import BEGIN, BITS, FULL_SCALE, HEAD_PER_GAIN, VIRTUAL
+
+#: Samples of the longest virtual run: a day at 10 kHz.
+LONGEST = 1e9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,6 +123,8 @@ def virtual_campaign(
     ------
     ArgumentError
         An argument is of another type.
+    DataError
+        One of them is out of its range.
 
     Examples
     --------
@@ -130,10 +137,17 @@ def virtual_campaign(
     model = given_rig(model)
     takes = all_of_type(takes, VirtualRun, "the argument takes", "a sequence of iso.VirtualRun; give for example [run]")
     sample_rate, noise = positive(sample_rate, "the sample rate", " Hz"), finite(noise, "the noise")
-    seed, oversample = whole(seed, "the random seed", 0), whole(oversample, "the number of steps per sample", 1)
+    if noise < 0.0:
+        raise DataError(f"the noise is {noise:g} m/s^2, but must be zero or more; correct it")
+    seed, oversample = whole(seed, "the random seed", 0), whole(oversample, "the number of steps per sample", 1, STEPS_MOST)
     generator = np.random.default_rng(seed)
     runs = []
     for take in takes:
+        if take.seconds * sample_rate > LONGEST:
+            raise DataError(
+                f"run {take.id!r} would have {take.seconds * sample_rate:.3g} samples, but may have {LONGEST:g}; shorten it, or "
+                "lower the sample rate"
+            )
         head = head_of(take, sample_rate, int(generator.integers(2**31)))
         recorded = records_of(model, head, sample_rate, take.configuration, take.start, oversample=oversample)
         channels = {

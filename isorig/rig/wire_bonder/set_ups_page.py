@@ -12,7 +12,7 @@ from isorig.analysis.fitting.uncertainty import CALIBRATION
 from isorig.analysis.parameters.joint_fit import Characterization
 from isorig.analysis.spectra.modes import Mode
 from isorig.analysis.spectra.quality import fault_sentences, without
-from isorig.analysis.wording import of_signal
+from isorig.analysis.wording import of_signal, with_std
 from isorig.rig.files.output import write_text
 from isorig.rig.frf.figures import save
 from isorig.rig.model.baseline import baseline_model
@@ -151,15 +151,15 @@ def _set_up_section(item: SetUp) -> Section:
     if item.mode is not None:
         m = item.mode
         text.append(
-            f"By {item.method}: {m.frequency:.4f} ± {m.frequency_std:.1g} Hz, damping ratio {m.damping:.4g} ± "
-            f"{m.damping_std:.1g}, {m.lines:.1f} frequency bins of {frf.resolution:.3g} Hz in the bandwidth."
+            f"By {item.method}: {with_std(m.frequency, m.frequency_std)} Hz, damping ratio "
+            f"{with_std(m.damping, m.damping_std)}, {m.lines:.1f} frequency bins of {frf.resolution:.3g} Hz in the bandwidth."
         )
     text += [f"No fit: {item.refused}."] if item.refused else []
     if half.mode is None:
         text.append(f"Half-power is not applicable: {half.refused}.")
     else:
         text.append(
-            f"Half-power: {half.mode.frequency:.4f} Hz, damping ratio {half.mode.damping:.4g} ± {half.mode.damping_std:.1g}"
+            f"Half-power: {half.mode.frequency:.4f} Hz, damping ratio {with_std(half.mode.damping, half.mode.damping_std)}"
             + (f"; {half.warning}." if half.warning else ".")
         )
     chart = Chart(
@@ -179,7 +179,7 @@ def _surface_section(surface: ErrorSurface) -> Section:
     row, column = (int(np.argmin(np.abs(axis - best))) for axis, best in ((surface.damping, damping), (surface.mass, mass)))
     text = (
         f"The mean relative error of the simulated magnitude has its minimum, {100 * error:.1f} %, at a table of "
-        f"{mass:.4g} ± {surface.std[0]:.1g} kg with a damping ratio of {damping:.3g} ± {surface.std[1]:.1g} "
+        f"{with_std(mass, surface.std[0])} kg with a damping ratio of {with_std(damping, surface.std[1])} "
         "(standard uncertainties from the measurement's error bars only); error-surface.png shows the surface."
     )
     charts = [

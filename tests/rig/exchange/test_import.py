@@ -110,10 +110,6 @@ def test_draft_can_be_imported(tmp_path: Path, kind: str) -> None:
     file, *_ = write_foreign(tmp_path, kind)
     draft = tmp_path / "draft.toml"
     assert main(["import", "--draft", str(tmp_path / file), "-o", str(draft)]) == 0
-    if kind == "blanks":  # nothing says which column is the time
-        draft.write_text(draft.read_text() + f"sample_rate = {RATE}\n")
-    if kind == "matrix":
-        draft.write_text(draft.read_text() + 'time = "data[0]"\n')
     assert main(["import", str(draft), "-o", str(tmp_path / "out.h5")]) == 0
     run = read(tmp_path / "out.h5").runs[0]
     assert len(run) == N

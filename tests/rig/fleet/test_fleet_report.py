@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import doctest
 import re
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from headless_page import CHROMIUM, told_by
 from made_up import FRICTION, SPRING, Shift, drawn_fleet, write_catalogue
 
 from isorig.rig.cli import main
+from isorig.rig.fleet import report
 from isorig.rig.fleet.catalogue import Catalogue
 from isorig.rig.fleet.change_causes import name_of
 from isorig.rig.fleet.history import followed
@@ -124,3 +126,10 @@ def test_a_cause_that_the_diagnosis_names_is_the_cause_of_the_change(tmp_path: P
 @pytest.mark.parametrize(("rigs", "said"), [(50, "at most 1 a month"), (3, "at most one in 16 months")])
 def test_the_rate_of_false_alarms_is_stated(rigs: int, said: str) -> None:
     assert said in fleet_page(followed(drawn_fleet(3, rigs=rigs, campaigns=12), "coulomb"), {})
+
+
+def test_an_uncertainty_above_its_value_is_no_number() -> None:
+    assert doctest.testmod(report).failed == 0
+    frame = drawn_fleet(2, campaigns=4)
+    frame.loc[frame.parameter == SPRING, "std"] = frame.value * 1e8
+    assert re.search(r"not identifiable", fleet_page(followed(frame, "coulomb"), {}))

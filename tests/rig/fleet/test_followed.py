@@ -12,7 +12,7 @@ from made_up import FRICTION, PARAMETERS, SPRING, Shift, drawn_fleet, write_cata
 
 from isorig.rig.cli import main
 from isorig.rig.errors import RigError
-from isorig.rig.fleet.history import followed, with_std
+from isorig.rig.fleet.history import followed
 from isorig.rig.fleet.sentences import bad_campaigns, coinciding_events, incident_words, is_confirmed, state_of
 
 
@@ -194,11 +194,3 @@ def test_a_cause_that_is_gone(absent: int, kept: int) -> None:
     frame.loc[(frame.rig == "rig-003") & (weeks >= 16 - absent), "cause"] = ""
     track = followed(frame, "coulomb").rigs["rig-003"].tracks[SPRING]
     assert len([k for k in track.campaigns if k >= 16 - absent]) == kept
-
-
-@pytest.mark.parametrize(
-    ("value", "std", "text"),
-    [(27.314, 0.0123, "+27.31 ± 0.01"), (-5.0, 0.96, "-5 ± 1"), (-1234.0, 123.0, "-1200 ± 100"), (0.5, 0.0, "+0.5 ± 0")],
-)
-def test_a_value_has_the_digits_of_its_uncertainty(value: float, std: float, text: str) -> None:
-    assert with_std(value, std) == text

@@ -12,6 +12,7 @@ from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.proposals.choice import Choice, PairDistance
 from isorig.analysis.proposals.limits import LargestMotions
 from isorig.analysis.proposals.menu import CandidateRun, rest
+from isorig.analysis.proposals.precision import figure_unit, named_figures
 from isorig.analysis.proposals.prediction import Prospect, Variant
 from isorig.rig.files.rigfile import SHIPPED, read_description
 from isorig.rig.files.rivals import FittedModel, OpenSet, fitted_model
@@ -34,6 +35,27 @@ def at(model: RigModel, limits: Limits) -> Situation:
 
 def shipped(name: str) -> RigModel:
     return read_description(SHIPPED[name])[0]
+
+
+def test_parameters_have_units() -> None:
+    def named(rig: RigModel) -> dict[str, str]:
+        return {name: figure_unit(name, rig) for name in named_figures(rig)}
+
+    assert named(shipped("one-mass-rail")) == {
+        "stage_mass": "kg", "stage_frequency": "Hz", "stage_damping": "1", "friction_force": "N",
+    }  # fmt: skip
+    assert named(shipped("belt-pair"))["motor_mass"] == "kg m^2"
+
+
+def test_twins_of_a_cause_that_was_ruled_out_are_ruled_out() -> None:
+    last = rivals(
+        OpenSet(why="indistinguishable", models=[hardening()], twins=[("wrong_mass", "head")], unfitted=[hardening().key])
+    )
+    before = rivals(ruled_out=[hardening().key])
+    (left,) = situation([before, last], Limits(), {}, frozenset()).rivals.open
+    assert (left.models, left.twins, left.unfitted) == ([], [], [])
+    assert twins(situation([before, last], Limits(), {}, frozenset()).rivals) == []
+    assert len(twins(situation([last], Limits(), {}, frozenset()).rivals)) == 1
 
 
 def test_why_a_rig_rests() -> None:

@@ -15,12 +15,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isorig.analysis.campaign import Campaign, Channel, Gap, Run
+from isorig.analysis.spectra.welch import estimate
 from isorig.rig.acquire.notes import notes_in
 from isorig.rig.files.recording import write
 from isorig.rig.view.frames import frame, read_frame
 from isorig.rig.view.levels import Levels
 from isorig.rig.view.messages import Judgement, SessionState
-from isorig.rig.view.responses import MEMORY, RESOLUTION, GrowingSpectra
+from isorig.rig.view.responses import MEMORY, RESOLUTION, AveragedRuns, GrowingSpectra
 from isorig.rig.view.run_list import Planned, planned_as
 from isorig.rig.view.snapshot import Board, Snapshot
 from isorig.rig.view.sources import Reading, beginning_of, replayed, watched
@@ -158,6 +159,15 @@ def test_words_say_how_far_it_is(campaign: Campaign) -> None:
     assert "findings in u7" in whole["verdict"]
     assert any("friction was not overcome" in line for line in whole["advice"])
     assert whole["phase"] == "over"
+
+
+def test_an_error_that_cannot_be_computed_is_no_number(campaign: Campaign) -> None:
+    spectra = estimate(campaign.runs[:1], references=["head"], resolution=0.5)
+    runs = AveragedRuns(
+        configuration="unlocked", gain=70.0, drive="head", band=(7.1, 7.2), spectra=spectra, planned=100.0
+    )  # fmt: skip
+    assert runs.text(alone=True).endswith(", error not available: no response has a frequency bin within the band")
+    assert "%" in replace(runs, band=(5.0, 20.0)).text(alone=True)
 
 
 def replace_seconds(item: Planned, seconds: float) -> Planned:

@@ -101,6 +101,12 @@ def test_a_finished_recording_is_drawn(tmp_path: Path, page: Page, width: int, d
         assert (max(turned) < 60) != dark
 
 
+def test_a_replay_that_no_browser_shows_says_so(tmp_path: Path) -> None:
+    with begun("view", recording(tmp_path), "--replay", "--speed", "8", "--seconds", "1") as process:
+        _, said = process.communicate(timeout=60.0)
+        assert said == "no browser had the page open\n"
+
+
 def test_a_replay_counts_what_it_draws(tmp_path: Path, page: Page) -> None:
     with begun("view", recording(tmp_path), "--replay", "--speed", "8", "--seconds", "8") as process:
         address = line(process)

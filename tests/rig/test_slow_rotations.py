@@ -1,0 +1,135 @@
+"""A motor turns an inertia slowly through a stiff shaft: encoders show the whole motion, and hardly any twist.
+
+The rigs are integrated here, not by the engine, and described up to a fifth off. A drawn force is hidden in a bearing.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.signal import butter, sosfiltfilt
+
+import isorig as iso
+from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
+from isorig.analysis.fitting.trials import prepare
+from isorig.analysis.model.rig_model import Body, Drive, Link, RigModel, Sensor
+from isorig.rig.cli import main
+from isorig.rig.files.rigtext import description_text
+
+#: kg m^2 of both, shaft in N m/rad and N m s/rad, both bearings in N m s/rad; with the described values of the free ones.
+MOTOR, LOAD, SHAFT, DAMPING, BEARINGS = 0.006, 0.04, 250.0, 0.1, (0.015, 0.03)
+DESCRIBED = {"load": 0.047, "shaft": 210.0, "damping": 0.12, "motor_bearing": 0.018, "load_bearing": 0.025}
+#: Steps of the integration and of the record per second, seconds of a run, and counts of a turn.
+FINE, RATE, SECONDS, COUNTS = 10_000, 200, 30, 10_000
+RIG = RigModel(
+    name="motor and inertia",
+    bodies=(
+        Body(name="motor", mass=MOTOR, motion="rotation"),
+        Body(name="load", mass=DESCRIBED["load"], motion="rotation"),
+    ),
+    drive=Drive(channel="torque", factor=1.0, pushes={"motor": 1.0}, quantity="torque"),
+    links=(
+        Link(name="shaft", a="motor", b="load", stiffness=DESCRIBED["shaft"], damping=DESCRIBED["damping"]),
+        Link(name="motor_bearing", a="motor", b="ground", damping=DESCRIBED["motor_bearing"]),
+        Link(name="load_bearing", a="load", b="ground", damping=DESCRIBED["load_bearing"]),
+    ),
+    sensors=tuple(Sensor(channel=f"{body}_angle", body=body, quantity="angle") for body in ("motor", "load")),
+    free=(
+        "bodies.load.mass", "links.shaft.stiffness", "links.shaft.damping", "links.motor_bearing.damping",
+        "links.load_bearing.damping",
+    ),
+)  # fmt: skip
+
+
+def turned(draw: np.random.Generator, hidden: Callable[[float, float], float]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Torque and both angles of a run: a controller turns the motor at drawn speeds, against a force of its angle and speed."""
+    steps, h = SECONDS * FINE, 1.0 / FINE
+    knots = np.cumsum(draw.uniform(0.4, 2.0, 40))
+    reference = np.interp(np.arange(steps) * h, knots, np.repeat(draw.uniform(-2.5, 2.5, 20), 2)).tolist()
+    gain = 6.0 * (MOTOR + LOAD)
+    angle = speed = other = rate = integral = 0.0
+    torque, motor, load = np.empty(steps), np.empty(steps), np.empty(steps)
+    for k in range(steps):
+        error = reference[k] - speed
+        integral += 3.0 * gain * error * h
+        push = gain * error + integral
+        twist = SHAFT * (angle - other) + DAMPING * (speed - rate)
+        speed += h * (push - twist - BEARINGS[0] * speed - hidden(angle, speed)) / MOTOR
+        rate += h * (twist - BEARINGS[1] * rate) / LOAD
+        angle, other = angle + h * speed, other + h * rate
+        torque[k], motor[k], load[k] = push, angle, other
+    return torque, motor, load
+
+
+def campaign(seed: int, hidden: Callable[[float, float], float]) -> Campaign:
+    """Two runs: a filtered torque with noise, and counted angles."""
+    draw = np.random.default_rng(seed)
+    sections = butter(6, 0.4 * RATE, fs=FINE, output="sos")
+    runs = []
+    for k in range(2):
+        torque, *angles = turned(draw, hidden)
+        torque = sosfiltfilt(sections, torque)[:: FINE // RATE]
+        torque = torque + draw.normal(0.0, 0.003 * torque.std(), len(torque))
+        channels = {"torque": Channel(name="torque", samples=torque, quantity="torque", unit="N m")}
+        for name, values in zip(("motor_angle", "load_angle"), angles, strict=True):
+            count = 2.0 * np.pi / COUNTS
+            counted = np.round(values[:: FINE // RATE] / count) * count
+            channels[name] = Channel(name=name, samples=counted, quantity="angle", unit="rad")
+        runs.append(
+            Run(
+                id=f"r{k}", configuration="unlocked", sample_rate=float(RATE), gain=1.0, channels=channels, excitation="moves"
+            )
+        )  # fmt: skip
+    return Campaign(runs=tuple(runs), source="slow rotations")
+
+
+def diagnosed(found: Campaign, folder: Path) -> dict[str, Any]:
+    """What `rig diagnose` writes of a campaign with this rig's description."""
+    iso.write(folder / "a.h5", replace(found, description=description_text(RIG, {})))
+    assert main(["diagnose", str(folder / "a.h5"), "-o", str(folder / "d")]) == 0
+    answer: dict[str, Any] = json.loads((folder / "d" / "findings.json").read_text())
+    return answer
+
+
+def test_a_sound_rig_is_adequate_and_its_inertia_found(tmp_path: Path) -> None:
+    answer = diagnosed(campaign(1, lambda angle, speed: 0.0), tmp_path)
+    assert answer["verdict"] == "adequate"
+    load = iso.read_rig(tmp_path / "d" / "model.json").model.body("load")
+    assert load.mass == pytest.approx(LOAD, rel=0.01)
+
+
+def test_a_hidden_cogging_is_named(tmp_path: Path) -> None:
+    answer = diagnosed(campaign(2, lambda angle, speed: 0.02 * np.sin(16.0 * angle)), tmp_path)
+    (step,) = answer["steps"]
+    assert answer["verdict"] == "explained"
+    assert step["cause"] == "cogging"
+    assert step["location"] in ("motor_bearing", "load_bearing")  # the shaft hardly twists
+    pitch = step["parameters"]["pitch"]
+    assert pitch["value"] == pytest.approx(2.0 * np.pi / 16.0, abs=3.0 * pitch["std"])
+    assert step["parameters"]["periodic_force"]["value"] == pytest.approx(0.02, rel=0.05)
+
+
+def test_a_hidden_friction_is_named(tmp_path: Path) -> None:
+    answer = diagnosed(campaign(3, lambda angle, speed: 0.05 * np.tanh(speed / 1e-3)), tmp_path)
+    assert answer["verdict"] in ("explained", "partly explained")
+    assert answer["steps"][0]["kind"] == "friction_shape"
+    assert answer["steps"][0]["location"] in ("motor_bearing", "load_bearing")
+
+
+def test_the_drive_follows_from_the_quietest_group_of_bodies() -> None:
+    """A stiff shaft makes a large torque of the encoders' noise, so the motor alone shows nothing."""
+    found = replace(campaign(1, lambda angle, speed: 0.0), description=description_text(RIG, {}))
+    (one, _) = prepare(found, RIG)
+    assert one.motion is not None
+    assert one.motion.groups == (("motor", "load"),)
+    assert one.channels == ("torque",)
+    soft = RIG.replace({"links.shaft.stiffness": 2.0, "links.shaft.damping": 0.0})
+    both, _ = prepare(found, soft)
+    assert both.channels == ("torque", "torque of motor + load")
+    assert both.unit_of("torque of motor + load") == "N m"
