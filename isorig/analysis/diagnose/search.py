@@ -362,6 +362,9 @@ def sources(job: Job) -> Iterator[Source]:
     elif not job.judged_by_drive and job.suspects is not None:
         yield Suspected(job=job, found=job.suspects)
         refuted = job.suspects.ranking.broken
+        others = job.suspects.others if refuted and job.left >= 1.0 else None
+        if others is not None:  # no simulation confirms those: one may remove more from the equations than the right one
+            yield Suspected(job=job, found=others)
     elif job.rubbing and not job.judged_by_drive:
         # The equations leave out what friction does near reversals; other laws of it replace the one that was found.
         yield Screened(job=job, kinds={"friction_shape"}, only=job.rubbing)
@@ -405,7 +408,7 @@ class Suspected:
         near = job.left < 1.0 and not self.found.tentative
         limit = LEAVES * misfit(job.current.model, job.rungs[-1].problem) if near else np.inf
         run = verified(starts, job.rungs[-1], job.progress, sure=self.found.shows, limit=limit)
-        if job.left < 1.0 or (job.stays(run) and run[0][1].cost < LOST):
+        if job.left < 1.0 or len(job.rungs) == 1 or (job.stays(run) and run[0][1].cost < LOST):
             return run
         # Impacts soon make two motions differ, however close their parameters are.
         again = followed(starts, job.rungs, job.current, job.progress, job.promising)
@@ -786,15 +789,16 @@ def _wanted(shape: Candidate, nearly: Entry | None) -> bool:
 def _kind_and_form(
     job: Job, known: Collection[tuple[str, str]], forms: Sequence[Entry], shapes: Sequence[Entry]
 ) -> Found | None:  # fmt: skip
-    # The best kind and place, after forms that extend those there were fitted too; the best form if one is adequate.
+    # The best kind and place, after forms that extend those there, and the best form, were fitted too; the best form if one is
+    # adequate.
     named = best_kind(forms, shapes, job.now, job.floors, job.evidence)
     place = named.entry.place if named is not None and named.step.form is None else None
     starts: Starts = []
-    for entry in (entry for entry in forms if entry.place == place):
+    for entry in (entry for entry in forms if entry is forms[0] or entry.place == place):
         # A rig whose baseline has no friction has no Stribeck friction to try before it has some.
         model = msgspec.structs.replace(entry.fit.model, free=tuple(free.path for free in entry.fit.free))
         for candidate in (c for cause in CATALOGUE for c in cause.candidates(model, job.evidence)):
-            if (kind_of(candidate.cause), candidate.location) == place and candidate.key not in known:
+            if (kind_of(candidate.cause), candidate.location) == entry.place and candidate.key not in known:
                 free = candidate.parameters(model, entry.fit.free)
                 starts += [(candidate, free, start) for start in candidate.starts]
     if starts:

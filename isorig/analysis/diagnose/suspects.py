@@ -102,6 +102,14 @@ class Suspects:
     _values: dict[Explanation, tuple[dict[str, float], ElementForce | None]] = field(default_factory=dict)
     _fits: dict[tuple[object, ...], _Begun] = field(default_factory=dict)
 
+    @property
+    def others(self) -> Suspects | None:
+        """Those of other kinds or places that would be suspected without these; None if there are none."""
+        mine = {(item.kind, item.place) for item in self.chosen}
+        left = [item for item in self.ranking.explanations if (item.kind, item.place) not in mine]
+        chosen = () if self.tentative else suspected(left, self.ranking.residuals)
+        return replace(self, chosen=chosen, _values={}, _fits={}) if chosen else None
+
     def includes(self, cause: str, location: str) -> bool:
         """Whether a cause at a place is suspected."""
         return any(self._is(explanation, cause, location) for explanation in self.chosen)
