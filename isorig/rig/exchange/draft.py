@@ -36,6 +36,8 @@ QUANTITIES = (
     ("velocity", "m/s"), ("current", "A"), ("strom", "A"), ("voltage", "V"), ("spannung", "V"), ("torque", "N m"),
     ("angle", "rad"), ("winkel", "rad"),
 )  # fmt: skip
+#: Words in a column's name or unit that denote the counts of an encoder.
+COUNTED = ("count", "encoder", "pulses", "ticks", "increments")
 #: Endings of names that are more often a letter than a unit: the axis of a sensor, a second channel.
 AMBIGUOUS = ("A", "V", "m", "1", "in")
 #: What a released rig needs in its mapping.
@@ -285,6 +287,9 @@ def _channel(name: str, source: str, column: Column) -> list[str]:
     absent = "by the column's name" if _unit_in(column.label, source) and not column.unit else "not given by the file"
     note = "" if found else f"    # ? {f'the file gives {column.unit!r}' if column.unit else absent}"
     sensitivity = "1.0    # ? column's unit per unit, e.g. V per m/s^2"
+    if _counted(name, column, source):
+        note = "    # ? counts of an encoder: rad, or m if it is straight"
+        sensitivity = "1.0    # ? counts in one unit, for rad counts per turn / (2 pi)"
     if column.sensitivity != 1.0:
         sensitivity = f"{column.sensitivity!r}    # ? the file's unit system has {column.sensitivity:g} of its units in one"
     return [
@@ -297,8 +302,18 @@ def _channel(name: str, source: str, column: Column) -> list[str]:
     ]
 
 
+def _counted(name: str, column: Column, source: str) -> bool:
+    # Whether a column without a known unit has the counts of an encoder: whole numbers.
+    if known_unit(column.unit) or _unit_in(column.label, source):
+        return False
+    values = np.asarray(column.values, dtype=np.float64)
+    said = " ".join((name, source, column.label, column.unit)).lower()
+    return any(word in said for word in COUNTED) and bool(np.array_equal(values, np.round(values)))
+
+
 def _unit_of(name: str, column: Column, source: str) -> str:
-    guess = next((unit for word, unit in QUANTITIES if word in name.lower()), "m/s^2")
+    usual = "rad" if _counted(name, column, source) else "m/s^2"
+    guess = next((unit for word, unit in QUANTITIES if word in name.lower()), usual)
     return known_unit(column.unit) or ("1" if name == GAIN else _unit_in(column.label, source) or guess)
 
 

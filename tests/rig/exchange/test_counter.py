@@ -127,3 +127,13 @@ def test_a_file_with_a_counter_only_keeps_it(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("n\n" + "\n".join(map(str, range(N))), encoding="utf-8")
     assert main(["import", "--draft", str(tmp_path / "a.csv"), "-o", str(tmp_path / "m.toml")]) == 0
     assert list(tomllib.loads((tmp_path / "m.toml").read_text(encoding="utf-8"))["channels"]) == ["n"]
+
+
+@pytest.mark.parametrize(
+    ("name", "whole", "unit"), [("motor_counts", True, "rad"), ("motor_counts", False, "m/s^2"), ("encoder_position", True, "m")]
+)
+def test_counts_of_an_encoder_are_no_acceleration(tmp_path: Path, name: str, whole: bool, unit: str) -> None:
+    turning = np.round(900.0 * np.sin(np.arange(N) / 40.0)) + (0.0 if whole else 0.25)
+    text, mapping = drafted(tmp_path, {"time": np.arange(N) / RATE, name: turning})
+    assert mapping["channels"][name]["unit"] == unit
+    assert ("# ? counts of an encoder: rad, or m if it is straight" in text) is whole
