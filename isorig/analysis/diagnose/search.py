@@ -794,7 +794,7 @@ def _kind_and_form(
     named = best_kind(forms, shapes, job.now, job.floors, job.evidence)
     place = named.entry.place if named is not None and named.step.form is None else None
     starts: Starts = []
-    for entry in (entry for entry in forms if entry is forms[0] or entry.place == place):
+    for entry in (entry for k, entry in enumerate(forms) if (k == 0 and entry.kind in SHAPED) or entry.place == place):
         # A rig whose baseline has no friction has no Stribeck friction to try before it has some.
         model = msgspec.structs.replace(entry.fit.model, free=tuple(free.path for free in entry.fit.free))
         for candidate in (c for cause in CATALOGUE for c in cause.candidates(model, job.evidence)):
