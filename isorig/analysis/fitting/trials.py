@@ -52,7 +52,7 @@ QUIET, LOUD = 0.02, 0.15
 #: Misfit of the described rig, in multiples of that noise, from which such a group is used nonetheless. Chosen: five simulated
 #: rigs without play in the joint reached 1.5 at most, two with it 8 and 32.
 TOLD = 5.0
-#: Minimum number of samples of the longest run after decimation. Chosen.
+#: Minimum number of samples of the shortest run after a further decimation. Chosen: as many tell a curve of twenty points.
 LEFT = 200
 #: Minimum number of samples of a run before its first gap.
 SHORTEST = 256
@@ -413,10 +413,10 @@ def _by_drive(
             f"the rig {model.name!r} has a body that no spring holds, so it is judged by the force of its drive; "
             "that takes the absolute position or velocity of every body, so measure those or add the spring to the description"
         )
-    longest = max(stop for _, stop in runs)
+    shortest = min(stop for _, stop in runs)
     least: tuple[float, list[tuple[Motion, Motion]], BoolArray] | None = None
     for decimation in DECIMATIONS:
-        if least is not None and longest < decimation * (LEFT + 2 * EDGE):
+        if least is not None and shortest < decimation * (LEFT + 2 * EDGE):
             break
         motions = [_motions(model, sensors, run, stop, noise, decimation) for run, stop in runs]
         noises, misfits = _shares_of_groups(model, motions)
