@@ -54,6 +54,9 @@ QUIET, LOUD = 0.02, 0.15
 TOLD = 5.0
 #: Minimum number of samples of the shortest run after a further decimation. Chosen: as many tell a curve of twenty points.
 LEFT = 200
+#: Duration for which the end of a record of an imposed motion disturbs its derivatives, in periods of the corner frequency of its
+#: low-pass, and the inverse of its largest share of a record. Chosen: after as many the error is below the noise.
+ENDS, SHORTER = 2.5, 20
 #: Minimum number of samples of a run before its first gap.
 SHORTEST = 256
 #: Errors below this share of a channel's rms do not justify a parameter: weights add it to the noise.
@@ -150,6 +153,13 @@ class Trial:
         """Length of the record."""
         return int(self.measured.shape[1])
 
+    @property
+    def uncertain_end(self) -> int:
+        """Number of last samples for which an imposed motion and its derivatives depend on how it goes on."""
+        excitation = self.excitation
+        corner = min(drive.corner for drive in (excitation, *excitation.others))
+        return TAPS + min(round(ENDS * self.sample_rate / corner), self.samples // SHORTER)
+
     def unit_of(self, name: str) -> str:
         """Unit of a compared signal: a drive that is computed from the motion has the drive's."""
         return self.run.channel(self.channels[0] if self.motion is not None else name).unit
@@ -227,8 +237,9 @@ class _Cache(NamedTuple):
 def expected(model: RigModel, trial: Trial, motion: Mapping[str, FloatArray] | None = None) -> FloatArray:
     """Predicted records of a rig's sensors in a trial, in a free run from its first sample, shape (channels, n).
 
-    The first records of a run that begins in motion depend on the motion before, and those above the usable frequency on the
-    converter's filter, which is not known: there a prediction has the record's own content. The difference of both has passed
+    The first records of a run that begins in motion depend on the motion before, the last ones of an imposed motion on that after
+    them, and those above the usable frequency on the converter's filter, which is not known: there a prediction has the record's
+    own content. The difference of both has passed
     one low-pass.
 
     Parameters
@@ -250,6 +261,9 @@ def expected(model: RigModel, trial: Trial, motion: Mapping[str, FloatArray] | N
     predicted = simulated(model, trial, true_motion(model, trial, trial.samples) if motion is None else motion)
     if trial.moving is not None:
         predicted[:, :TAPS] = trial.measured[:, :TAPS]
+    if model.imposed and predicted.shape[1] == trial.samples:
+        end = slice(trial.samples - trial.uncertain_end, None)
+        predicted[:, end] = trial.measured[:, end]
     if trial.usable >= trial.sample_rate / 2.0:
         return predicted
     measured = trial.measured[:, : predicted.shape[1]]

@@ -55,6 +55,20 @@ def test_a_kind_is_blamed_if_it_explains_nearly_as_much_as_the_best(share: float
     assert not found.blamed("hardening_stiffness", "belt")
 
 
+def test_the_next_suspects_are_of_another_kind_or_place() -> None:
+    found = blaming(("drift", "rail", 0.7), ("drift", "belt", 0.6), ("spring_shape", "rail", 0.2), ("memory", "rail", 0.1))
+    first = replace(found, chosen=found.chosen[:1])
+    others = first.others
+    assert others is not None
+    assert [(item.kind, item.place) for item in others.chosen] == [("drift", "belt")]
+    rest = replace(found, chosen=found.chosen[:2]).others
+    assert rest is not None
+    assert [item.kind for item in rest.chosen] == ["spring_shape", "memory"]
+    assert rest.blamed("hardening_stiffness", "rail")
+    assert found.others is None
+    assert replace(first, tentative=True).others is None
+
+
 def two_broken(own: float, other: float) -> Suspects:
     """A spring and a resonator that repair one of two broken equations each; `other` is what the latter leaves of the first."""
     spring, resonator = (
