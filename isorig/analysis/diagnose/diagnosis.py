@@ -233,7 +233,7 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
     keep_time(AFTER_SEARCH * preparing)
     guess = fit_start(equations)
     try:
-        trials, baseline = _baseline((guess, model), trials, misfits=max(residuals.values(), default=0.0) >= BROKEN)
+        trials, baseline = _baseline((guess, model), trials, misfits=_surely_misfits(equations, residuals))
         late = False
     except OutOfTimeError:
         baseline, late = not_fitted(guess), True
@@ -301,6 +301,11 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
         residuals=residuals, pointed=shown_by_equations, spread=blamed.spread if blamed is not None else "",
         doubts=_standing(doubts(model, _credible(found), campaign), model, equations),
     )  # fmt: skip
+
+
+def _surely_misfits(equations: Equations, residuals: Mapping[str, float]) -> bool:
+    # Equations with estimated motions may also break because the values behind these are wrong.
+    return not equations.hidden and max(residuals.values(), default=0.0) >= BROKEN
 
 
 def _baseline(starts: Sequence[RigModel], trials: Sequence[Trial], *, misfits: bool) -> tuple[tuple[Trial, ...], Fit]:
