@@ -139,15 +139,16 @@ def with_cost(cost: float, cause: str = "end_stop") -> tuple[Candidate, Fit]:
     return candidate, Fit(model=stage(), free=(), covariance=np.zeros((0, 0)), cost=cost, evaluations=1)
 
 
-@pytest.mark.parametrize(("cost", "lost"), [(24.9, False), (25.1, True)])
+@pytest.mark.parametrize(("cost", "lengths", "lost"), [(24.9, 2, False), (25.1, 2, True), (25.1, 1, False)])
 def test_a_fit_that_errs_by_a_twentieth_of_the_signal_is_repeated_on_growing_lengths(
-    cost: float, lost: bool, monkeypatch: pytest.MonkeyPatch
+    cost: float, lengths: int, lost: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # An allowed error is a hundredth of the signal: a twentieth has a cost of 25.
+    # An allowed error is a hundredth of the signal: a twentieth has a cost of 25. One length alone does not grow.
     begun, again = [with_cost(cost)], [with_cost(1.0)]
     monkeypatch.setattr(search, "verified", lambda *_, **__: begun)
     monkeypatch.setattr(search, "followed", lambda *_, **__: again)
-    one = suspected(SimpleNamespace(shows=0), left=1.0, stays=lambda run: True, promising=0.5)
+    rungs = [SimpleNamespace()] * lengths
+    one = suspected(SimpleNamespace(shows=0), left=1.0, stays=lambda run: True, promising=0.5, rungs=rungs)
     assert one._fitted([]) == (again if lost else begun)
 
 
