@@ -119,6 +119,8 @@ def test_a_hidden_friction_is_named(tmp_path: Path) -> None:
     answer = diagnosed(campaign(3, lambda angle, speed: 0.05 * np.tanh(speed / 1e-3)), tmp_path)
     assert answer["verdict"] in ("explained", "partly explained")
     assert answer["steps"][0]["kind"] == "friction_shape"
+    assert {item["channel"] for item in answer["discrepancies"]} <= {"torque"}
+    assert set(answer["budget"]["baseline"]["by_channel"]) == {"torque"}
     assert answer["steps"][0]["location"] in ("motor_bearing", "load_bearing")
 
 
@@ -133,3 +135,4 @@ def test_the_drive_follows_from_the_quietest_group_of_bodies() -> None:
     both, _ = prepare(found, soft)
     assert both.channels == ("torque", "torque of motor + load")
     assert both.unit_of("torque of motor + load") == "N m"
+    assert both.recorded("torque of motor + load") == "torque"

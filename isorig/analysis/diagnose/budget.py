@@ -63,7 +63,10 @@ def budget(model: RigModel, trials: Sequence[Trial], noise: FloatArray) -> Budge
     played = ", ".join(f"{trials[a].run.id} and {trials[b].run.id}" for a, b in pairs)
     return Budget(
         shares=_intervals(parts),
-        by_channel={name: _shares(parts[:, k]) for k, name in enumerate(trials[0].channels)},
+        by_channel={
+            name: _shares(parts[:, [trials[0].recorded(other) == name for other in trials[0].channels]].reshape(-1, len(NATURES)))
+            for name in dict.fromkeys(map(trials[0].recorded, trials[0].channels))
+        },
         by_configuration={
             name: _shares(parts[[trial.run.configuration == name for trial in trials]].reshape(-1, len(NATURES)))
             for name in dict.fromkeys(trial.run.configuration for trial in trials)

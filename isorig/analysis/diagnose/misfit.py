@@ -135,7 +135,7 @@ def _bands(model: RigModel, trials: Sequence[Trial]) -> list[Discrepancy]:
             )
             found.append(
                 Discrepancy(
-                    channel=name, configuration=trial.run.configuration, gain=trial.run.gain, run=trial.run.id,
+                    channel=trial.recorded(name), configuration=trial.run.configuration, gain=trial.run.gain, run=trial.run.id,
                     band_hz=band, what="time" if trial.run.excitation == "moves" else "frf", size=size, noise=noise,
                     text=text,
                 )

@@ -160,9 +160,13 @@ class Trial:
         corner = min(drive.corner for drive in (excitation, *excitation.others))
         return TAPS + min(round(ENDS * self.sample_rate / corner), self.samples // SHORTER)
 
+    def recorded(self, name: str) -> str:
+        """The channel behind a compared signal: a drive that is computed from the motion of a group of bodies is the drive's."""
+        return self.channels[0] if self.motion is not None else name
+
     def unit_of(self, name: str) -> str:
-        """Unit of a compared signal: a drive that is computed from the motion has the drive's."""
-        return self.run.channel(self.channels[0] if self.motion is not None else name).unit
+        """Unit of a compared signal."""
+        return self.run.channel(self.recorded(name)).unit
 
     @cached_property
     def _cache(self) -> _Cache:
