@@ -243,8 +243,7 @@ def expected(model: RigModel, trial: Trial, motion: Mapping[str, FloatArray] | N
 
     The first records of a run that begins in motion depend on the motion before, the last ones of an imposed motion on that after
     them, and those above the usable frequency on the converter's filter, which is not known: there a prediction has the record's
-    own content. The difference of both has passed
-    one low-pass.
+    own content. The difference of both has passed one low-pass.
 
     Parameters
     ----------

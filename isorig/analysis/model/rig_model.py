@@ -705,6 +705,18 @@ def given_rig(given: object) -> RigModel:
     return of_type(given, RigModel, "the rig", "an iso.Rig; give one, for example iso.read_rig(FILE).model")
 
 
+def given_configuration(model: RigModel, given: object) -> str:
+    """The name of a configuration; that of the rig's first one if None.
+
+    Raises
+    ------
+    ArgumentError
+        It is no text.
+    """
+    first = next(iter(model.configurations))
+    return first if given is None else text(given, "the configuration", first)
+
+
 def _unique(names: list[str], kind: str) -> None:
     for name in names:
         if names.count(name) > 1:

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from isorig.analysis.errors import ModelError
-from isorig.analysis.given import all_of_type, finite, flag, given_mapping, number, of_type, text, whole
-from isorig.analysis.model.rig_model import RigModel, given_rig
+from isorig.analysis.given import all_of_type, finite, flag, given_mapping, number, of_type, whole
+from isorig.analysis.model.rig_model import RigModel, given_configuration, given_rig
 from isorig.analysis.simulate.compiled import compile_rig
 from isorig.analysis.simulate.free_run import NOWHERE, Response, imposed_start, response_of, run_rig, sense_of, true_fine
 from isorig.analysis.simulate.sampling import TAPS, Excitation
@@ -62,8 +62,7 @@ def simulate(
     """
     model = given_rig(model)
     of_type(excitation, Excitation, "the drive", "an iso.Excitation; give iso.Excitation.prepare(VALUES, SAMPLE_RATE)")
-    first = next(iter(model.configurations))
-    configuration = first if configuration is None else text(configuration, "the configuration", first)
+    configuration = given_configuration(model, configuration)
     start_time, as_recorded = finite(start_time, "the start time"), flag(as_recorded, "the argument as_recorded")
     samples = None if samples is None else whole(samples, "the number of samples", 0, len(excitation.recorded))
     _check_start(model, start)

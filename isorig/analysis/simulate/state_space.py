@@ -9,9 +9,8 @@ import numpy as np
 
 from isorig.analysis.campaign import MOTION, SI_UNIT, FloatArray
 from isorig.analysis.errors import ModelError
-from isorig.analysis.given import text
 from isorig.analysis.model.linear import imposed_coordinates, linear_part
-from isorig.analysis.model.rig_model import RigModel, direction
+from isorig.analysis.model.rig_model import RigModel, direction, given_configuration
 from isorig.analysis.views import call, shows
 
 
@@ -63,8 +62,7 @@ def state_space(model: RigModel, configuration: str | None = None) -> StateSpace
     ModelError
         The configuration is unknown, a motion is imposed by other than its acceleration, or a sensor records a force.
     """
-    first = next(iter(model.configurations))
-    name = first if configuration is None else text(configuration, "the configuration", first)
+    name = given_configuration(model, configuration)
     basis, mass, damping, stiffness = linear_part(model, name)
     other = next((drive for drive in model.drives if drive.imposes is not None and MOTION.get(drive.quantity) != 2), None)
     if other is not None:

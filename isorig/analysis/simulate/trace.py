@@ -9,10 +9,10 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray, IntArray
 from isorig.analysis.errors import SimulationError
-from isorig.analysis.given import finite, flag, of_type, text
+from isorig.analysis.given import finite, flag, of_type
 from isorig.analysis.laws.base import NO_LINK
 from isorig.analysis.model.linear import imposed_coordinates, linear_part
-from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel, direction, given_rig
+from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel, direction, given_configuration, given_rig
 from isorig.analysis.simulate.compiled import Compiled, compile_rig
 from isorig.analysis.simulate.free_run import NOWHERE, Response, imposed_start, response_of, run_rig, sense_of, true_fine
 from isorig.analysis.simulate.sampling import Excitation, sampled
@@ -92,8 +92,7 @@ def trace(
     """
     model = given_rig(model)
     of_type(excitation, Excitation, "the drive", "an iso.Excitation; give iso.Excitation.prepare(VALUES, SAMPLE_RATE)")
-    first = next(iter(model.configurations))
-    configuration = first if configuration is None else text(configuration, "the configuration", first)
+    configuration = given_configuration(model, configuration)
     start_time, as_recorded = finite(start_time, "the start time"), flag(as_recorded, "the argument as_recorded")
     rate, over, n = excitation.sample_rate, excitation.oversample, len(excitation.recorded)
     h = 1.0 / (rate * over)

@@ -67,7 +67,7 @@ def sample_counter(column: Column) -> SampleCounter | None:
     values = np.asarray(column.values)
     if values.dtype.kind not in "iuf" or len(values) < BESIDE or column.sensitivity != 1.0:
         return None
-    if not (np.isfinite(values).all() and np.abs(values).max() < WHOLE_MOST and np.array_equal(values, np.round(values))):
+    if not (np.isfinite(values).all() and np.abs(values).max() < WHOLE_MOST and column.whole):
         return None
     numbers = values.astype(np.int64)
     steps = np.diff(numbers)

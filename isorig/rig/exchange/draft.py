@@ -306,9 +306,8 @@ def _counted(name: str, column: Column, source: str) -> bool:
     # Whether a column without a known unit has the counts of an encoder: whole numbers.
     if known_unit(column.unit) or _unit_in(column.label, source):
         return False
-    values = np.asarray(column.values, dtype=np.float64)
     said = " ".join((name, source, column.label, column.unit)).lower()
-    return any(word in said for word in COUNTED) and bool(np.array_equal(values, np.round(values)))
+    return any(word in said for word in COUNTED) and column.whole
 
 
 def _unit_of(name: str, column: Column, source: str) -> str:

@@ -50,6 +50,12 @@ class Column:
     lost: IntArray | None = None
     label: str = ""
 
+    @property
+    def whole(self) -> bool:
+        """Whether all values are whole numbers, as those of a counter."""
+        values = np.asarray(self.values, dtype=np.float64)
+        return bool(np.array_equal(values, np.round(values)))
+
 
 @dataclass(frozen=True, kw_only=True)
 class ForeignTable:
