@@ -97,7 +97,7 @@ def test_a_fit_that_is_biased_by_two_percent_is_not_refined(error: float, steps:
     monkeypatch.setattr(uncertainty, "polished", polished)
     done = Fit(model=stage(), free=(), covariance=np.zeros((0, 0)), cost=1.0, evaluations=1)
     with pytest.raises(StopIteration):
-        uncertainty.assessed(done, (), 0.0, {}, np.zeros((2, 3)))
+        uncertainty.assessed(done, (), {}, np.zeros((2, 3)))
     assert refined == [steps]
 
 

@@ -6,11 +6,14 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import isorig as iso
-from isorig.analysis.campaign import Campaign
-from isorig.analysis.spectra.zero_errors import MATTERS, zero_errors
+from isorig.analysis.campaign import Campaign, Run
+from isorig.analysis.fitting.trials import expected, prepare
+from isorig.analysis.fitting.trials import zero_errors as wandering_zeros
+from isorig.analysis.spectra.zero_errors import MATTERS, WANDERS, zero_errors
 from isorig.rig.cli import main
 from isorig.rig.exchange.importing import shortcomings
 from isorig.rig.files.rigfile import SHIPPED, read_rig
@@ -63,3 +66,39 @@ def test_sound_rigs_have_none(name: str) -> None:
 
 def test_moves_are_motion(campaign: Campaign) -> None:
     assert zero_errors(campaign) == {}
+
+
+def with_wander(campaign: Campaign, share: float, period: float, name: str = "table") -> Campaign:
+    """The same with a slow sine in a record, a share of its rms, of a period in s."""
+
+    def spoilt(run: Run) -> Run:
+        values = run.read(name)
+        slow = np.sqrt(2.0) * share * values.std() * np.sin(2.0 * np.pi * np.arange(len(run)) / (period * run.sample_rate))
+        channel = replace(run.channels[name], samples=values + slow, scale=1.0, offset=0.0)
+        return replace(run, channels={**run.channels, name: channel})
+
+    return replace(campaign, runs=tuple(map(spoilt, campaign.runs)))
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.0, False), (0.7 * WANDERS, False), (1.5 * WANDERS, True), (0.2, True)])
+def test_a_zero_that_wanders_is_told(share: float, told: bool, campaign: Campaign) -> None:
+    model = iso.wire_bonder()
+    found = wandering_zeros(with_wander(campaign, share, 8.0), model)
+    assert list(found) == (["table"] if told else [])
+    assert all("no motion of a rig on springs is so slow" in text for text in found.values())
+
+
+def test_errors_of_a_wandering_zero_do_not_count(campaign: Campaign) -> None:
+    """The difference from the sound records is the wander, and none of it remains in the error."""
+    model, errors = iso.wire_bonder(), []
+    for measured in (campaign, with_wander(campaign, 0.2, 8.0)):
+        trial = prepare(measured, model)[0]
+        row = trial.channels.index("table")
+        errors.append((expected(model, trial) - trial.measured)[row])
+    assert np.std(errors[1] - errors[0]) < 0.01 * float(campaign.runs[0].read("table").std())
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_no_sound_rig_wanders(name: str) -> None:
+    given = read_rig(name)
+    assert wandering_zeros(described_campaign(given, seed=4, seconds=10.0, truth=given.model), given.model) == {}

@@ -38,7 +38,7 @@ from isorig.analysis.fitting.division import refined
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
 from isorig.analysis.fitting.score import score
 from isorig.analysis.fitting.solve import Fit, Problem, fit
-from isorig.analysis.fitting.trials import drive_noise, prepare
+from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.fitting.uncertainty import assessed
 from isorig.analysis.jackknife import NORMAL
 from isorig.analysis.model.rig_model import RigModel
@@ -132,7 +132,7 @@ def rows_of(seed: int, cause: str, family: str, severity: float) -> list[dict[st
             return []
         candidate, rough, true = found
         fine = [refined(trial) for trial in prepare(campaign, rough.model)]
-        final = assessed(rough, fine, drive_noise(campaign, rough.model.drive.channel), campaign.known)
+        final = assessed(rough, fine, campaign.known)
     own, std = {reported.path for reported in candidate.reported}, final.fit.std
     return [
         {

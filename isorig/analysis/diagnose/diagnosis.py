@@ -65,7 +65,7 @@ from isorig.analysis.fitting.score import (
 )
 from isorig.analysis.fitting.screen import Progress
 from isorig.analysis.fitting.solve import Fit
-from isorig.analysis.fitting.trials import Trial, drive_noise, prepare
+from isorig.analysis.fitting.trials import Trial, prepare, zero_errors
 from isorig.analysis.fitting.uncertainty import assessed
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.spectra.quality import faults
@@ -133,6 +133,8 @@ class Diagnosis:
         The largest contributions to an unexplained error by the equations of motion, as a sentence; empty if one stands out.
     doubts
         Implausible fitted values: check units and given values first.
+    zero_errors
+        A sentence for each accelerometer whose wrong or wandering zero does not count.
     """
 
     verdict: str
@@ -162,6 +164,7 @@ class Diagnosis:
     pointed: tuple[str, str] | None
     spread: str
     doubts: tuple[Doubt, ...]
+    zero_errors: tuple[str, ...]
 
 
 def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, progress: Progress = lambda text: None) -> Diagnosis:
@@ -300,6 +303,7 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
         tolerance=tolerance, cut_short=search.cut_short,
         residuals=residuals, pointed=shown_by_equations, spread=blamed.spread if blamed is not None else "",
         doubts=_standing(doubts(model, _credible(found), campaign), model, equations),
+        zero_errors=tuple(zero_errors(campaign, model).values()),
     )  # fmt: skip
 
 
@@ -375,7 +379,6 @@ class _Search:
         self.entries: list[tuple[Score, tuple[Entry, ...]]] = []
         self.first: Job | None = None
         self.cut_short = False
-        self._drive_noise = drive_noise(campaign, described.drive.channel)
         self._noise_floors: _Floors = {}
         self._disturbances: _Floors = {}
 
@@ -565,7 +568,7 @@ class _Search:
         return _once(self._disturbances, model, judged, lambda: disturbance(model, judged))
 
     def _noise_floor(self, model: RigModel, judged: Sequence[Trial]) -> FloatArray:
-        return _once(self._noise_floors, model, judged, lambda: noise_floor(model, judged, self._drive_noise))
+        return _once(self._noise_floors, model, judged, lambda: noise_floor(model, judged))
 
     def settled(self, found: _Found) -> _Found:
         """The search with the last model at its minimum, and the uncertainty of its values; without time it stays as it is."""
@@ -575,7 +578,7 @@ class _Search:
         try:
             judged = found.division.judged
             floors = None if found.division.beginnings else self.floors([last.fit.model], judged)
-            fit = assessed(last.fit, fits, self._drive_noise, self._campaign.known, floors).fit
+            fit = assessed(last.fit, fits, self._campaign.known, floors).fit
         except (OutOfTimeError, FitError):
             return found
         # The refined values differ by less than their uncertainty, so noise passes through them alike.
@@ -608,7 +611,7 @@ class _Search:
         draws: list[float] = []
         with self.until_the_time_ends():
             while more_draws(measured, draws):
-                draws.append(calibrated(stage.fit, self._trials, divide, floors, self._drive_noise, len(draws)))
+                draws.append(calibrated(stage.fit, self._trials, divide, floors, len(draws)))
         return max(draws, default=None)
 
 

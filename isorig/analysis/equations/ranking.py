@@ -12,6 +12,7 @@ import numpy as np
 
 from isorig.analysis.campaign import ComplexArray, FloatArray, IntArray
 from isorig.analysis.deadline import ask_time
+from isorig.analysis.derivative import derivative
 from isorig.analysis.equations.balances import Balance, Element, Lock
 from isorig.analysis.equations.columns import (
     CORNERS,
@@ -708,7 +709,7 @@ class Regressions:
                     continue
                 error = signals[source, order] if source is not None and order >= 0 else own
                 if what == "delay":
-                    error = np.gradient(error, 1.0 / self.on.rate)
+                    error = derivative(error, self.on.rate)
                 elif what == "high-pass":
                     error = derivatives(error, 1, self.on.rate, CUT * self.on.lowest, np.inf).orders[0]
                 errors[order] = error

@@ -40,6 +40,8 @@ class RunSpectra:
         Shape (signals, segments, bins).
     power
         Cross-spectral matrices averaged over segments, shape (bins, signals, signals).
+    noise
+        Those of the sensors' noise, of the same shape.
     bent
         Those of errors by `ACCURACY` of each record's largest value in proportion to its square, of the same shape.
     """
@@ -47,6 +49,7 @@ class RunSpectra:
     run: int
     segments: ComplexArray
     power: ComplexArray
+    noise: ComplexArray
     bent: ComplexArray
 
 
@@ -88,7 +91,7 @@ class Prepared:
         self._matrix = matrix = spectra.matrix(rows)
         chosen = [item for item in spectra.runs if item.run in self.runs]
         grams = [np.real(_gram(matrix, item.power)) for item in chosen]
-        noise = np.real(_gram(matrix, spectra.noise))
+        noises = [np.real(_gram(matrix, item.noise)) for item in chosen]
         parts = [spectra.parts(matrix, item.power) for item in chosen]
         bent = [np.real(_gram(matrix, item.bent)) for item in chosen]
         given = np.asarray(start, dtype=float)
@@ -98,18 +101,20 @@ class Prepared:
             weights = [
                 spectra.octaves
                 / np.maximum(np.einsum("p,fpq,q->f", row, noise + curve, row) + ACCURACY**2 * (part @ row**2), 1e-300)
-                for part, curve in zip(parts, bent, strict=True)
+                for part, curve, noise in zip(parts, bent, noises, strict=True)
             ]
             if not len(values) or again == rounds:
                 break
-            total = sum(np.einsum("f,fpq->pq", w, gram - noise) for w, gram in zip(weights, grams, strict=True))
+            total = sum(np.einsum("f,fpq->pq", *item) for item in zip(weights, map(np.subtract, grams, noises), strict=True))
             assert not isinstance(total, int)
             values = _scaled(total[1:, 1:], total[1:, 0])
         self.weights = dict(zip((item.run for item in chosen), weights, strict=True))
         count = len(chosen)
         self.size = sum(item.segments.shape[1] for item in chosen) * len(spectra.bins)
-        self.power = sum((w[:, None, None] * item.power for w, item in zip(weights, chosen, strict=True))) / count
-        self.noise = sum(weights)[:, None, None] * spectra.noise / count
+        self.power, self.noise = (
+            sum(w[:, None, None] * power for w, power in zip(weights, powers, strict=True)) / count
+            for powers in ([item.power for item in chosen], [item.noise for item in chosen])
+        )
         self._kept: dict[tuple[int, ...], tuple[ComplexArray, ComplexArray]] = {(): (self.power, self.noise)}
         self._own = tuple(np.real(_gram(matrix, power)).sum(axis=0) for power in (self.power, self.noise))
         self.solved = _solve(*self._own)
@@ -277,14 +282,12 @@ class Spectra:
         Band in Hz.
     names
         The signals: channel and order of the derivative.
-    noise
-        Standard deviation of each signal's sensor noise at order of its channel, by channel; `orders` has that order.
     orders
         The measured derivative of each channel.
     """
 
     def __init__(
-        self, rate: float, length: int, low: float, high: float, names: Sequence[tuple[str, int]], noise: Mapping[str, float],
+        self, rate: float, length: int, low: float, high: float, names: Sequence[tuple[str, int]],
         orders: Mapping[str, int],
     ) -> None:  # fmt: skip
         self.rate, self.length, self.names = rate, length, tuple(names)
@@ -300,8 +303,6 @@ class Spectra:
         self.omega = 2.0 * np.pi * self.frequency
         self.octaves = (1.0 / self.frequency) / (1.0 / self.frequency).sum()
         self.orders = orders
-        window = float((self.window**2).sum())
-        self.noise = self._independent({name: np.full(len(self.bins), level**2 * window) for name, level in noise.items()})
         self.runs: list[RunSpectra] = []
 
     def _independent(self, power: Mapping[str, FloatArray]) -> ComplexArray:
@@ -315,18 +316,24 @@ class Spectra:
                     found[:, i, j] = values * a.conj() * b
         return found
 
-    def add(self, run: int, signals: Mapping[tuple[str, int], FloatArray]) -> None:
-        """Add a run: its signals, each shape (n,)."""
+    def add(self, run: int, signals: Mapping[tuple[str, int], FloatArray], noise: Mapping[str, float]) -> None:
+        """Add a run: its signals, each shape (n,), and the standard deviation of the sensor noise in each measured channel."""
         segments = np.stack([self.segments(signals[name]) for name in self.names])
         count = segments.shape[1]
         if count:
             power = np.einsum("isf,jsf->fij", segments.conj(), segments, optimize=True) / count
+            window = float((self.window**2).sum())
+            of_noise = {name: np.full(len(self.bins), level**2 * window) for name, level in noise.items()}
             bent = {}
             for name, order in self.orders.items():
                 values = signals[name, order]
                 error = self.segments(ACCURACY * values**2 / max(float(np.abs(values).max()), 1e-300))
                 bent[name] = np.mean(np.abs(error) ** 2, axis=0)
-            self.runs.append(RunSpectra(run=run, segments=segments, power=power, bent=self._independent(bent)))
+            self.runs.append(
+                RunSpectra(
+                    run=run, segments=segments, power=power, noise=self._independent(of_noise), bent=self._independent(bent)
+                )
+            )
 
     def segments(self, values: FloatArray) -> ComplexArray:
         """Spectra of a signal's segments at the chosen bins, shape (segments, bins)."""

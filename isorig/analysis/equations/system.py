@@ -28,7 +28,7 @@ from isorig.analysis.model.rig_model import GROUND, RigModel
 from isorig.analysis.rounding import is_command
 from isorig.analysis.simulate.natural import natural_modes
 from isorig.analysis.simulate.sampling import as_held
-from isorig.analysis.spectra.noise import noise_levels
+from isorig.analysis.spectra.noise import noise_of_runs
 
 #: Periods of the lowest mode in a segment, and its shortest length in samples.
 SEGMENT_PERIODS, SHORTEST = 20.0, 256
@@ -67,13 +67,14 @@ HOLDS = 2.0
 
 @dataclass(kw_only=True)
 class Record:
-    """A run: its samples by channel, the seconds since the campaign's start, and whether its drive is broad-band."""
+    """A run: its samples and noise by channel, the seconds since the campaign's start, and whether its drive is broad-band."""
 
     index: int
     configuration: str
     broad: bool
     start: float
     channels: dict[str, FloatArray]
+    noise: dict[str, float]
 
 
 class Equations:
@@ -86,10 +87,10 @@ class Equations:
     model
         The rig with its given or fitted values.
     noise
-        Standard deviation of each channel's sensor noise, by channel.
+        Standard deviation of each channel's sensor noise in each run, by channel.
     """
 
-    def __init__(self, campaign: Campaign, model: RigModel, noise: Mapping[str, float]) -> None:
+    def __init__(self, campaign: Campaign, model: RigModel, noise: Sequence[Mapping[str, float]]) -> None:
         self.hidden = estimable(model)
         self.model, self.combos = model, Combinations(model, self.hidden)
         # Where no spring holds a body, its position counts from the start of a run.
@@ -102,11 +103,11 @@ class Equations:
             Record(
                 index=k, configuration=run.configuration, broad=run.excitation in BROAD, start=campaign.seconds_since_start(run),
                 channels=true_records(model, _read(run, model), run.sample_rate),
+                noise={name: own.get(name, 0.0) for name in model.channels},
             )
-            for k, run in enumerate(campaign.runs)
+            for k, (run, own) in enumerate(zip(campaign.runs, noise, strict=True))
             if run.sample_rate == self.rate
         ]  # fmt: skip
-        self.noise = {name: noise.get(name, 0.0) for name in model.channels}
         longest = max((len(next(iter(r.channels.values()))) for r in self.records), default=0)
         self.lowest = lowest_frequency(model, longest / self.rate)
         # In a decay a change in time is one with the amplitude, unless other runs begin later.
@@ -177,10 +178,10 @@ class Equations:
         names += [(estimate_of(body), order) for body in self.hidden for order in range(3)]
         names += [(law_of(element, k), -1) for element in elements(self.model) for k in range(law_columns(element))]
         high = min(self.usable, self.edge)
-        self.spectra = Spectra(self.rate, self.length, LOWEST * self.lowest, high, names, self.noise, orders)
+        self.spectra = Spectra(self.rate, self.length, LOWEST * self.lowest, high, names, orders)
         self.signals: list[dict[tuple[str, int], FloatArray]] = [self._signals_of(record) for record in self.records]
         for record, signals in zip(self.records, self.signals, strict=True):
-            self.spectra.add(record.index, signals)
+            self.spectra.add(record.index, signals, record.noise)
         self.prepared: dict[str, Prepared] = {}
         self.sliding: dict[str, tuple[Sliding, SlidingFit]] = {}
         self._in_time: dict[tuple[str, str, bool], tuple[Sliding, SlidingFit] | None] = {}
@@ -389,16 +390,23 @@ class Equations:
         return found
 
     def noise_share(self, element: Element, low: float) -> float:
-        """Noise of an element's deflection, integrated from this frequency in Hz on, as a share of its rms."""
-        variance = 0.0
-        for channel, weight in (self.combos.of(element.weights, 0) or {}).items():
-            if self.combos.orders[channel] > 0:  # an estimate has no noise of its own
+        """Noise of an element's deflection, integrated from this frequency in Hz on, as its least share of a run's rms."""
+        channels = {  # an estimate has no noise of its own
+            channel: weight
+            for channel, weight in (self.combos.of(element.weights, 0) or {}).items()
+            if self.combos.orders[channel]
+        }
+        shares = []
+        for record, signals in zip(self.records, self.signals, strict=True):
+            variance = 0.0
+            for channel, weight in channels.items():
                 # White noise of an n-th derivative, integrated n times: the integral of 1 / (2 pi f)^2n from that frequency on.
                 power = 2 * self.combos.orders[channel]
-                density = 2.0 * (weight * self.noise.get(channel, 0.0)) ** 2 / self.rate
+                density = 2.0 * (weight * record.noise.get(channel, 0.0)) ** 2 / self.rate
                 variance += density / ((2.0 * np.pi) ** power * (power - 1) * low ** (power - 1))
-        motion = max(float(np.std(self.elongation(signals, element, low)[0])) for signals in self.signals)
-        return float(np.sqrt(variance)) / max(motion, 1e-300)
+            motion = float(np.std(self.elongation(signals, element, low)[0]))
+            shares.append(float(np.sqrt(variance)) / max(motion, 1e-300))
+        return min(shares, default=0.0)
 
     def _settled(self, sliding: Sliding, element: Element, sign: float) -> SlidingFit:
         laws = law_columns(element)
@@ -431,7 +439,7 @@ class Equations:
     ) -> tuple[list[SlidingRun], float]:  # fmt: skip
         runs: list[SlidingRun] = []
         way = np.sign(sign)
-        noise = 0.0
+        noise: list[float] = []
         edge = self.edge
         for record, signals in zip(records, all_signals, strict=True):
             if record.configuration not in balance.configurations or len(next(iter(signals.values()))) < self.length:
@@ -448,7 +456,7 @@ class Equations:
                 if other.contact is not None:
                     fixed.append(way * other_sign * direction_of(ov, max(float(np.std(ov)), 1e-12)))
             columns = np.column_stack(fixed) if fixed else np.zeros((len(force), 0))
-            noise = max(noise, self._force_noise(balance, len(force), edge))
+            noise.append(self._force_noise(balance, record, len(force), edge))
             force, d, v, columns = self.thinned(low_passed(force, self.rate, edge)), *map(self.thinned, (d, v, columns))
             n = len(force)
             usable = np.zeros(n, dtype=bool)
@@ -462,7 +470,7 @@ class Equations:
                     slow_velocity=np.zeros(n),
                 )
             )  # fmt: skip
-        return runs, noise
+        return runs, float(np.sqrt(np.mean(np.square(noise)))) if noise else 0.0
 
     def thinned(self, values: FloatArray) -> FloatArray:
         """Records, shape (n, ...), at the samples of sliding equations."""
@@ -500,12 +508,12 @@ class Equations:
             d = low_passed(d, self.rate, self.edge)
         return d, v
 
-    def _force_noise(self, balance: Balance, n: int, edge: float) -> float:
+    def _force_noise(self, balance: Balance, record: Record, n: int, edge: float) -> float:
         # Standard deviation of the noise of an equation's known part, from noise through the same processing.
         generator = np.random.default_rng(5)
         total = 0.0
         for (channel, order), weight in self.force_row(balance).items():
-            level = self.noise.get(channel, 0.0) * abs(complex(weight))
+            level = record.noise.get(channel, 0.0) * abs(complex(weight))
             if level == 0.0:
                 continue
             values = generator.normal(0.0, 1.0, min(n, 8192))
@@ -690,7 +698,7 @@ def _read(run: Run, model: RigModel) -> dict[str, FloatArray]:
 
 def equations_of(campaign: Campaign, model: RigModel) -> Equations:
     """The equations of a campaign for a rig with the causes found so far."""
-    return Equations(campaign, model, noise_levels(campaign, tuple(drive.channel for drive in model.drives)))
+    return Equations(campaign, model, noise_of_runs(campaign, tuple(drive.channel for drive in model.drives)))
 
 
 def lowest_frequency(model: RigModel, longest: float) -> float:

@@ -219,7 +219,7 @@ def without(step: Fit, current: Fit, trials: Sequence[Trial]) -> Fit:
         return current
 
 
-def calibrated(done: Fit, trials: Sequence[Trial], divide: Divide, floors: FloatArray, drive_noise: float, draw: int) -> float:
+def calibrated(done: Fit, trials: Sequence[Trial], divide: Divide, floors: FloatArray, draw: int) -> float:
     """Largest ratio of error to allowed error for simulated data of the model itself.
 
     The fitted model is simulated with the data's noise on responses and drive, refitted, and judged like data. Each `draw` has
@@ -231,7 +231,7 @@ def calibrated(done: Fit, trials: Sequence[Trial], divide: Divide, floors: Float
         fine = refined(trial)
         clean = expected(done.model, fine)
         noise = generator.normal(0.0, 1.0, clean.shape) * trial.noise[:, None]
-        drive = trial.excitation.recorded + generator.normal(0.0, drive_noise, trial.samples)
+        drive = trial.excitation.recorded + generator.normal(0.0, trial.drive_noise, trial.samples)
         excitation = trial.excitation.with_drive(drive)
         return replace(trial, measured=clean + noise, excitation=excitation)
 

@@ -98,7 +98,7 @@ def score(model: RigModel, trials: Sequence[Trial]) -> Score:
     return Score(*(np.stack([r[k] for r in results]) for k in range(3)))
 
 
-def noise_floor(model: RigModel, trials: Sequence[Trial], drive_noise: float) -> FloatArray:
+def noise_floor(model: RigModel, trials: Sequence[Trial]) -> FloatArray:
     """The error of a perfect model in each run and channel, shape (runs, channels).
 
     The responses' own noise, and the drive channel's propagated through the model: the change of the simulation due to noise of
@@ -131,7 +131,7 @@ def noise_floor(model: RigModel, trials: Sequence[Trial], drive_noise: float) ->
             power = np.concatenate([power, through(trial, list(noises[2:]))])
         return np.asarray(np.sqrt((trial.usable_noise**2 + power.max(axis=0) + between_samples(trial)) / signal))
 
-    noises = [generator.normal(0.0, drive_noise, (DRAWS, len(trial.excitation.recorded))) for trial in trials]
+    noises = [generator.normal(0.0, trial.drive_noise, (DRAWS, len(trial.excitation.recorded))) for trial in trials]
     return np.stack(side_by_side(one, list(zip(trials, noises, signal_powers(trials), strict=True))))
 
 

@@ -30,9 +30,11 @@ from isorig.analysis.simulate.inverse import (
     position_from,
     required_drive,
 )
+from isorig.analysis.simulate.natural import natural_modes
 from isorig.analysis.simulate.sampling import FLAT, TAPS, as_held, within
 from isorig.analysis.spectra.hum import hum
-from isorig.analysis.spectra.noise import noise_levels, rests
+from isorig.analysis.spectra.noise import noise_levels, noise_of_runs, rests
+from isorig.analysis.spectra.zero_errors import SLOW, wandering
 
 #: Share of every run used for fits; the rest is held out.
 FIT_SHARE = 0.6
@@ -121,6 +123,12 @@ class Trial:
         The start of a run that begins in motion; None of a run that begins at rest, or in a described state.
     disturbance
         What no fit can explain; None if repeated runs show none.
+    drive_noise
+        Standard deviation of the sensor noise in the recorded drive, in its unit.
+    lowest
+        Frequency in Hz below which errors of the channels `wandering` do not count: their zero wanders.
+    wandering
+        Their names.
     """
 
     run: Run
@@ -137,6 +145,9 @@ class Trial:
     usable: float = np.inf
     moving: MovingStart | None = None
     disturbance: Disturbance | None = None
+    drive_noise: float = 0.0
+    lowest: float = 0.0
+    wandering: frozenset[str] = frozenset()
 
     @property
     def sample_rate(self) -> float:
@@ -242,8 +253,9 @@ def expected(model: RigModel, trial: Trial, motion: Mapping[str, FloatArray] | N
     """Predicted records of a rig's sensors in a trial, in a free run from its first sample, shape (channels, n).
 
     The first records of a run that begins in motion depend on the motion before, the last ones of an imposed motion on that after
-    them, and those above the usable frequency on the converter's filter, which is not known: there a prediction has the record's
-    own content. The difference of both has passed one low-pass.
+    them, those above the usable frequency on the converter's filter, and the slow part of a record whose zero wanders on that.
+    None
+    of these is known: there a prediction has the record's own content. The difference of both has passed one filter.
 
     Parameters
     ----------
@@ -267,10 +279,33 @@ def expected(model: RigModel, trial: Trial, motion: Mapping[str, FloatArray] | N
     if model.imposed and predicted.shape[1] == trial.samples:
         end = slice(trial.samples - trial.uncertain_end, None)
         predicted[:, end] = trial.measured[:, end]
+    for row, name in enumerate(trial.channels):
+        if name in trial.wandering:
+            recorded = trial.measured[row, : predicted.shape[1]]
+            predicted[row] = recorded + _quick(predicted[row] - recorded, trial.lowest, trial.sample_rate)
     if trial.usable >= trial.sample_rate / 2.0:
         return predicted
     measured = trial.measured[:, : predicted.shape[1]]
     return np.asarray(measured + within(predicted - measured, trial.usable, trial.sample_rate))
+
+
+def _quick(error: FloatArray, lowest: float, rate: float) -> FloatArray:
+    # Without its part below a frequency; without delay. The first sample may be wrong: no other part is mirrored about it.
+    from scipy.signal import butter, sosfiltfilt
+
+    return np.asarray(error - sosfiltfilt(butter(2, lowest, fs=rate, output="sos"), error, padtype="even"))
+
+
+def zero_errors(campaign: Campaign, model: RigModel) -> dict[str, str]:
+    """A sentence for each accelerometer on a rig that springs hold whose zero is wrong or wanders, by channel."""
+    lowest = _lowest_mode(model)
+    return wandering(campaign, model.drive.channel, lowest) if lowest > 0.0 and not model.imposed else {}
+
+
+def _lowest_mode(model: RigModel) -> float:
+    # Its frequency in Hz; 0 without one, or of a rig with a body that no spring holds.
+    modes = [mode.frequency for name in model.configurations for mode in natural_modes(model, name)]
+    return 0.0 if model.free_free or floats(model) else min(modes, default=0.0)
 
 
 def simulated(model: RigModel, trial: Trial, motion: Mapping[str, FloatArray]) -> FloatArray:
@@ -293,19 +328,23 @@ def true_motion(model: RigModel, trial: Trial, samples: int | None = None) -> di
     return trial.motion_of(model, trial.samples if samples is None else samples)
 
 
-def drive_noise(campaign: Campaign, channel: str) -> float:
-    """Standard deviation of the drive channel's sensor noise, in its unit.
+def drive_noises(campaign: Campaign, channel: str) -> list[float]:
+    """Standard deviation of the drive channel's sensor noise in each run, in its unit.
 
     The spectrum of a drive with steps has no quiet part, but between its steps only noise changes: the level is that of
-    `noise_levels`, or the white noise level from the median difference of neighbouring samples if that is smaller (0.6745 times
-    the standard deviation is the median magnitude of a normal variable).
+    `noise_of_runs`, or the white noise level from the median difference of neighbouring samples of any run if that is smaller
+    than the least of these (0.6745 times the standard deviation is the median magnitude of a normal variable).
     """
-    levels = [noise_levels(campaign, (channel,)).get(channel, np.inf)]
-    for run in campaign.runs:
-        if channel in run.channels and len(run) > 1:
-            levels.append(float(np.median(np.abs(np.diff(run.read(channel))))) / (0.6745 * np.sqrt(2.0)))
-    level = min(levels)
-    return level if np.isfinite(level) else 0.0
+    least = noise_levels(campaign, (channel,)).get(channel, np.inf)
+    steps = [
+        float(np.median(np.abs(np.diff(run.read(channel))))) / (0.6745 * np.sqrt(2.0))
+        for run in campaign.runs
+        if channel in run.channels and len(run) > 1
+    ]
+    level = min([least, *steps])
+    level = level if np.isfinite(level) else 0.0
+    own = (noise.get(channel, 0.0) for noise in noise_of_runs(campaign, (channel,)))
+    return [each if each > least else level for each in own]
 
 
 def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tuple[Trial, ...]:
@@ -325,10 +364,11 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
     DataError
         A required channel is missing or no run remains.
     """
-    noise = noise_levels(campaign, tuple(drive.channel for drive in model.drives))
-    by_drive: list[tuple[Run, int]] = []
+    noises = noise_of_runs(campaign, tuple(drive.channel for drive in model.drives))
+    lowest, wrong = SLOW * _lowest_mode(model), frozenset(zero_errors(campaign, model))
+    by_drive: list[tuple[Run, int, Mapping[str, float]]] = []
     trials = []
-    for run in campaign.runs:
+    for run, noise, of_drive in zip(campaign.runs, noises, drive_noises(campaign, model.drive.channel), strict=True):
         if run.configuration not in model.configurations:
             raise DataError(
                 f"run {run.id!r} has configuration {run.configuration!r}, but the rig knows only "
@@ -339,7 +379,7 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
         if stop < SHORTEST:
             continue
         if floats(model):
-            by_drive.append((run, stop))
+            by_drive.append((run, stop, noise))
             continue
         drive = run.channel(model.drive.channel).read(0, stop)
         setup = model.configurations[run.configuration]
@@ -361,10 +401,13 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
                 ceiling=min(run.sample_rate / 2.0, 4.0 * run.band[1] if low and run.band else run.sample_rate / 2.0),
                 onset=onset_of(drive),
                 usable=min(run.usable, FLAT * run.sample_rate),
+                drive_noise=of_drive,
+                lowest=lowest,
+                wandering=wrong,
             )
         )
     if by_drive:
-        return _by_drive(campaign, model, by_drive, noise)
+        return _by_drive(campaign, model, by_drive)
     if not trials:
         raise DataError(f"{campaign.source or 'the campaign'} has no run that a fit can use; measure at least one")
     return _with_starts(trials, model)
@@ -420,7 +463,7 @@ def onset_of(drive: FloatArray) -> int:
 
 
 def _by_drive(
-    campaign: Campaign, model: RigModel, runs: Sequence[tuple[Run, int]], noise: Mapping[str, float]
+    campaign: Campaign, model: RigModel, runs: Sequence[tuple[Run, int, Mapping[str, float]]]
 ) -> tuple[Trial, ...]:  # fmt: skip
     # A body's position is preferred to its velocity, whose integral counts from the start of the run.
     absolute = [s for s in model.sensors if s.force_in is None and MOTION[s.quantity] < 2 and s.relative_to == GROUND]
@@ -430,12 +473,12 @@ def _by_drive(
             f"the rig {model.name!r} has a body that no spring holds, so it is judged by the force of its drive; "
             "that takes the absolute position or velocity of every body, so measure those or add the spring to the description"
         )
-    shortest = min(stop for _, stop in runs)
+    shortest = min(stop for _, stop, _ in runs)
     least: tuple[float, list[tuple[Motion, Motion]], BoolArray] | None = None
     for decimation in DECIMATIONS:
         if least is not None and shortest < decimation * (LEFT + 2 * EDGE):
             break
-        motions = [_motions(model, sensors, run, stop, noise, decimation) for run, stop in runs]
+        motions = [_motions(model, sensors, *run, decimation) for run in runs]
         noises, misfits = _shares_of_groups(model, motions)
         if least is None or float(noises.min()) < least[0]:
             least = float(noises.min()), motions, (noises <= max(LOUD, float(noises.min()))) | (misfits > TOLD * noises)
@@ -446,7 +489,7 @@ def _by_drive(
     groups = [group for group, keep in zip(driven_groups(model), kept.tolist(), strict=True) if keep]
     names = [model.drive.channel, *(f"{model.drive.channel} of {' + '.join(group)}" for group in groups[1:])]
     found = []
-    for (run, _), pair in zip(runs, motions, strict=True):
+    for (run, _, noise), pair in zip(runs, motions, strict=True):
         moved, noisy = (replace(motion, groups=tuple(groups)) for motion in pair)
         rate = run.sample_rate / moved.decimation
         force = decimated(moved.drive, moved.decimation)

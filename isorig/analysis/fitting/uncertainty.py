@@ -24,7 +24,6 @@ from isorig.analysis.fitting.score import Score, adequate, noise_floor, score
 from isorig.analysis.fitting.solve import Fit, Free, bending, disagreement
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.jackknife import deviation
-from isorig.analysis.model.rig_model import RigModel
 
 #: Held-out error, as a share of the signal, above which an error is a misfit and never noise. Chosen: where model and measurement
 #: drift apart that far, what is left is no longer coherent with the simulated motion, and sensors are better than a tenth.
@@ -84,21 +83,6 @@ class Assessed:
         return float(np.median(self.floors))
 
 
-def floors_of(model: RigModel, trials: Sequence[Trial], drive_noise: float) -> FloatArray:
-    """The noise floor: the error of a perfect model in each run and channel, shape (runs, channels).
-
-    The noise of the sensors, that of the drive through the model, and what repeated runs do not share.
-
-    Parameters
-    ----------
-    model, trials
-        The model through which noise passes, and the held-out data.
-    drive_noise
-        Standard deviation of the noise of the drive's channel, in its unit.
-    """
-    return np.asarray(np.hypot(noise_floor(model, trials, drive_noise), disturbance(model, trials)))
-
-
 def uncertain_values(known: Mapping[str, float], fitted: Fit) -> dict[str, float]:
     """Standard uncertainties of the values that a recording treats as known, by path in the model.
 
@@ -132,7 +116,7 @@ def unseen(value: float, kind: str) -> float:
 
 
 def assessed(
-    done: Fit, trials: Sequence[Trial], drive_noise: float, known_values: Mapping[str, float], floors: FloatArray | None = None
+    done: Fit, trials: Sequence[Trial], known_values: Mapping[str, float], floors: FloatArray | None = None
 ) -> Assessed:  # fmt: skip
     """The fit at its minimum with its uncertainty, and its noise floor.
 
@@ -142,15 +126,14 @@ def assessed(
         The fit.
     trials
         Its runs, on the grid for judging models.
-    drive_noise
-        As for `floors_of`.
     known_values
         The known values of the recording.
     floors
         The noise floor of the unrefined fit, whose values differ by less than their uncertainty, shape (runs, channels);
         computed if None.
     """
-    floors = floors_of(done.model, trials, drive_noise) if floors is None else floors
+    if floors is None:  # the noise of the sensors, that of the drive through the model, and what repeated runs do not share
+        floors = np.hypot(noise_floor(done.model, trials), disturbance(done.model, trials))
     judged = score(done.model, trials)
     biased = _excess(judged, floors) >= BIASED and not _noisy(done, judged, trials)
     done = polished(done, trials, steps=1 if biased else STEPS)

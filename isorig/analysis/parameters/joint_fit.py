@@ -18,7 +18,7 @@ from isorig.analysis.fitting.ladder import baseline_fit, finished, fit_again
 from isorig.analysis.fitting.plausible import Doubt, doubts
 from isorig.analysis.fitting.score import Score
 from isorig.analysis.fitting.solve import Fit, Free
-from isorig.analysis.fitting.trials import Trial, drive_noise, prepare
+from isorig.analysis.fitting.trials import Trial, prepare
 from isorig.analysis.fitting.uncertainty import ANY_SIGN, CALIBRATION, HEAD, assessed, uncertain_values, unseen, value_kind
 from isorig.analysis.model.parameter_units import physical_parameters, unit_of
 from isorig.analysis.model.rig_model import RigModel
@@ -114,7 +114,7 @@ def characterize(
     """Fit all free parameters to all runs at once, with standard uncertainties.
 
     Frequencies are the uncoupled sqrt(k / m) / 2 pi, damping ratios c / (2 sqrt(k m)). Values are corrected for the bias by
-    noise in the recorded drive (`drive_noise`). Standard uncertainties are those of `uncertainty`, of every command. A
+    noise in the recorded drive (`DriveNoise`). Standard uncertainties are those of `uncertainty`, of every command. A
     misfit is an error above the white noise of the sensors that is related to the drive or the motion (`related`), or above
     `MOST_NOISE`; other errors are noise. The head's mass is fitted too if the recording does not give it.
 
@@ -154,7 +154,7 @@ def characterize(
     progress(f"fitting {len(fitted or model.free)} parameters to all runs")
     rough, fine = fit_again(campaign, model, fitted, later) if fitted else fit_baseline(campaign, model)
     progress("computing the uncertainties")
-    final = assessed(awakened(rough, fine), fine, drive_noise(campaign, model.drive.channel), campaign.known)
+    final = assessed(awakened(rough, fine), fine, campaign.known)
     done = final.fit
     note = f"the model leaves {of_signal(final.misfit)} unexplained; see rig diagnose" if final.misfit else ""
     known = _Known(done, fine, note, uncertain_values(campaign.known, done))

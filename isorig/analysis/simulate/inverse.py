@@ -18,6 +18,7 @@ from functools import cache
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
+from isorig.analysis.derivative import derivative
 from isorig.analysis.errors import SimulationError
 from isorig.analysis.laws.base import NO_LINK
 from isorig.analysis.model.rig_model import GROUND, Chain, Contact, Link, RigModel, single_drive
@@ -26,7 +27,7 @@ from isorig.analysis.simulate.sampling import shift
 #: Corner frequency of the low-pass in multiples of the sample rate after decimation, its order, and the decimation factors, of
 #: which the first one is used whose low-pass leaves little noise. Chosen: 0.08 of the sample rate as in the source for the first.
 CORNER = 0.8
-ORDER = 4
+ORDER = 8
 DECIMATIONS = (10, 20, 40, 80)
 #: A velocity is resolved from this many standard deviations of its noise on. Chosen: its sign is then right.
 RESOLVED = 3.0
@@ -75,8 +76,8 @@ def motion_from(
 
     sections = butter(ORDER, CORNER / decimation * rate, fs=rate, output="sos")
     position = {body: np.asarray(sosfiltfilt(sections, values)) for body, values in positions.items()}
-    velocity = {body: np.gradient(values, 1.0 / rate) for body, values in position.items()}
-    acceleration = {body: np.gradient(values, 1.0 / rate) for body, values in velocity.items()}
+    velocity = {body: derivative(values, rate) for body, values in position.items()}
+    acceleration = {body: derivative(values, rate) for body, values in velocity.items()}
     return Motion(
         position=position, velocity=velocity, acceleration=acceleration, sample_rate=rate, drive=drive, decimation=decimation
     )  # fmt: skip

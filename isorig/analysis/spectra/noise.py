@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from math import pi, sqrt
 from statistics import NormalDist
@@ -18,9 +19,13 @@ PARTS, HIGHEST = 6, 0.475
 #: Share of the sample rate below which most converters' filters still pass noise, and ratio of its levels in the halves of the
 #: band from the usable one up to there, above which a filter falls off. Chosen: filters that are flat there agree to a tenth.
 PASSED, LEVEL_WITHIN = 0.44, 1.3
+#: Ratio of powers in the upper half of the usable band up to which a record is white there, and of the levels by different ways
+#: up to which they agree. Chosen: white noise in some thousand samples stays within both; friction, impacts and a drive do not.
+WHITE, AGREE = 1.5, 1.1
 #: Friction changes at once where the motion reverses, so its spectrum is broad. Between reversals the upper part of the usable
-#: band, from this share of it on, contains noise only; this share of all moments is far enough from reversals.
-UPPER, CALM = 0.77, 0.25
+#: band, from this share of it on, contains noise only; this share of all moments is far enough from reversals, and this one, too,
+#: where nothing reverses.
+UPPER, CALM, MOST = 0.77, 0.25, 0.9
 #: Length of the filter of the upper band, in samples, the parameter of its Kaiser window, and the least share of the largest
 #: value that counts: a record that stays at one count has no noise to measure.
 TAPS, KAISER, MOVES = 33, 8.0, 1e-9
@@ -56,7 +61,8 @@ def noise_level(run: Run, name: str, related: tuple[str, ...] = (), longest: int
         Number of samples that are read; all if None.
     """
     others = [other for other in related if other in run.channels and other != name]
-    return _level(_Records(run, longest), name, others)
+    found = _estimated(_Records(run, longest), name, others)
+    return None if found is None else found.least
 
 
 class _Records:
@@ -81,7 +87,15 @@ class _Records:
         return self._segments[name]
 
 
-def _level(records: _Records, name: str, others: Sequence[str]) -> float | None:
+@dataclass(frozen=True)
+class _Estimated:
+    # The lowest estimate of a record's noise, and whether all of them agree: the noise is white, does not change with the motion
+    # and is not coherent with the other side of the rig.
+    least: float
+    sure: bool = False
+
+
+def _estimated(records: _Records, name: str, others: Sequence[str]) -> _Estimated | None:
     run, values = records.run, records.values(name)
     channel, n = run.channel(name), len(values)
     if n < 2 * SEGMENT:
@@ -89,19 +103,25 @@ def _level(records: _Records, name: str, others: Sequence[str]) -> float | None:
     usable = min(run.usable, HIGHEST * run.sample_rate)
     lines = np.fft.rfft((values - values.mean()) * hanning(n))
     power = (lines.real**2 + lines.imag**2) / (n * 0.375)
-    squares = [middle / np.log(2.0) for middle in _middles(power, usable / run.sample_rate)]
-    squares += _above(power, usable / run.sample_rate)
+    spectra = [[middle / np.log(2.0) for middle in _middles(power, usable / run.sample_rate)]]
     if others and n >= AVERAGES * len(others) * SEGMENT:
         own = _own(records.segments(name), np.stack([records.segments(other) for other in others], axis=1))
-        squares += _middles(own, usable / run.sample_rate)
+        spectra.append(_middles(own, usable / run.sample_rate))
+    squares = [*(square for each in spectra for square in each), *_above(power, usable / run.sample_rate)]
     taps = _band(UPPER * usable / run.sample_rate, usable / run.sample_rate)
     high = np.abs(np.convolve(values - values.mean(), taps, mode="valid"))
     moving = high[high > MOVES * high.max()]
     if len(moving):
-        calm = float(np.quantile(moving, CALM)) / NormalDist().inv_cdf(0.5 + 0.5 * CALM)
-        squares.append(calm**2 / float(np.sum(taps**2)))
+        normal = np.array([NormalDist().inv_cdf(0.5 + 0.5 * share) for share in (CALM, MOST)])
+        calm, most = (np.quantile(moving, (CALM, MOST)) / normal) ** 2 / float(np.sum(taps**2))
+        squares.append(float(calm))
     counted = np.asarray(channel.samples[:1]).dtype.kind in "iu"
-    return max(sqrt(min(squares, default=0.0)), abs(channel.scale) / sqrt(12.0) if counted else 0.0)
+    least = max(sqrt(min(squares, default=0.0)), abs(channel.scale) / sqrt(12.0) if counted else 0.0)
+    upper = [each[PARTS // 2 :] for each in spectra]
+    if len(moving) == 0 or len(spectra) < 2 or any(len(each) < PARTS // 2 or max(each) > WHITE * min(each) for each in upper):
+        return _Estimated(least)
+    levels = np.sqrt([*(np.mean(each) for each in upper), calm, most])
+    return _Estimated(least, sure=bool(levels.max() <= AGREE * levels.min()))
 
 
 @once
@@ -122,17 +142,44 @@ def noise_levels(campaign: Campaign, drives: tuple[str, ...] = (), longest: int 
     """
     levels: dict[str, float] = {}
     counts: dict[str, float] = {}
+    for each in _estimates(campaign, drives, longest):
+        for name, (found, count) in each.items():
+            levels[name] = min(found.least, levels.get(name, np.inf))
+            counts[name] = max(count, counts.get(name, 0.0))
+    return {name: max(level, counts[name]) for name, level in levels.items()}
+
+
+@once
+def noise_of_runs(campaign: Campaign, drives: tuple[str, ...] = ()) -> tuple[Mapping[str, float], ...]:
+    """The same for each run, as `noise_levels`: an instrument with several ranges has another noise in each.
+
+    A run's own level counts if every estimate of it agrees, that of all runs otherwise: friction and impacts also reach high
+    frequencies.
+    """
+    least = noise_levels(campaign, drives)
+    return tuple(
+        {**least, **{name: max(found.least, least[name]) for name, (found, _) in each.items() if found.sure}}
+        for each in _estimates(campaign, drives, None)
+    )
+
+
+@once
+def _estimates(
+    campaign: Campaign, drives: tuple[str, ...], longest: int | None
+) -> tuple[Mapping[str, tuple[_Estimated, float]], ...]:  # fmt: skip
+    # Of each run and channel the noise and that of rounding to counts.
+    found = []
     for run in campaign.runs:
-        records = _Records(run, longest)
+        records, each = _Records(run, longest), dict[str, tuple[_Estimated, float]]()
         for name in run.channels:
             values = records.values(name)
             related = [other for other in run.sensors if drives and (other in drives) != (name in drives)]
             exact = name in drives and is_command(values)
-            level = 0.0 if exact else _level(records, name, related)
-            if level is not None:
-                levels[name] = min(level, levels.get(name, np.inf))
-                counts[name] = max(0.0 if exact else rounding(values), counts.get(name, 0.0))
-    return {name: max(level, counts[name]) for name, level in levels.items()}
+            estimated = _Estimated(0.0) if exact else _estimated(records, name, related)
+            if estimated is not None:
+                each[name] = estimated, 0.0 if exact else rounding(values)
+        found.append(each)
+    return tuple(found)
 
 
 def rests(drive: FloatArray, noise: float) -> bool:

@@ -1,10 +1,11 @@
-"""Accelerometers whose record has a mean that is no motion: a wrong zero, or gravity."""
+"""Accelerometers whose zero is wrong or wanders: a mean, or a slow part of the record, that is no motion."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from isorig.analysis.campaign import Campaign
+from isorig.analysis.campaign import Campaign, FloatArray
+from isorig.analysis.wording import of_signal
 
 #: A mean acceleration is no motion if it changes the velocity within the run by more than this factor of the vibration's largest
 #: change of velocity. Chosen: a body on springs ends a run within that change.
@@ -12,6 +13,11 @@ UNMOVED = 5.0
 #: Share of the channel's largest standard deviation from which such a mean matters. Chosen: the simulation's own errors are a few
 #: thousandths.
 MATTERS = 0.01
+#: Share of the lowest natural frequency below which accelerations of a rig on springs are slow. Those due to a force are there
+#: (f / f1)^2 times those of free bodies; a zero error exceeds what that leaves of the drive's slow part by `EXCEEDS`.
+SLOW, EXCEEDS = 0.1, 10.0
+#: Share of the rest of a record from which a slow part matters. Chosen: it disturbs a simulation's error of a few per cent.
+WANDERS = 0.02
 
 
 def zero_errors(campaign: Campaign) -> dict[str, str]:
@@ -39,3 +45,46 @@ def zero_errors(campaign: Campaign) -> dict[str, str]:
                 "and no simulation contains it, so remove it by offset in the mapping."
             )
     return found
+
+
+def wandering(campaign: Campaign, drive: str, lowest: float) -> dict[str, str]:
+    """A sentence for each accelerometer whose zero wanders or is wrong, by channel.
+
+    Below `SLOW` of the lowest natural frequency a record of acceleration is no motion if its double integral is larger than that
+    of the vibration, and if no force could cause it.
+
+    Parameters
+    ----------
+    campaign
+        The measurement of a rig on springs.
+    drive
+        The channel of its drive.
+    lowest
+        Its lowest natural frequency, Hz.
+    """
+    found: dict[str, tuple[float, str]] = {}
+    for run in campaign.runs:
+        of_drive, _ = _slow(run.read(drive), run.sample_rate, SLOW * lowest)
+        for name in run.sensors:
+            if name == drive or run.channels[name].quantity != "acceleration" or len(run) < 2:
+                continue
+            share, travel = _slow(run.read(name), run.sample_rate, SLOW * lowest)
+            if share > max(WANDERS, EXCEEDS * SLOW**2 * of_drive) and travel > UNMOVED:
+                found[name] = max(found.get(name, (0.0, "")), (share, run.id))
+    return {
+        name: f"Zero: that of channel {name!r} is wrong or wanders, below {SLOW * lowest:.2g} Hz by {of_signal(share)} in run "
+        f"{run!r}: no motion of a rig on springs is so slow, so it does not count."
+        for name, (share, run) in found.items()
+    }
+
+
+def _slow(values: FloatArray, rate: float, highest: float) -> tuple[float, float]:
+    # rms of the slow part of a record as a share of the rest's, and the same of their double integrals.
+    frequency = np.fft.rfftfreq(len(values), 1.0 / rate)
+    power = np.abs(np.fft.rfft(values)) ** 2
+    frequency[0] = 0.5 * rate / len(values)
+    low = frequency < highest
+    share, travel = (
+        float(np.sqrt(np.sum(each[low]) / max(float(np.sum(each[~low])), 1e-300))) for each in (power, power / frequency**4)
+    )
+    return share, travel

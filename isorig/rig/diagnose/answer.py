@@ -47,6 +47,7 @@ def findings_of(
             discrepancies=[msgspec.convert(found, stored.Misfit, from_attributes=True) for found in diagnosis.discrepancies],
             evidence=[sign.text for sign in diagnosis.signs],
             remarks=[
+                *diagnosis.zero_errors,
                 *([diagnosis.spread] if diagnosis.spread else []),
                 *missing(campaign, diagnosis.baseline.model),
                 *_rough(diagnosis.extended),

@@ -317,7 +317,8 @@ def test_an_estimated_motion_adds_no_sensor_noise() -> None:
         masses=(3.0, 2.0, 1.5), joints=((0, -1, 7e3, 12.0), (1, 0, 6e3, 8.0), (2, 1, 5e3, 6.0)),
         sensors=(("a", 0, "acceleration"), ("c", 2, "acceleration")),
     )  # fmt: skip
-    equations = Equations(campaign(rig, seconds=16.0), rig.description(), {"a": 0.0, "c": 1e-2})
+    measured = campaign(rig, seconds=16.0)
+    equations = Equations(measured, rig.description(), [{"a": 0.0, "c": 1e-2}] * len(measured.runs))
     assert equations.hidden == ("m1",)
     share = {element.name: equations.noise_share(element, 1.0) for element in equations.elements()}
     assert share["l0"] == share["l1"] == 0.0

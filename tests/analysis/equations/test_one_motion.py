@@ -50,8 +50,8 @@ def test_force_and_deflection_of_a_link_that_does_not_move(copied: Campaign) -> 
 
 
 def test_a_band_without_frequency_bins() -> None:
-    spectra = Spectra(100.0, 256, 60.0, 50.0, [("a", 0)], {"a": 1.0}, {"a": 0})
-    spectra.add(0, {("a", 0): np.ones(1000)})
+    spectra = Spectra(100.0, 256, 60.0, 50.0, [("a", 0)], {"a": 0})
+    spectra.add(0, {("a", 0): np.ones(1000)}, {"a": 1.0})
     assert spectra.runs[0].power.shape == (0, 1, 1)
 
 
