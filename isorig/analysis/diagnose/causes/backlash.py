@@ -28,14 +28,19 @@ class Backlash(LinkCause):
     phrase = "play of {play} in the {place} ({clearance_alone} either way)"
     signs = frozenset({"amplitude", "blocked by the lock", "stiffens"})
 
-    def starts(self, link: LinkInRuns, evidence: Evidence) -> Iterable[RigModel]:
+    def variants(self, link: LinkInRuns, evidence: Evidence) -> Iterable[Iterable[RigModel]]:
+        """The link's damper joins the same parts, or what damps is the contact."""
+        for damped in (1.0, 0.0) if link.link.damping > 0.0 else (1.0,):
+            yield self.starts(link, evidence, damped)
+
+    def starts(self, link: LinkInRuns, evidence: Evidence, damped: float = 1.0) -> Iterable[RigModel]:
         # Of a spring that is seldom reached, beyond a large play, the fit shows nothing.
         stiffnesses = {
             **{share: link.stiffness / _seen_through(share) for share in (0.008, 0.03, 0.12, 0.2)},
             **dict.fromkeys((0.5, 0.8), evidence.before(link.link).stiffness),
         }
         for share, stiffness in stiffnesses.items():
-            law = BacklashLaw(clearance=share * link.deflection, residual=0.05)
+            law = BacklashLaw(clearance=share * link.deflection, residual=0.05, damped=damped)
             yield link.having(law).replace({f"links.{link.name}.stiffness": stiffness})
 
     def free(self, link: LinkInRuns) -> Iterable[Free]:
