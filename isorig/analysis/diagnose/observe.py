@@ -19,9 +19,10 @@ from isorig.analysis.spectra.hum import mains_in
 from isorig.analysis.spectra.motion import motion_of
 from isorig.analysis.spectra.overload import cut_off, noisy_limit
 
-#: A record that is cut off within this share of its largest magnitude for this many samples in total has flat tops.
-FLAT_SHARE = 2e-3
-FLAT_SAMPLES = 12
+#: A record that is cut off within this share of its largest magnitude this many times, for this many samples in total, has flat
+#: tops if that many times more of its magnitudes are there than within the same distance below. Chosen: of the crests of a sine 2.4
+#: times as many are, of the largest values of noise fewer; a body that stops once is at rest, not at a limit.
+FLAT_SHARE, FLAT_ROWS, FLAT_SAMPLES, PILE = 2e-4, 3, 12, 5.0
 #: A measured swing is a link's own if it exceeds integrated noise by this factor, and this share of its ends' motion: calibration
 #: errors of two sensors that move together cause a few per cent of it. Chosen.
 CLEAR_OF_NOISE, OWN = 10.0, 0.2
@@ -170,10 +171,12 @@ def flat_tops(campaign: Campaign, peaks: dict[str, float]) -> dict[str, float]:
         if peak <= 0.0:
             continue
         records = [run.read(name) for run in campaign.runs if name in run.channels]
-        limit, scatter = noisy_limit(np.abs(np.concatenate(records))) or (peak * (1 - FLAT_SHARE / 2), 0.0)
+        magnitudes = np.abs(np.concatenate(records))
+        limit, scatter = noisy_limit(magnitudes) or (peak * (1 - FLAT_SHARE / 2), 0.0)
         least = min((1 - FLAT_SHARE) * peak, limit - scatter)
-        count = sum(int(cut_off(values, np.abs(values) > least).sum()) for values in records)
-        if count >= FLAT_SAMPLES:
+        above, below = (np.count_nonzero(magnitudes > edge) for edge in (least, 2.0 * least - peak))
+        rows = np.concatenate([cut_off(values, np.abs(values) > least) for values in records])
+        if len(rows) >= FLAT_ROWS and rows.sum() >= FLAT_SAMPLES and above >= PILE * (below - above):
             found[name] = limit
     return found
 

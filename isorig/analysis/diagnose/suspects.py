@@ -43,6 +43,9 @@ OWN = POLICY.main
 #: Score from which the equations show a kind and place alone, and its distance from the next: half of the excess, and twice less
 #: of it left than by any other.
 SHOWN, APART = 0.3, 0.3
+#: Ratio of the best score to that of every other kind or place from which the only broken equation shows the best kind at its only
+#: link or contact. Chosen: the place is certain then, and twice less is removed by another kind.
+ONLY = 2.0
 #: Share of the equations' excess residuals from which a contribution is told. Chosen: a tenth, as `LEAST_SCORE`.
 CONTRIBUTES = 0.1
 #: Share of the best score from which an explanation's free shapes are fitted.
@@ -180,7 +183,15 @@ class Suspects:
     def clear(self) -> tuple[str, str] | None:
         """The kind and place that the equations show and no other; None if they show none."""
         best = self.chosen[0]
-        return (best.kind, best.place) if self.broken and self.shown(best.kind, best.place) else None
+        shown = self.broken and (self.shown(best.kind, best.place) or self._only(best))
+        return (best.kind, best.place) if shown else None
+
+    def _only(self, best: Explanation) -> bool:
+        # Whether all equations hold but that of one link or contact, at which the best explanation is, by far.
+        broken = [balance for balance in self.equations.balances if self.ranking.residuals.get(balance.name, 0.0) >= HOLDS]
+        others = (e.score for e in self.ranking.explanations if (e.kind, e.place) != (best.kind, best.place))
+        crossing = [element.name for balance in broken for element, _ in balance.crossing]
+        return crossing == [best.place] and best.score >= max(LEAST_SCORE, ONLY * max(others, default=0.0))
 
     @property
     def clearly(self) -> str:

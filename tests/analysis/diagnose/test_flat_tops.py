@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, Run
-from isorig.analysis.diagnose.observe import FLAT_SAMPLES, flat_tops
+from isorig.analysis.diagnose.observe import FLAT_ROWS, FLAT_SAMPLES, FLAT_SHARE, PILE, flat_tops
 from isorig.analysis.equations.errors import clipped
 from isorig.analysis.spectra.overload import SCATTER, noisy_limit, plateaus
 
@@ -57,8 +57,35 @@ def test_values_spread_evenly_up_to_a_largest_one_have_no_limit() -> None:
 @pytest.mark.parametrize("count", [FLAT_SAMPLES - 1, FLAT_SAMPLES])
 def test_flat_tops_begin_at_their_number_of_samples(count: int) -> None:
     samples = 0.9 * np.sin(2 * np.pi * 20.0 * TIME)
-    samples[40 : 40 + count] = 1.0
+    for first, stop in zip((40, 140, 240), (40 + count - 10, 145, 245), strict=True):
+        samples[first:stop] = 1.0
     assert bool(found(samples)) is (count >= FLAT_SAMPLES)
+
+
+@pytest.mark.parametrize("rows", [FLAT_ROWS - 1, FLAT_ROWS])
+def test_a_limit_cuts_off_several_times(rows: int) -> None:
+    """A body that stops once or twice at its largest position is at rest there."""
+    samples = 0.9 * np.sin(2 * np.pi * 20.0 * TIME)
+    for first in 40 + 100 * np.arange(rows):
+        samples[first : first + FLAT_SAMPLES] = 1.0
+    assert bool(found(samples)) is (rows >= FLAT_ROWS)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3, 5e-3])
+def test_crests_of_a_sweep_are_no_flat_tops(noise: float) -> None:
+    """Many of them are equally high, and a few samples are at each."""
+    sweep = np.sin(2.0 * np.pi * (9.0 + 0.3 * TIME) * TIME)
+    assert found(sweep + noise * np.random.default_rng(3).normal(size=len(TIME))) == {}
+
+
+@pytest.mark.parametrize(("share", "flat"), [(0.7, False), (1.4, True)])
+def test_magnitudes_pile_up_at_a_limit(share: float, flat: bool) -> None:
+    """`PILE` times more are at it than within the same distance below."""
+    samples = 0.5 * np.sin(2 * np.pi * 20.0 * TIME)
+    samples[40:600:20] = 1.0
+    below = round(28 / (share * PILE))
+    samples[700 : 700 + 20 * below : 20] = 1.0 - 1.5 * FLAT_SHARE
+    assert bool(found(samples)) is flat
 
 
 def test_rests_plateaus_and_slow_swings_are_no_flat_tops() -> None:
