@@ -36,8 +36,7 @@ RESOLUTION, AVERAGES = 0.5, 8.0
 #: ratios).
 NEARER, FAR = 4.0, 0.3
 #: The power of the error in the first second exceeds the largest later one by this factor, and this share of the signal's power.
-#: Chosen: the transient of a nonlinear rig from rest stays below; a record that was begun while the drive was on does not.
-START, START_SHARE = 4.0, 0.02
+START, START_SHARE = 2.0, 0.02
 #: Resolution for an impulse response, Hz, if the run has this many segments.
 FINE, SEGMENTS = 0.125, 3.0
 #: A drive density below this share of its median is a gap; gaps wider than this share of the band are reported.
