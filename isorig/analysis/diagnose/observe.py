@@ -20,8 +20,8 @@ from isorig.analysis.spectra.motion import motion_of
 from isorig.analysis.spectra.overload import cut_off, noisy_limit
 
 #: A record that is cut off within this share of its largest magnitude this many times, for this many samples in total, has flat
-#: tops if that many times more of its magnitudes are there than within the same distance below. Chosen: of the crests of a sine 2.4
-#: times as many are, of the largest values of noise fewer; a body that stops once is at rest, not at a limit.
+#: tops if that many times more of its magnitudes are there than within the same distance below. Chosen: of the crests of a sine
+#: 2.4 times as many are, of the largest values of noise fewer; a body that stops once is at rest, not at a limit.
 FLAT_SHARE, FLAT_ROWS, FLAT_SAMPLES, PILE = 2e-4, 3, 12, 5.0
 #: A measured swing is a link's own if it exceeds integrated noise by this factor, and this share of its ends' motion: calibration
 #: errors of two sensors that move together cause a few per cent of it. Chosen.

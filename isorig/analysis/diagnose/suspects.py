@@ -43,8 +43,8 @@ OWN = POLICY.main
 #: Score from which the equations show a kind and place alone, and its distance from the next: half of the excess, and twice less
 #: of it left than by any other.
 SHOWN, APART = 0.3, 0.3
-#: Ratio of the best score to that of every other kind or place from which the only broken equation shows the best kind at its only
-#: link or contact. Chosen: the place is certain then, and twice less is removed by another kind.
+#: Ratio of the best score to that of every other kind or place from which the only broken equation shows the best kind at its
+#: only link or contact. Chosen: the place is certain then, and another kind removes less than half.
 ONLY = 2.0
 #: Share of the equations' excess residuals from which a contribution is told. Chosen: a tenth, as `LEAST_SCORE`.
 CONTRIBUTES = 0.1

@@ -88,7 +88,7 @@ def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file
     kinds = {} if bonder else _kinds({names[place]: first[place] for place in places})
     ids = _run_names(parts)
     starts = _starts(dict(zip(ids, parts, strict=True)), names) if _released(kinds) else {}
-    setups = ids if len(starts) > 1 else [_configuration(part) for part in parts]
+    setups = ids if len(starts) > 1 else _configurations(parts)
     # A rig without locks has one configuration, which needs no name.
     named = bonder or set(setups) != {UNLOCKED}
     excitation = "free" if _released(kinds) else "other"
@@ -345,9 +345,12 @@ def _run_text(part: _Part) -> str:
     return re.split(r"[./]", part.group)[-1] or part.table.path.stem
 
 
-def _configuration(part: _Part) -> str:
-    locked = re.search(r"(?<!un)lock|(?<![a-z])l\d", _run_text(part), re.IGNORECASE)
-    return UNLOCKED if locked is None else "locked"
+def _configurations(parts: Sequence[_Part]) -> list[str]:
+    # By the word, or, where other runs are called u70 or the like, by names like l70: alone these may be levels.
+    texts = [_run_text(part) for part in parts]
+    short = any(re.search(r"(?<![a-z])u\d", text, re.IGNORECASE) for text in texts)
+    locked = re.compile(r"(?<!un)lock" + (r"|(?<![a-z])l\d" if short else ""), re.IGNORECASE)
+    return ["locked" if locked.search(text) else UNLOCKED for text in texts]
 
 
 def _run(

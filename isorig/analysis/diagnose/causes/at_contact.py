@@ -74,12 +74,17 @@ class ContactCause(Cause):
         contact, path = ContactInRuns(model, evidence, place), f"contacts.{place}.law"
         free = tuple(self.free(contact))
         names = self.reports or tuple(one.path for one in free)
-        yield Candidate(
-            cause=self.name, location=place, family=self.family, rank=self.rank, starts=tuple(self.starts(contact)),
-            free=tuple(replace(one, path=f"{path}.{one.path}") for one in free),
-            dropped=(f"{path}.friction_force", *self.dropped) if self.dropped else (),
-            reported=tuple(Reported(name=name, path=f"{path}.{name}", unit=self.law.parameters[name].unit) for name in names),
-        )  # fmt: skip
+        for starts in self.variants(contact):
+            yield Candidate(
+                cause=self.name, location=place, family=self.family, rank=self.rank, starts=tuple(starts),
+                free=tuple(replace(one, path=f"{path}.{one.path}") for one in free),
+                dropped=(f"{path}.friction_force", *self.dropped) if self.dropped else (),
+                reported=tuple(Reported(name=name, path=f"{path}.{name}", unit=self.law.parameters[name].unit) for name in names),
+            )  # fmt: skip
+
+    def variants(self, contact: ContactInRuns) -> Iterable[Iterable[RigModel]]:
+        """The starting points of each variant of the law: variants differ in what no fit changes."""
+        yield self.starts(contact)
 
     def starts(self, contact: ContactInRuns) -> Iterable[RigModel]:
         """The rig with the law at one or more starting values."""

@@ -15,6 +15,8 @@ from isorig.analysis.model.rig_model import RigModel
 MOST_STATIC, LEAST_SPEED = 5.0, 2e-3
 #: Sliding and breakaway force as multiples of the friction, and velocities as shares of the largest, at the starts.
 LEVELS, SPEEDS = ((0.8, 1.3), (0.98, 1.08)), (0.02, 0.1)
+#: Exponents of the fall, which no fit changes: the usual ones.
+EXPONENTS = (1.0, 2.0)
 
 
 class StribeckFriction(ContactCause):
@@ -23,20 +25,26 @@ class StribeckFriction(ContactCause):
     kind = "friction_shape"
     rank = 2
     law = Stribeck
-    reports = ("static_force", "friction_force", "stribeck_velocity")
+    reports = ("static_force", "friction_force", "stribeck_velocity", "exponent")
     phrase = (
         "Stribeck friction at the {place} that holds with {static_force} and slides with {friction_force}, "
-        "falling over {stribeck_velocity}"
+        "falling over {stribeck_velocity} (exponent {exponent})"
     )
     signs = frozenset({"amplitude", "blocked by the lock", "more at low and high velocity"})
 
-    def starts(self, contact: ContactInRuns) -> Iterable[RigModel]:
+    def variants(self, contact: ContactInRuns) -> Iterable[Iterable[RigModel]]:
+        return (self.starts(contact, exponent) for exponent in EXPONENTS)
+
+    def starts(self, contact: ContactInRuns, exponent: float = 1.0) -> Iterable[RigModel]:
         force = contact.likely_friction
         for sliding, breakaway in LEVELS:
             for share in SPEEDS:
                 yield contact.having(
                     Stribeck(
-                        friction_force=sliding * force, static_force=breakaway * force, stribeck_velocity=share * contact.speed
+                        friction_force=sliding * force,
+                        static_force=breakaway * force,
+                        stribeck_velocity=share * contact.speed,
+                        exponent=exponent,
                     )
                 )
 
