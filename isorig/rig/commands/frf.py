@@ -11,7 +11,6 @@ from isorig.rig.options import Output
 
 if TYPE_CHECKING:
     from isorig.analysis.campaign import Campaign
-    from isorig.analysis.spectra.welch import Frf
     from isorig.rig.frf.drawing import FigureProcess, FrfPicture
     from isorig.rig.frf.figures import View
     from isorig.rig.frf.transfer import Transfer
@@ -120,9 +119,9 @@ def frf(
 
         def found_of(path: Path) -> Found:
             if foreign(path):
-                from isorig.rig.exchange.responses import read_responses
+                from isorig.rig.exchange.responses import imported
 
-                return _chosen(read_responses(path), path, reference, response), (), (AS_THEY_ARE,)
+                return imported(path, reference, response), (), (AS_THEY_ARE,)
             with open_recording(path) as measured:
                 return found_in(measured)
 
@@ -182,17 +181,6 @@ def _incoherent(found: Sequence[Transfer]) -> list[str]:
     from isorig.rig.acquire.policy import COHERENT
 
     return list(dict.fromkeys(t.response for t in found if float(np.median(t.within_band().coherence)) < COHERENT))
-
-
-def _chosen(frfs: list[Frf], path: Path, reference: Sequence[str], response: Sequence[str]) -> list[Transfer]:
-    from isorig.analysis.errors import DataError
-    from isorig.rig.frf.transfer import imported
-
-    found = [frf for frf in frfs if (not reference or frf.reference in reference) and (not response or frf.response in response)]
-    if not found:
-        has = ", ".join(f"{frf.response} over {frf.reference}" for frf in frfs[:8])
-        raise DataError(f"{path} has no transfer function of these channels but {has}; name those")
-    return imported(found, path.stem)
 
 
 def _figures(

@@ -15,8 +15,7 @@ from isorig.analysis.campaign import MOTION, ROTARY, UNLOCKED, Quantity
 from isorig.analysis.model.drafted import DAMPING, MASS, STIFFNESS
 from isorig.analysis.model.rig_model import GROUND, Body, Configuration, Drive, Link, RigModel, Sensor
 from isorig.rig.errors import RecordingError
-from isorig.rig.exchange.clock import is_time, is_uneven_time, rises_evenly, says_time, seconds_per, time_unit
-from isorig.rig.exchange.counter import sample_counter
+from isorig.rig.exchange.clock import is_time, is_uneven_time, rises_evenly, sample_counter, says_time, seconds_per, time_unit
 from isorig.rig.exchange.table import STREAMED, Column, ForeignTable
 from isorig.rig.exchange.tree import PLAIN
 from isorig.rig.exchange.units import UNITS, known_unit
@@ -267,8 +266,8 @@ def _part(table: ForeignTable, group: str, there: dict[str, tuple[str, Column]],
     if not records:
         return _Part(table, group, there, time)
     counts = tuple(
-        "; ".join(filter(None, (f"column {there[name][0]!r} {found.words}, so it is no channel and left out", found.faults())))
-        for name, found in counters.items()
+        f"column {there[name][0]!r} {words}, so it is no channel and left out" + (f"; {faults}" if faults else "")
+        for name, (words, faults) in counters.items()
     )
     return _Part(table, group, records, time if clock is None else there[clock][0], counts)
 

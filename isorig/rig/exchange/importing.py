@@ -24,8 +24,7 @@ from isorig.analysis.spectra.zero_errors import zero_errors
 from isorig.analysis.units import KGF
 from isorig.analysis.wording import did_you_mean
 from isorig.rig.errors import PlanError, RecordingError
-from isorig.rig.exchange.clock import column_rate, is_time, is_uneven_time, says_time
-from isorig.rig.exchange.counter import sample_counter
+from isorig.rig.exchange.clock import column_rate, is_time, is_uneven_time, sample_counter, says_time
 from isorig.rig.exchange.mapping import ChannelMap, Mapping, RunMap, read_mapping
 from isorig.rig.exchange.reading import read_foreign
 from isorig.rig.exchange.table import Column, ForeignTable
@@ -323,11 +322,11 @@ def _unused(columns: dict[str, Column], table: ForeignTable) -> dict[str, Column
 def _counts_all(unused: dict[str, Column], part: tuple[int, int], here: str) -> None:
     # Refuses samples of which a counter shows that some are missing.
     for name, column in unused.items():
-        counter = sample_counter(_cut(column, part))
-        if counter is not None and not says_time(name, column) and (faults := counter.faults(part[0])):
+        words, faults = sample_counter(_cut(column, part), part[0]) or ("", "")
+        if faults and not says_time(name, column):
             raise RecordingError(
-                f"{here}: column {name!r} {counter.words}, but {faults}; if it is no counter, state which sample rate is right "
-                "with rate_from"
+                f"{here}: column {name!r} {words}, but {faults}; if it is no counter, state which sample rate is right with "
+                "rate_from"
             )
 
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, get_args
 
@@ -243,23 +242,6 @@ def levels_in_words(campaign: Campaign, drive: str) -> list[str]:
                 "are not averaged with one another, so state the levels as gains when importing."
             )
     return said
-
-
-def imported(frfs: Sequence[Frf], source: str) -> list[Transfer]:
-    """Transfer functions that another program estimated, under names that are valid in file names."""
-    names: dict[str, int] = {}
-    found = []
-    for frf in frfs:
-        response, reference = (re.sub(r"[^\w.+-]+", "_", name).strip("._") or "unnamed" for name in (frf.response, frf.reference))
-        count = names[f"{response} {reference}"] = names.get(f"{response} {reference}", 0) + 1
-        named = replace(frf, response=response if count == 1 else f"{response}-{count}", reference=reference)
-        found.append(
-            Transfer.of(
-                named, configuration=source, gain=1.0, runs=(), band=(float(frf.frequency[0]), float(frf.frequency[-1])),
-                reference_density=np.zeros(len(frf.frequency)), imported=True,
-            )
-        )  # fmt: skip
-    return found
 
 
 def faults_in(campaign: Campaign, reference: str, find: Callable[..., Sequence[Fault]] = faults) -> tuple[Fault, ...]:
