@@ -44,29 +44,20 @@ def export_campaign(
     ending = _ending(output, ENDINGS)
     with open_recording(source) as whole:
         campaign = _chosen(whole, runs)
-        if what == "samples":
-            return _samples(campaign, output, ending, binary=binary)
-        found = transfer_functions(campaign, reference=reference or references_of(campaign), resolution=resolution)
-    if ending == ".mat":
-        write_matlab(frf_tree(found), output)
-    elif ending == ".uff":
-        write_uff(frf_sets(found, campaign), output)
-    else:
-        write_frame(frf_frame(found), output)
-    return [output]
-
-
-def _samples(campaign: Campaign, output: Path, ending: str, *, binary: bool) -> list[Path]:
-    if ending == ".mat":
-        write_matlab(samples_tree(campaign), output)
-    elif ending == ".uff":
-        write_uff(samples_sets(campaign, binary=binary), output)
-    else:
-        several = len(campaign.runs) > 1
-        paths = [output.with_name(f"{output.stem}-{run.id}{output.suffix}") if several else output for run in campaign.runs]
-        for run, path in zip(campaign.runs, paths, strict=True):
-            write_frame(samples_frame(run), path)
-        return paths
+        if what == "frf":
+            found = transfer_functions(campaign, reference=reference or references_of(campaign), resolution=resolution)
+        if ending == ".mat":
+            write_matlab(samples_tree(campaign) if what == "samples" else frf_tree(found), output)
+        elif ending == ".uff":
+            write_uff(samples_sets(campaign, binary=binary) if what == "samples" else frf_sets(found, campaign), output)
+        elif what == "frf":
+            write_frame(frf_frame(found), output)
+        else:
+            several = len(campaign.runs) > 1
+            paths = [output.with_name(f"{output.stem}-{run.id}{output.suffix}") if several else output for run in campaign.runs]
+            for run, path in zip(campaign.runs, paths, strict=True):
+                write_frame(samples_frame(run), path)
+            return paths
     return [output]
 
 
@@ -75,7 +66,8 @@ def export_parameters(source: Path, output: Path) -> list[Path]:
     ending = _ending(output, (".mat", ".csv", ".parquet"))
     frame = parameters_frame(source)
     if ending == ".mat":
-        write_matlab(frame_tree(frame), output)
+        rows = frame.replace({None: np.nan}).to_dict("records")
+        write_matlab({"parameters": _fields((row["name"], _fields(row.items())) for row in rows)}, output)
     else:
         write_frame(frame, output)
     return [output]
@@ -188,12 +180,6 @@ def frf_tree(found: Sequence[Transfer]) -> dict[str, Any]:
     return {"frf": trees}
 
 
-def frame_tree(frame: pd.DataFrame) -> dict[str, Any]:
-    """A parameter table as a tree: parameters.<name> with value, std, unit."""
-    rows = frame.replace({None: np.nan}).to_dict("records")
-    return {"parameters": _fields((row["name"], _fields(row.items())) for row in rows)}
-
-
 def _fields(items: Iterable[tuple[Any, Any]]) -> dict[str, Any]:
     # A field name in MATLAB starts with a letter, has letters, digits and underscores, and at most 63 of them.
     found: dict[str, Any] = {}
@@ -207,29 +193,35 @@ def _fields(items: Iterable[tuple[Any, Any]]) -> dict[str, Any]:
 
 
 def samples_sets(campaign: Campaign, *, binary: bool) -> list[dict[str, Any]]:
-    """Time records as datasets 58, after the units (164, SI); a channel has one node in all runs, the first line has the run."""
+    """Time records as datasets 58; a channel has one node in all runs, the first line has the run."""
     short = next((run.id for run in campaign.runs if len(run) < 2), None)
     if short is not None:
         raise PlanError(f"run {short!r} has one sample but a universal file needs two; choose others with --run, or export .mat")
-    points, sets = _points(campaign), [_si_units()]
-    for run in campaign.runs:
-        time, description = np.arange(len(run)) / run.sample_rate, f"{run.id}, {run.set_up}"
-        for channel in run.channels.values():
-            sets.append(_dataset(points, TIME_RESPONSE, channel.name, "", time, channel.read(), description, binary=binary))
-    return sets
+    points = _points(campaign)
+    return [
+        _dataset(
+            points, TIME_RESPONSE, channel.name, "", np.arange(len(run)) / run.sample_rate, channel.read(),
+            f"{run.id}, {run.set_up}", binary=binary,
+        )
+        for run in campaign.runs
+        for channel in run.channels.values()
+    ]  # fmt: skip
 
 
 def frf_sets(found: Sequence[Transfer], campaign: Campaign) -> list[dict[str, Any]]:
-    """Transfer functions (function type 4) and their coherences (type 6) as datasets 58, after the units (164, SI).
+    """Transfer functions (function type 4) and their coherences (type 6) as datasets 58.
 
     In text: the package writes half the size of complex values to the header of a binary dataset.
     """
-    points, sets = _points(campaign), [_si_units()]
-    for item in found:
-        frf, description = item.frf, f"{item.label}, {item.frf.estimator}, {item.frf.averages:.1f} averages"
-        for kind, values in ((4, frf.value), (6, frf.coherence)):
-            sets.append(_dataset(points, kind, frf.response, frf.reference, frf.frequency, values, description))
-    return sets
+    points = _points(campaign)
+    return [
+        _dataset(
+            points, kind, item.response, item.reference, item.frequency, values,
+            f"{item.label}, {item.estimator}, {item.averages:.1f} averages",
+        )
+        for item in found
+        for kind, values in ((4, item.value), (COHERENCE, item.coherence))
+    ]  # fmt: skip
 
 
 class _Point(NamedTuple):
@@ -281,25 +273,18 @@ def _dataset(
     )  # fmt: skip
 
 
-def _si_units() -> dict[str, Any]:
-    import pyuff
-
-    return dict(
-        pyuff.prepare_164(units_code=1, units_description="SI", temp_mode=1, length=1.0, force=1.0, temp=1.0, temp_offset=0.0)
-    )
-
-
 def write_uff(sets: Sequence[dict[str, Any]], path: Path) -> None:
-    """Write datasets atomically."""
+    """Write datasets atomically, after the units (164): SI."""
     import pyuff
 
+    units = pyuff.prepare_164(units_code=1, units_description="SI", temp_mode=1, length=1.0, force=1.0, temp=1.0, temp_offset=0.0)
     with replaced(path) as temporary, contextlib.redirect_stdout(io.StringIO()):
         # The package uses the name's extension, and appends to existing files.
         universal = temporary.with_name(temporary.name + ".uff")
         try:
             file = pyuff.UFF(str(universal))
             # Not "overwrite", which loses the header of a first binary dataset.
-            file.write_sets(list(sets), "add")
+            file.write_sets([units, *sets], "add")
             universal.replace(temporary)
         finally:
             universal.unlink(missing_ok=True)
