@@ -39,7 +39,7 @@ def characterize(campaign: Path, *, output: Output, model: str | None = None) ->
     from isorig.rig.files.recording import read
     from isorig.rig.files.rigfile import read_rig
     from isorig.rig.process.terminal import show_table
-    from isorig.rig.report.fits import fits_page
+    from isorig.rig.report.measurement import fits_page
     from isorig.rig.report.sections import number
     from isorig.rig.wire_bonder.set_ups_page import about, write_set_ups
 

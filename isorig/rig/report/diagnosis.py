@@ -17,14 +17,26 @@ from isorig.analysis.fitting.score import Score
 from isorig.analysis.model.rig_model import Link, RigModel
 from isorig.analysis.wording import state, with_article
 from isorig.rig.files.findings import Findings, HeldValue
-from isorig.rig.report.before_after import BASELINE, EXTENDED, Over, bars_chart, force_chart, residual_chart, second_chart
-from isorig.rig.report.charts import Chart, ChartTrace, Panel, Role
+from isorig.rig.report.charts import Chart, ChartTrace, Panel
 from isorig.rig.report.conclusion import KINDS, Conclusion, conclude
 from isorig.rig.report.frequency import frequency_sections
-from isorig.rig.report.misfit import Simulated, misfit_charts, scores_chart, simulated, time_charts
+from isorig.rig.report.misfit import (
+    BASELINE,
+    EXTENDED,
+    Named,
+    Simulated,
+    bars_chart,
+    misfit_charts,
+    residual_chart,
+    scores_chart,
+    second_chart,
+    simulated,
+    time_charts,
+    worst_second,
+)
 from isorig.rig.report.page import First, Report, Section, Table, build_report
-from isorig.rig.report.place import OVER, held_out_records, joint_of, marks, place_force
-from isorig.rig.report.sections import number, parameters_table, provenance_section, runs_section, unbroken, words
+from isorig.rig.report.place import OVER, Over, force_chart, joint_of, marks, place_force
+from isorig.rig.report.sections import HOLD_OUT, number, parameters_table, provenance_section, runs_section, unbroken, words
 from isorig.rig.report.sketch import sketch
 
 EVIDENCE = (
@@ -84,12 +96,12 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, findings: Findings)
 
 def _first(
     diagnosis: Diagnosis, campaign: Campaign, said: Conclusion, remarks: Sequence[str],
-    models: Mapping[tuple[str, Role], Simulated], scores: Mapping[tuple[str, Role], Score],
+    models: Mapping[Named, Simulated], scores: Mapping[Named, Score],
 ) -> First:  # fmt: skip
     model = diagnosis.baseline.model
     force, second, errors = (
         _force(diagnosis, models),
-        second_chart(held_out_records(diagnosis.trials, diagnosis.division.judged, models)),
+        second_chart(worst_second(diagnosis.trials, diagnosis.division.judged, models)),
         _errors_chart(diagnosis, scores),
     )
     after = equations_of(campaign, diagnosis.extended.model).residuals() if diagnosis.steps else None
@@ -104,7 +116,7 @@ def _first(
     )
 
 
-def _force(diagnosis: Diagnosis, models: Mapping[tuple[str, Role], Simulated]) -> Chart | None:
+def _force(diagnosis: Diagnosis, models: Mapping[Named, Simulated]) -> Chart | None:
     # At the place of the first cause, or to which the equations point; otherwise in the link that the baseline gets most wrong.
     baseline = diagnosis.baseline.model
     owners = {BASELINE: baseline, EXTENDED: diagnosis.extended.model}
@@ -146,7 +158,7 @@ def _surface_charts(model: RigModel, compared: Doubles) -> list[Chart]:
     return charts
 
 
-def _errors_chart(diagnosis: Diagnosis, scores: Mapping[tuple[str, Role], Score]) -> Chart:
+def _errors_chart(diagnosis: Diagnosis, scores: Mapping[Named, Score]) -> Chart:
     channels = list(diagnosis.division.judged[0].channels)
     sets = {key: np.array([100.0 * each.figure, *(100.0 * np.median(each.error, axis=0))]) for key, each in scores.items()}
     sets["noise alone", "noise"] = np.array([100.0 * diagnosis.floor, *np.full(len(channels), np.nan)])
@@ -267,5 +279,5 @@ def advice(diagnosis: Diagnosis) -> list[str]:
             f"{worst.band_hz[0]:g} and {worst.band_hz[1]:g} Hz: excite this band only, at two gains, for longer."
         )
     if not any(trial.run.use == "holdout" for trial in diagnosis.trials):
-        sentences.append('Record one more run with use = "holdout": a whole held-out run tests the model more strictly.')
+        sentences.append(HOLD_OUT)
     return sentences

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 NOT_GIVEN = "not given"
 #: Of a diagnosis that reached its time limit.
 CUT_SHORT = "The time limit ended the search for causes before all were tried."
+#: Advice where no whole run was held out.
+HOLD_OUT = 'Record one more run with use = "holdout": a whole held-out run tests the model more strictly.'
 #: Number from which on a table gives an exponent: before that, digits are easier to compare.
 PLAIN_MOST = 1e7
 LIBRARIES = ("isorig", "numpy", "scipy", "numba", "h5py")
@@ -134,15 +136,13 @@ def _sized(value: float | None, unit: str, std: float | None) -> str:
     return "–" if value is None or not math.isfinite(value) else sized(value, unit, std, digits=4)
 
 
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
 def provenance_section(campaign: Campaign) -> Section:
     """File, hash, versions and command."""
     path = Path(campaign.source)
-    digest = _sha256(path) if path.is_file() else "not on disk"
+    digest = "not on disk"
+    if path.is_file():
+        with path.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
     rows = [("file", path.name), ("sha256", digest)]
     rows += [(name, version(name)) for name in LIBRARIES]
     rows += [("Python", sys.version.split()[0]), ("command", " ".join(["rig", *sys.argv[1:]]))]
