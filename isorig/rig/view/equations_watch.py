@@ -14,9 +14,7 @@ import msgspec
 from isorig.rig.acquire.equations import EquationsReport
 from isorig.rig.acquire.session import Decision, Operator
 from isorig.rig.process.interpreter import python
-
-#: Seconds that the process has to end.
-END = 5.0
+from isorig.rig.view.process import ended
 
 
 @contextmanager
@@ -62,8 +60,4 @@ def equations_watched(
     finally:
         with suppress(OSError):
             closes.close()
-        try:
-            process.wait(END)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+        ended(process)

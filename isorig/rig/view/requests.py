@@ -17,8 +17,7 @@ from isorig.rig.acquire.measure_run import LiveState
 from isorig.rig.acquire.notes import MOST, add_note, notes_in, separate_notes
 from isorig.rig.acquire.session import Decision, MeasuredRun, Operator
 from isorig.rig.errors import OutputError
-from isorig.rig.view.messages import Judgement, PageRequest, RequestKind, SessionState
-from isorig.rig.view.run_list import Planned
+from isorig.rig.view.messages import Judgement, PageRequest, Planned, RequestKind, SessionState
 
 #: Seconds between two checks for the operator's answer, so that Ctrl-C is handled meanwhile.
 LISTEN = 0.2

@@ -8,19 +8,20 @@ from __future__ import annotations
 import asyncio
 import hmac
 import secrets
+import struct
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 from tornado.httpserver import HTTPServer
 from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from isorig.rig.view.frames import frame
 from isorig.rig.view.messages import FrameDrawn, PageRequest
 from isorig.rig.view.snapshot import Plot
 
@@ -201,3 +202,36 @@ class _Socket(_Guarded, WebSocketHandler):
             self._drawn = said.frame
             self.server.tally.frames += 1
             self.server.tally.values += said.values
+
+
+def frame(number: int, state: Mapping[str, Any], plots: Mapping[str, Plot]) -> bytes:
+    """A frame as bytes: a header in JSON, and the numbers of the plots that have changed, as float32.
+
+    ::
+
+        uint32 little-endian   length of the header in bytes, a multiple of 4
+        header                 JSON, padded with spaces: {"frame": 7, "state": {...}, "plots": {"frf": {"names": [...],
+                               "rows": 16, "points": 600, "at": 0}}}
+        float32 little-endian  the plots' rows in sequence; "at" is the index of the first number of a plot
+    """
+    at, heads, numbers = 0, {}, []
+    for name, plot in plots.items():
+        rows, points = plot.rows.shape
+        heads[name] = {"names": plot.names, "rows": rows, "points": points, "at": at}
+        numbers.append(plot.rows.astype("<f4").tobytes())
+        at += plot.rows.size
+    head = msgspec.json.encode({"frame": number, "state": state, "plots": heads})
+    head += b" " * (-len(head) % 4)
+    return b"".join([struct.pack("<I", len(head)), head, *numbers])
+
+
+def read_frame(message: bytes) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Header and plots of a message, for programs other than browsers."""
+    (length,) = struct.unpack_from("<I", message)
+    head = msgspec.json.decode(message[4 : 4 + length])
+    numbers = np.frombuffer(message, "<f4", offset=4 + length)
+    plots = {
+        name: numbers[about["at"] : about["at"] + about["rows"] * about["points"]].reshape(about["rows"], about["points"])
+        for name, about in head["plots"].items()
+    }
+    return head, plots

@@ -13,8 +13,7 @@ from isorig.rig.acquire.equations import EquationsReport
 from isorig.rig.acquire.notes import Note
 from isorig.rig.acquire.policy import LARGE_SHARE, SMALL_SHARE
 from isorig.rig.view.levels import ChannelLevel
-from isorig.rig.view.messages import Judgement, SessionState
-from isorig.rig.view.run_list import Planned
+from isorig.rig.view.messages import Judgement, Planned, SessionState
 from isorig.rig.view.snapshot import ShownRun, Snapshot
 
 #: Mode of the screen: its own session, a session in another terminal, or playback of a recording.
