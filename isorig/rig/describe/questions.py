@@ -36,17 +36,9 @@ class _Parts:
 
 
 def asked(ask: Ask) -> RigModel:
-    """Ask for a rig; return the model from the answers.
+    """Ask for a rig with `ask`, which shows a question and returns the answer's line as `input` does; the model from the answers.
 
-    Parameters
-    ----------
-    ask
-        Shows a question and returns the answer's line, as `input` does.
-
-    Raises
-    ------
-    PlanError
-        If the answers end too early, or a question has no usable answer after `TRIES` tries.
+    Raises PlanError if the answers end too early, or a question has no usable answer after `TRIES` tries.
     """
     print("Press Enter alone to accept the answer in [brackets]. SI units: kg, N/m, Hz, s.\n")
     parts = _Parts()

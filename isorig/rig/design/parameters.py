@@ -127,26 +127,10 @@ def designed_parameters(
 ) -> ParameterDesign:
     """Search the best values, sweep each parameter around them, and repeat the sweeps for drawn rigs.
 
-    Parameters
-    ----------
-    plan
-        The design plan.
-    given
-        The rig.
-    parameters
-        The parameters.json of `rig characterize` for this rig: the free parameters that do not vary are drawn independently from
-        their standard uncertainties.
-    points
-        Number of designs before the refinement, and of points in each sweep.
-    draws
-        Number of drawn rigs; none without `parameters`.
-    seed
-        Random seed of drive, designs and draws.
-
-    Raises
-    ------
-    PlanError
-        The plan names something that the rig does not have.
+    `points` is the number of designs before the refinement, and of points in each sweep.
+    The free parameters that do not vary are drawn independently from their standard uncertainties in `parameters`, the
+    parameters.json of `rig characterize` for this rig; without it, none are drawn. Raises PlanError if the plan names something
+    that the rig does not have.
     """
     rig = given.model
     for each in plan.vary:

@@ -56,28 +56,11 @@ def diagnose_file(
     limit: float | None = None,
     page: bool = True,
 ) -> CampaignOutcome:
-    """Diagnose one recording into a folder.
+    """Diagnose one recording into a folder; `tell` is called with a line for each stage, and `page` is whether to write a page.
 
-    Parameters
-    ----------
-    file, folder
-        The recording, and the folder for the answer.
-    baseline
-        Name of the baseline.
-    tell
-        Called with a line for each stage.
-    tolerance
-        Error, as a share of the signal, that counts as adequate.
-    limit
-        Seconds of processor time for all of it. The search for causes ends so early that uncertainties and page are done by then;
-        the answer is then what was found so far, and states this.
-    page
-        Whether to write report.html too.
-
-    Raises
-    ------
-    RigError, AnalysisError
-        The recording cannot be used; nothing is written then.
+    The `tolerance` is the error, as a share of the signal, that counts as adequate, and `limit` the seconds of processor time for
+    all of it: the search for causes ends so early that uncertainties and page are done by then, and the answer, what was found so
+    far, states this. Raises RigError or AnalysisError if the recording cannot be used; nothing is written then.
     """
     from isorig.analysis.deadline import Deadline
     from isorig.analysis.diagnose.diagnosis import diagnose

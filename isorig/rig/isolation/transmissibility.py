@@ -60,25 +60,9 @@ def transmissibility(
 ) -> Transmitted:
     """The magnitude of one channel over another by gain, and between two configurations where both were measured.
 
-    Parameters
-    ----------
-    campaign
-        The recording.
-    models
-        Models whose simulation goes through the same estimate.
-    reference, response
-        Channels; the first drive and the last sensor of the rig's description where None.
-    configurations
-        Numerator and denominator; where None the first two configurations that were measured, or the only one alone.
-    resolution
-        Frequency resolution, Hz.
-
-    Raises
-    ------
-    PlanError
-        A configuration was not measured.
-    DataError
-        No gain was measured in both configurations.
+    The simulations of the `models` go through the same estimate. By default the channels are the first drive and the last sensor
+    of the rig's description, and the configurations, numerator and denominator, the first two that were measured, or the only one
+    alone. Raises PlanError if a configuration was not measured, DataError if no gain was measured in both.
     """
     rig = rig_of(campaign)
     usual, drive, _ = rig.usual_ratio

@@ -77,20 +77,10 @@ class Force:
 
 @dataclass(frozen=True, kw_only=True)
 class PlaceForce:
-    """The force at a place in a run.
+    """The force at a place in a run: from the records, and of each model by name and role, the baseline's first.
 
-    Parameters
-    ----------
-    place, run
-        Names, for the caption.
-    measured
-        The force from the records.
-    models
-        That of each model by name and role, the baseline's first.
-    spring
-        Stiffness whose force is subtracted over the velocity, N/m, so that friction and damping remain.
-    rotary
-        Whether deflections are angles and forces torques.
+    `spring` is the stiffness whose force is subtracted over the velocity, N/m, so that friction and damping remain; of a `rotary`
+    place deflections are angles and forces torques.
     """
 
     place: str

@@ -21,14 +21,9 @@ from isorig.rig.view.process import ended
 def equations_watched(
     output: Path, operator: Operator, tell: Callable[[EquationsReport], None], *, until_known: bool
 ) -> Iterator[Operator]:
-    """Compute the equations of motion of a session's runs during the block; `tell` receives each message in another thread.
+    """Compute the equations of motion of a session's runs during the block; yields the operator for the session.
 
-    With `until_known`, a run ends as soon as its equations give a certain answer.
-
-    Yields
-    ------
-    Operator
-        The operator for the session.
+    `tell` receives each message in another thread. With `until_known`, a run ends as soon as its equations give a certain answer.
     """
     process = subprocess.Popen(
         python("-m", "isorig.rig.view.equations_process", str(output.absolute())), stdin=subprocess.PIPE, stdout=subprocess.PIPE

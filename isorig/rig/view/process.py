@@ -32,19 +32,10 @@ END, PACE = 5.0, 0.1
 
 @contextmanager
 def viewed(plan: Plan, output: Path, operator: Operator, terminal: Terminal, *, asks: bool) -> Iterator[tuple[Desk, Operator]]:
-    """Show a session on a page during the block; the page does not wait for the operator, whose terminal has its address.
+    """Show a session on a page during the block; yields the desk, and the operator for the session.
 
-    `asks` is whether the session waits for the operator.
-
-    Yields
-    ------
-    tuple of Desk and Operator
-        The desk, and the operator for the session.
-
-    Raises
-    ------
-    OutputError
-        The screen does not start.
+    The page does not wait for the operator, whose terminal has its address; `asks` is whether the session does. Raises
+    OutputError if the screen does not start.
     """
     desk = Desk(planned_by(plan), output, asks=asks)
     display = DisplayThread()
@@ -76,18 +67,8 @@ def viewed(plan: Plan, output: Path, operator: Operator, terminal: Terminal, *, 
 
 @contextmanager
 def session_screen(desk: Desk) -> Iterator[str]:
-    """Show a running session during the block, and pass the requests of pages to the desk.
-
-    Yields
-    ------
-    str
-        The address of the page.
-
-    Raises
-    ------
-    OutputError
-        The screen does not start.
-    """
+    """Show a running session during the block, and pass the requests of pages to the desk; yields the address of the page. Raises
+    OutputError if the screen does not start."""
     # A new interpreter: a forked process would share the instrument's port and the working file.
     process = subprocess.Popen(python("-m", "isorig.rig.view"), stdin=subprocess.PIPE, stdout=subprocess.PIPE)
     to_screen, from_screen = process.stdin, process.stdout

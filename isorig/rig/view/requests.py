@@ -37,18 +37,12 @@ class Desk:
     asks
         Whether the session waits for the operator when an action may be needed: before the first run, when the configuration
         changes, and after a run that was stopped or has a fault.
-
-    Attributes
-    ----------
-    planned
-        The session's runs by name.
-    listeners
-        Called with the state of the session at each change; they must not block.
     """
 
     def __init__(self, planned: tuple[Planned, ...], output: Path, *, asks: bool) -> None:
         self.planned = {item.id: item for item in planned}
         self.output, self._asks = output, asks
+        #: Called with the state of the session at each change; they must not block.
         self.listeners: list[Callable[[SessionState], None]] = []
         self._changed = threading.Condition()
         # The runs that this session has measured; in a resumed session, earlier runs are repeated on request only.
