@@ -16,7 +16,7 @@ from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.simulate.natural import natural_modes
 from isorig.analysis.wording import SIZED, in_per_cent, noise_alone, sized
 from isorig.rig.cli import main
-from isorig.rig.diagnose.coverage import PERIODS, missing
+from isorig.rig.diagnose.answer import PERIODS, missing
 from isorig.rig.files.findings import NamedCause, read_findings
 from isorig.rig.files.models import write_model
 from isorig.rig.files.recording import write

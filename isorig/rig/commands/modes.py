@@ -158,6 +158,4 @@ def _write(output: Path, content: Mapping[str, Any], found: ModalModel | Operati
     write_csv(output / "modes.csv", {key: np.array([row[key] for row in numbers]) for key in numbers[0]})
     write_text(output / "modes.html", page)
     show_table(title, ("Hz", "damping ratio", "shape"), shown)
-    for warning in found.warnings:
-        print(warning)
-    print(output / "modes.html")
+    print(*found.warnings, output / "modes.html", sep="\n")

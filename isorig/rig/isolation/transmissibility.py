@@ -10,7 +10,7 @@ import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray
 from isorig.analysis.errors import DataError
-from isorig.analysis.isolation.ratio import rms_ratio
+from isorig.analysis.isolation.ratio import magnitude_ratio, rms_ratio
 from isorig.analysis.wording import by_factor, with_std
 from isorig.rig.errors import PlanError
 from isorig.rig.files.output import write_csv, write_json
@@ -97,17 +97,13 @@ def _ratios(found: Sequence[Transfer], configurations: tuple[str, str], source: 
             else replace(upper, value=np.ones_like(upper.value), magnitude_std=np.zeros_like(upper.magnitude_std))
         )
         frequency, *bins = np.intersect1d(upper.frequency, lower.frequency, return_indices=True)
-        (top, top_std), (bottom, bottom_std) = (
-            (np.abs(frf.value[k]), frf.magnitude_std[k]) for frf, k in zip((upper, lower), bins, strict=True)
+        upper, lower = (
+            replace(frf, value=frf.value[k], magnitude_std=frf.magnitude_std[k])
+            for frf, k in zip((upper, lower), bins, strict=True)
         )
-        value = top / bottom
-        mean, mean_std = rms_ratio(top, top_std, bottom, bottom_std)
-        ratios.append(
-            Ratio(
-                gain=gain, frequency=frequency, value=value, std=value * np.hypot(top_std / top, bottom_std / bottom), mean=mean,
-                mean_std=mean_std,
-            )
-        )  # fmt: skip
+        value, std = magnitude_ratio(upper, lower)
+        mean, mean_std = rms_ratio(np.abs(upper.value), upper.magnitude_std, np.abs(lower.value), lower.magnitude_std)
+        ratios.append(Ratio(gain=gain, frequency=frequency, value=value, std=std, mean=mean, mean_std=mean_std))
     if not ratios:
         raise DataError(
             f"{source} has no gain with a broad-band drive in both {configurations[0]!r} and {configurations[1]!r}; measure one"

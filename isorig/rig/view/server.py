@@ -74,7 +74,7 @@ class Server:
         given = {"server": self}
         application = Application(
             [(r"/([\w-]{1,99})/live", _Socket, given), (r"/([\w-]{1,99})/([\w.]{0,20})", _File, given)],
-            default_handler_class=_Nothing, default_handler_args=given, websocket_max_message_size=MESSAGE,
+            default_handler_class=_Guarded, default_handler_args=given, websocket_max_message_size=MESSAGE,
             websocket_ping_interval=20.0, log_function=lambda handler: None,
         )  # fmt: skip
         sockets = bind_sockets(0, "127.0.0.1")
@@ -126,11 +126,6 @@ class _Guarded(RequestHandler):
     def write_error(self, status_code: int, **kwargs: Any) -> None:
         self.set_header("Content-Type", "text/plain; charset=utf-8")
         self.finish("This is not the address of the screen; open the one that the session printed.\n")
-
-
-class _Nothing(_Guarded):
-    def get(self) -> None:
-        raise HTTPError(404)
 
 
 class _File(_Guarded):
