@@ -241,22 +241,18 @@ def _write_tables(found: Sequence[Transfer], wrong: Sequence[str], remarks: Sequ
 
 
 def _row(result: dict[str, Any]) -> dict[str, str]:
-    band, peak = result["band_hz"], result["peak"]
+    from isorig.rig.report.sections import per
+
+    band, peak, (over, by) = result["band_hz"], result["peak"], result["units"]
+    # A unit if those of response and reference are known and not equal.
+    unit = f" {per(over, by)}" if over and by and over != by else ""
     return {
         "response": result["response"], "response over reference": f"{result['response']} / {result['reference']}",
         "set-up": result["configuration"], "gain": f"{result['gain']:g}", "rms of drive": result["level"] or "–",
         "avg": "–" if result["averages"] is None else f"{result['averages']:.0f}", "band, Hz": f"{band[0]:.3g}–{band[1]:.3g}",
-        "peak, Hz": f"{peak['frequency_hz']:.2f}", "magnitude (95 %)": f"{_magnitude(peak)}{_per(result['units'])}",
+        "peak, Hz": f"{peak['frequency_hz']:.2f}", "magnitude (95 %)": _magnitude(peak) + unit,
         "coh.": f"{result['median_coherence']:.3f}",
     }  # fmt: skip
-
-
-def _per(units: Sequence[str]) -> str:
-    # The unit of a transfer function from those of its response and its reference; none if these are equal or unknown.
-    from isorig.rig.report.sections import per
-
-    over, by = units
-    return f" {per(over, by)}" if over and by and over != by else ""
 
 
 def _magnitude(peak: dict[str, Any]) -> str:

@@ -84,8 +84,16 @@ def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file
         ]  # fmt: skip
     for place in places:
         lines += _channel(names[place], *first[place])
-    kinds = {} if bonder else _kinds({names[place]: first[place] for place in places})
-    ids = _run_names(parts)
+    # What each channel measures, without the gain.
+    kinds = {
+        names[place]: UNITS[_unit_of(names[place], column, source)].quantity
+        for place, (source, column) in first.items()
+        if not bonder and names[place] != GAIN
+    }
+    ids: list[str] = []
+    for part in parts:
+        text = _run_text(part)
+        ids.append(text if text not in ids else f"{text}_{len(ids)}")
     starts = _starts(dict(zip(ids, parts, strict=True)), names) if _released(kinds) else {}
     setups = ids if len(starts) > 1 else [_configuration(part) for part in parts]
     # A rig without locks has one configuration, which needs no name.
@@ -107,22 +115,9 @@ def _is_bonder(places: Iterable[str]) -> bool:
     return len(found) >= 2 and not other
 
 
-def _kinds(channels: Mapping[str, tuple[str, Column]]) -> dict[str, Quantity]:
-    # What each channel measures, without the gain.
-    return {name: UNITS[_unit_of(name, column, place)].quantity for name, (place, column) in channels.items() if name != GAIN}
-
-
 def _released(kinds: Mapping[str, Quantity]) -> bool:
     # A single motion is a response: no column is a drive.
     return len(kinds) == 1 and all(kind in MOTION for kind in kinds.values())
-
-
-def _run_names(parts: Sequence[_Part]) -> list[str]:
-    names: list[str] = []
-    for part in parts:
-        text = _run_text(part)
-        names.append(text if text not in names else f"{text}_{len(names)}")
-    return names
 
 
 def _starts(parts: Mapping[str, _Part], names: Mapping[str, str]) -> dict[str, Configuration]:

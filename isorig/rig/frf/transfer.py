@@ -347,7 +347,12 @@ def about(item: Transfer) -> dict[str, Any]:
     if seen.multiple_coherence is not None:
         further["median_multiple_coherence"] = float(np.median(seen.multiple_coherence))
     if item.hammer is not None:
-        further["hammer"] = _about_hits(item.hammer)
+        hits = [
+            {"run": hit.run, "seconds": float(hit.seconds), "peak": hit.peak, "rejected": hit.rejected or None, "text": hit.text}
+            for hit in item.hammer.hits
+        ]
+        decay = item.hammer.spectra.decay
+        further["hammer"] = {"hits": hits, "exponential_window_per_s": decay, "text": list(item.hammer.text)}
     return {
         "name": item.name, "response": seen.response, "reference": seen.reference, "configuration": item.configuration,
         "gain": item.gain, "level": item.level, "runs": list(item.runs), "left_out": list(item.left_out),
@@ -370,14 +375,6 @@ def _about_limits(limits: MagnitudeLimits, k: int) -> dict[str, Any]:
         for rows in (limits.low, limits.high, limits.leakage, limits.reference_noise)
     )
     return {"magnitude_limits": None if low is None else [low, high], "leakage": leakage, "largest_reference_noise": noise}
-
-
-def _about_hits(test: HammerTest) -> dict[str, Any]:
-    hits = [
-        {"run": hit.run, "seconds": float(hit.seconds), "peak": hit.peak, "rejected": hit.rejected or None, "text": hit.text}
-        for hit in test.hits
-    ]
-    return {"hits": hits, "exponential_window_per_s": test.spectra.decay, "text": list(test.text)}
 
 
 def _about_periods(found: PeriodicFrf) -> dict[str, Any]:

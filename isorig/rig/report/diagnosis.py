@@ -99,11 +99,8 @@ def _first(
     models: Mapping[Named, Simulated], scores: Mapping[Named, Score],
 ) -> First:  # fmt: skip
     model = diagnosis.baseline.model
-    force, second, errors = (
-        _force(diagnosis, models),
-        second_chart(worst_second(diagnosis.trials, diagnosis.division.judged, models)),
-        _errors_chart(diagnosis, scores),
-    )
+    force, errors = _force(diagnosis, models), _errors_chart(diagnosis, scores)
+    second = second_chart(worst_second(diagnosis.trials, diagnosis.division.judged, models))
     after = equations_of(campaign, diagnosis.extended.model).residuals() if diagnosis.steps else None
     equations = residual_chart(diagnosis.residuals, after)
     # Charts of half the page's width in pairs.
@@ -150,8 +147,7 @@ def _surface_charts(model: RigModel, compared: Doubles) -> list[Chart]:
                 ChartTrace(name="baseline", x=x, y=seen.simulated - without, role="simulated", style="markers"),
                 ChartTrace(name="measured", x=x, y=seen.force - without, role="measured", style="markers"),
             ]
-            caption = f"{seen.run}: the force in {with_article(seen.link)}{note}."
-            panels = [Panel(label="force, N")]
+            caption, panels = f"{seen.run}: the force in {with_article(seen.link)}{note}.", [Panel(label="force, N")]
             charts.append(
                 Chart(name=f"{name}-{seen.link}", caption=caption, panels=panels, traces=traces, x_label=label, x_log=False)
             )
@@ -182,11 +178,6 @@ def _improvement(diagnosis: Diagnosis) -> str:
     )
 
 
-def _what(step: Step) -> str:
-    # The form, or the kind if no form comes close to the free shape.
-    return words(step.cause) if step.form else f"{KINDS[step.kind]} of no catalogued form"
-
-
 def _named(step: Step, share: tuple[float, float, float], held: Mapping[str, HeldValue]) -> Section:
     removed, low, high = (100.0 * value for value in share)
     notes = [
@@ -210,7 +201,9 @@ def _named(step: Step, share: tuple[float, float, float], held: Mapping[str, Hel
     values = [(words(name), number(v, 6), number(s, 2), u) for name, (v, s, u) in step.parameters.items()]
     values += [(words(name), number(row.value, 6), "held", row.unit) for name, row in held.items()]
     tables = [Table(columns=("parameter", "value", "std", "unit"), rows=values)] if values else []
-    return Section(title=f"Named: {_what(step)} ({step.location})", text=notes, tables=tables, charts=charts)
+    # The form, or the kind if no form comes close to the free shape.
+    what = words(step.cause) if step.form else f"{KINDS[step.kind]} of no catalogued form"
+    return Section(title=f"Named: {what} ({step.location})", text=notes, tables=tables, charts=charts)
 
 
 def curve_chart(place: str, curve: Curve) -> Chart:
@@ -250,16 +243,9 @@ def _budget(diagnosis: Diagnosis) -> Section:
         (nature, *(f"{100 * v:.3g} % ({100 * low:.3g} to {100 * high:.3g})" for v, low, high in (before[nature], after[nature])))
         for nature in before
     ]
-    return Section(
-        title="Composition of the error",
-        text=[diagnosis.budgets[0].how],
-        tables=[
-            Table(
-                columns=("nature", "baseline", "extended model"), rows=rows,
-                caption="Shares of the held-out error power, with 95 % intervals over resampled runs.",
-            )
-        ],
-    )  # fmt: skip
+    caption = "Shares of the held-out error power, with 95 % intervals over resampled runs."
+    table = Table(columns=("nature", "baseline", "extended model"), rows=rows, caption=caption)
+    return Section(title="Composition of the error", text=[diagnosis.budgets[0].how], tables=[table])
 
 
 def advice(diagnosis: Diagnosis) -> list[str]:

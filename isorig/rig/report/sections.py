@@ -93,30 +93,23 @@ def channels_table(campaign: Campaign) -> Table:
 
 def runs_section(campaign: Campaign) -> Section:
     """The measured runs, and the given values."""
-    rows = [_run_row(run, campaign.alone) for run in campaign.runs]
-    set_up = () if campaign.alone else ("configuration",)
-    heads = ("run", *set_up, "gain", "excitation", "band, Hz", "s", "samples/s", "use", "lost", "started")
+    columns: dict[str, list[str]] = {
+        "run": [run.id for run in campaign.runs],
+        **({} if campaign.alone else {"configuration": [run.configuration for run in campaign.runs]}),
+        "gain": [f"{run.gain:g}" for run in campaign.runs],
+        "excitation": [run.excitation for run in campaign.runs],
+        "band, Hz": ["" if run.band is None else f"{run.band[0]:g}–{run.band[1]:g}" for run in campaign.runs],
+        "s": [f"{run.duration:.0f}" for run in campaign.runs],
+        "samples/s": [f"{run.sample_rate:g}" for run in campaign.runs],
+        "use": [run.use for run in campaign.runs],
+        "lost": [f"{sum(gap.count for gap in run.gaps) or ''}" for run in campaign.runs],
+        "started": ["" if run.started is None else f"{run.started:%Y-%m-%d %H:%M:%S %z}" for run in campaign.runs],
+    }
     known = ", ".join(f"{words(name)} {value:.6g}" for name, value in campaign.known.items())
     return Section(
         title="Rig and runs",
         text=[*([] if campaign.description else [SUMMARY]), f"Given values (SI): {known or 'none'}."],
-        tables=[Table(columns=heads, rows=rows)],
-    )
-
-
-def _run_row(run: Run, alone: bool) -> tuple[str, ...]:
-    lost = sum(gap.count for gap in run.gaps)
-    return (
-        run.id,
-        *(() if alone else (run.configuration,)),
-        f"{run.gain:g}",
-        run.excitation,
-        "" if run.band is None else f"{run.band[0]:g}–{run.band[1]:g}",
-        f"{run.duration:.0f}",
-        f"{run.sample_rate:g}",
-        run.use,
-        f"{lost}" if lost else "",
-        "" if run.started is None else run.started.strftime("%Y-%m-%d %H:%M:%S %z"),
+        tables=[Table(columns=tuple(columns), rows=list(zip(*columns.values(), strict=True)))],
     )
 
 

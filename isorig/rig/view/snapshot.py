@@ -52,22 +52,11 @@ class ShownRun(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, kw_only=True)
 class Snapshot:
-    """All displayed content after a reading.
+    """All displayed content after a reading: the started runs, and the plots, by name, and findings on the current run.
 
-    Parameters
-    ----------
-    runs
-        The started runs, by name.
-    shown
-        The run whose levels and traces are shown; empty before the first.
-    grown
-        Arrival time of its last samples, monotonic clock.
-    plots
-        The plots by name.
-    averaged, isolated
-        Progress of the transfer functions, and state of the ratio of two configurations, in a sentence each.
-    advice
-        Findings on the current run.
+    `shown` is the run whose levels and traces are shown (empty before the first), and `grown` the arrival time of its last
+    samples on the monotonic clock. `averaged` and `isolated` are sentences on the progress of the transfer functions, and on the
+    ratio of two configurations.
     """
 
     runs: Mapping[str, ShownRun] = field(default_factory=dict)
