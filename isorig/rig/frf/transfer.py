@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, get_args
@@ -193,21 +194,17 @@ def transfer_functions(
                 }  # fmt: skip
                 if struck:
                     test = hammer_test(averaged, reference=drives[0], channels=group, resolution=resolution)
-                    density = test.spectra.density(drives[0])
-                    transfers += [
-                        Transfer.of(frf, band=test.band, reference_density=density, hammer=test, **known)
-                        for frf in (test.spectra.frf(name, drives[0], estimator) for name in group)
-                    ]
-                    continue
-                spectra = estimate(
-                    averaged, references=drives, channels=group, resolution=resolution, window=seen_through, overlap=overlap,
-                    jackknife=jackknife,
-                )  # fmt: skip
-                band = _band(averaged, spectra, drives[0])
+                    spectra, known["hammer"], known["band"] = test.spectra, test, test.band
+                else:
+                    spectra = estimate(
+                        averaged, references=drives, channels=group, resolution=resolution, window=seen_through, overlap=overlap,
+                        jackknife=jackknife,
+                    )  # fmt: skip
+                    known["band"] = _band(averaged, spectra, drives[0])
                 transfers += [
                     Transfer.of(
-                        frf, band=band, reference_density=spectra.density(frf.reference),
-                        periods=_by_period(averaged, name, drives[0]) if len(drives) == 1 else None, **known,
+                        frf, reference_density=spectra.density(frf.reference),
+                        periods=None if struck else _by_period(averaged, name, drives), **known,
                     )
                     for name in group
                     for frf in spectra.frfs(name, drives, estimator)
@@ -331,13 +328,12 @@ def unnamed_excitation(found: Sequence[Transfer], campaign: Campaign) -> tuple[s
     return tuple(said)
 
 
-def _by_period(runs: Sequence[Run], response: str, reference: str) -> PeriodicFrf | None:
-    if any(run.period is None for run in runs):
-        return None
-    try:
-        return periodic(runs, response=response, reference=reference)
-    except DataError:  # too few periods: use the average over segments
-        return None
+def _by_period(runs: Sequence[Run], response: str, drives: Sequence[str]) -> PeriodicFrf | None:
+    # None where there are too few periods: then there is the average over segments alone.
+    if len(drives) == 1 and all(run.period is not None for run in runs):
+        with suppress(DataError):
+            return periodic(runs, response=response, reference=drives[0])
+    return None
 
 
 def about(item: Transfer) -> dict[str, Any]:

@@ -1,8 +1,8 @@
-"""A session with its screen: a page, and a terminal that prints the page's address and questions, whose Enter answers.
+"""The processes beside a session: its screen, and that of the equations of motion of its runs.
 
-The screen is a separate process, so that the session's never waits for a page. The two exchange lines of JSON over the screen's
-standard input and output. First the session sends the subject (`SessionBegin`) and the screen the address of its page; then the
-session sends its state, and the screen the requests of pages.
+The session's process never waits for them. It exchanges lines of JSON with the screen over the screen's standard input and
+output: first the session sends the subject (`SessionBegin`) and the screen the address of its page; then the session sends its
+state, and the screen the requests of pages.
 """
 
 from __future__ import annotations
@@ -10,16 +10,18 @@ from __future__ import annotations
 import subprocess
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
 
 from isorig.rig.acquire.display_thread import DisplayThread
+from isorig.rig.acquire.equations import EquationsReport
 from isorig.rig.acquire.plan import Plan
-from isorig.rig.acquire.session import Operator, decoupled_operator
+from isorig.rig.acquire.session import Decision, Operator, decoupled_operator
 from isorig.rig.acquire.terminal import Terminal, answer_line
 from isorig.rig.errors import OutputError
 from isorig.rig.process.interpreter import python
@@ -121,6 +123,47 @@ def session_screen(desk: Desk) -> Iterator[str]:
         sender.each(close)
         sender.settle(END)
         sender.end()
+        ended(process)
+
+
+@contextmanager
+def equations_watched(
+    output: Path, operator: Operator, tell: Callable[[EquationsReport], None], *, until_known: bool
+) -> Iterator[Operator]:
+    """Compute the equations of motion of a session's runs during the block; yields the operator for the session.
+
+    `tell` receives each message in another thread. With `until_known`, a run ends as soon as its equations give a certain answer.
+    """
+    process = subprocess.Popen(
+        python("-m", "isorig.rig.view.equations_process", str(output.absolute())), stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
+    closes, lines = process.stdin, process.stdout
+    assert closes is not None
+    assert lines is not None
+    current, known = "", False  # the run that is measured, and whether its equations have given a certain answer
+
+    def listen() -> None:
+        nonlocal known
+        with suppress(OSError, ValueError, msgspec.DecodeError):
+            for line in lines:
+                message = msgspec.json.decode(line, type=EquationsReport)
+                if message.run == current and not known:
+                    known = message.known
+                    tell(message)
+
+    def decide(name: str) -> Decision:
+        nonlocal current, known
+        decision = operator.decide(name)
+        if decision == "take":
+            current, known = name, False
+        return decision
+
+    threading.Thread(target=listen, name="equations of motion", daemon=True).start()
+    try:
+        yield replace(operator, decide=decide, answered=lambda: until_known and known)
+    finally:
+        with suppress(OSError):
+            closes.close()
         ended(process)
 
 

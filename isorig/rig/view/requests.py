@@ -80,6 +80,7 @@ class Desk:
     def decide(self, name: str) -> Decision:
         """Decides on the next run."""
         self._settle()
+        # Runs of this session are repeated on request only, also once it is resumed.
         if name != self._again and name in self._standing.judged:
             return "skip"
         if self._again:

@@ -74,22 +74,9 @@ class _Track:
     def __init__(self, run: Run, drive: str) -> None:
         self.started: datetime | None = run.started
         self.levels, self.response = Levels(run), GrowingSpectra(run, drive)
-        self.planned = Planned(id=run.id, configuration=run.configuration, gain=run.gain, seconds=0.0, broad=False)
-        self.n = self.lost = 0
-        self.drawn = (0, 0)
-        self.rate = run.sample_rate
-        self.whole = False
-        self.judged: Judgement | None = None
-
-    @property
-    def seconds(self) -> float:
-        return (self.n + self.lost) / self.rate
-
-    def shown(self) -> ShownRun:
-        return ShownRun(
-            planned=self.planned, seconds=self.seconds, lost=self.lost, levels=self.levels.levels(), whole=self.whole,
-            judged=self.judged,
-        )  # fmt: skip
+        self.n, self.drawn = 0, (0, 0)
+        planned = Planned(id=run.id, configuration=run.configuration, gain=run.gain, seconds=0.0, broad=False)
+        self.shown = ShownRun(planned=planned, seconds=0.0, lost=0, levels=(), whole=False, judged=None)
 
 
 class Board:
@@ -120,7 +107,7 @@ class Board:
             for stop in range(track.n + PART, len(run), PART):
                 self._add(track, beginning_of(run, stop), whole=False)
                 publish(self._picture)
-            if len(run) > track.n or whole > track.whole:
+            if len(run) > track.n or whole > track.shown.whole:
                 self._add(track, run, whole=whole)
                 publish(self._picture)
 
@@ -130,19 +117,23 @@ class Board:
         # Not added to the previous data: a reading that failed halfway may have added some.
         drawn, track.drawn = track.drawn, (track.levels.seen, track.response.segments)
         new, averaged = (now != before for now, before in zip(track.drawn, drawn, strict=True))
-        track.n, track.lost = len(run), sum(gap.count for gap in run.gaps)
-        # The planned gain; the streamed gain is stored with the samples.
-        track.planned = self._planned.get(run.id, track.planned)
-        if whole and not track.whole:
-            track.whole = True
-            track.judged = self._judged(track, run) if self._judge and len(run) <= LONGEST else None
+        track.n, lost = len(run), sum(gap.count for gap in run.gaps)
+        judged = track.shown.judged
+        if whole and not track.shown.whole:
+            judged = self._judged(run, lost) if self._judge and len(run) <= LONGEST else None
             track.response.close()
+        track.shown = ShownRun(
+            # The planned gain; the streamed gain is stored with the samples.
+            planned=self._planned.get(run.id, track.shown.planned), seconds=(len(run) + lost) / run.sample_rate, lost=lost,
+            levels=track.levels.levels() if new or not track.shown.levels else track.shown.levels,
+            whole=whole or track.shown.whole, judged=judged,
+        )  # fmt: skip
         plots = dict(self._picture.plots)
         if new or self._picture.shown != run.id:
             plots["time"] = self._plot(track.levels.recent().keys(), track.levels.trace())
         texts = self._averages(plots, track) if averaged or run.id != self._picture.shown else {}
         self._picture = replace(
-            self._picture, runs={name: item.shown() for name, item in self._tracks.items()}, shown=run.id, plots=plots,
+            self._picture, runs={name: item.shown for name, item in self._tracks.items()}, shown=run.id, plots=plots,
             grown=time.monotonic() if new else self._picture.grown, advice=tuple(_advice(track, run, self._rig)), **texts,
         )  # fmt: skip
 
@@ -165,12 +156,12 @@ class Board:
         self._version += 1
         return Plot(version=self._version, names=tuple(names), rows=rows.astype(np.float32))
 
-    def _judged(self, track: _Track, run: Run) -> Judgement:
+    def _judged(self, run: Run, lost: int) -> Judgement:
         planned = self._planned.get(run.id)
-        asked = len(run) + track.lost if planned is None else round(planned.seconds * run.sample_rate)
+        asked = len(run) + lost if planned is None else round(planned.seconds * run.sample_rate)
         verdict = check_run(
             Recovered(
-                id=run.id, finished=len(run) + track.lost >= asked, begun=True, run=run, stored=len(run), lost=track.lost,
+                id=run.id, finished=len(run) + lost >= asked, begun=True, run=run, stored=len(run), lost=lost,
                 planned=asked, overloads=0, planned_gain=run.gain if planned is None else planned.gain, drift=None,
             ),
             rig=self._rig, others=[other for other in self._whole if other.id != run.id],
@@ -193,13 +184,13 @@ def _missing_ratio(rig: RigModel) -> str:
 
 
 def _advice(track: _Track, run: Run, rig: RigModel) -> Iterator[str]:
-    if track.lost:
-        yield f"{track.lost} samples were lost in transmission so far."
-    levels = track.levels.levels()
+    if track.shown.lost:
+        yield f"{track.shown.lost} samples were lost in transmission so far."
+    levels = track.shown.levels
     for level in levels:
         if level.over:
             yield f"{level.name} reached the end of its range; choose a larger range or a lower gain."
-    if track.seconds < EARLY:
+    if track.shown.seconds < EARLY:
         return
     inside = {level.name: level.held for level in levels if not level.over}
     yield from advice(inside, {level.name: level.full for level in levels if level.full is not None})
