@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -224,27 +224,20 @@ def frf_sets(found: Sequence[Transfer], campaign: Campaign) -> list[dict[str, An
     ]  # fmt: skip
 
 
-class _Point(NamedTuple):
-    # A channel in a universal file: its name of at most ten characters, node, direction and unit.
-    name: str
-    node: int
-    direction: int
-    unit: str
-
-
-#: The reference of a time record.
-NOWHERE = _Point("NONE", 0, 0, "")
+#: A channel in a universal file: its unit, and its name of at most ten characters, its node and its direction.
+_Point = tuple[str, dict[str, Any]]
 
 
 def _points(campaign: Campaign) -> dict[str, _Point]:
+    # By name; the reference of a time record has none.
+    points: dict[str, _Point] = {"": ("", {"ent_name": "NONE", "node": 0, "dir": 0})}
     channels = {name: channel for run in campaign.runs for name, channel in run.channels.items()}
-    points: dict[str, _Point] = {}
     for node, (name, channel) in enumerate(channels.items(), 1):
         short = name[:UFF_NAME]
-        if any(short == other.name for other in points.values()):
+        if any(short == other["ent_name"] for _, other in points.values()):
             short = name[: UFF_NAME - len(f"~{node}")] + f"~{node}"
         direction = DIRECTIONS.get(channel.about.get("direction", "").strip().lower(), 0)
-        points[name] = _Point(short, node, direction, channel.unit)
+        points[name] = channel.unit, {"ent_name": short, "node": node, "dir": direction}
     return points
 
 
@@ -255,15 +248,15 @@ def _dataset(
     # A dataset 58; `reference` is empty for a time record, and a coherence has no unit.
     import pyuff
 
-    sensor, source = points[response], points.get(reference, NOWHERE)
-    above, below = ("1", "") if kind == COHERENCE else (sensor.unit, source.unit)
+    (above, sensor), (below, source) = points[response], points[reference]
+    if kind == COHERENCE:
+        above, below = "1", ""
     axis, unit = (TIME, "s") if kind == TIME_RESPONSE else (FREQUENCY, "Hz")
     return dict(
         pyuff.prepare_58(
             binary=int(binary), id1=description[:LINE], id4=(RESPONSE + response)[:LINE],
             id5=(REFERENCE + reference)[:LINE] if reference else "NONE", func_type=kind,
-            rsp_ent_name=sensor.name, rsp_node=sensor.node, rsp_dir=sensor.direction,
-            ref_ent_name=source.name, ref_node=source.node, ref_dir=source.direction,
+            **{f"rsp_{key}": value for key, value in sensor.items()}, **{f"ref_{key}": value for key, value in source.items()},
             abscissa_spacing=1, data=values, x=x, abscissa_spec_data_type=axis, abscissa_axis_units_lab=unit,
             ordinate_spec_data_type=ORDINATES.get(above, 0), ordinate_axis_units_lab=above,
             orddenom_spec_data_type=ORDINATES.get(below, 0), orddenom_axis_units_lab=below or "NONE",

@@ -10,7 +10,7 @@ import msgspec
 from isorig.analysis.campaign import BROAD, Run
 from isorig.rig.acquire.equations import EquationsReport
 from isorig.rig.acquire.notes import Note
-from isorig.rig.acquire.plan import Plan
+from isorig.rig.acquire.plan import Plan, RunPlan
 
 #: The requests of an operator.
 RequestKind = Literal["stop", "again", "next", "note"]
@@ -106,21 +106,14 @@ class SessionState(Message, frozen=True):
 def planned_by(plan: Plan) -> tuple[Planned, ...]:
     """The runs of a plan in order, each repeat with its own name."""
     rate = plan.instrument.sample_rate
-    return tuple(
-        Planned(
-            id=name, configuration=run.configuration, gain=run.gain, seconds=run.ticks(rate) / rate, broad=run.excitation in BROAD
-        )
-        for run in plan.runs
-        for name in run.ids()
-    )
+    return tuple(_planned(name, run, run.ticks(rate) / rate) for run in plan.runs for name in run.ids())
 
 
 def planned_as(runs: Iterable[Run]) -> tuple[Planned, ...]:
     """Runs of a recording, as if they were planned."""
-    return tuple(
-        Planned(
-            id=run.id, configuration=run.configuration, gain=run.gain, broad=run.excitation in BROAD,
-            seconds=(len(run) + sum(gap.count for gap in run.gaps)) / run.sample_rate,
-        )
-        for run in runs
-    )  # fmt: skip
+    return tuple(_planned(run.id, run, (len(run) + sum(gap.count for gap in run.gaps)) / run.sample_rate) for run in runs)
+
+
+def _planned(name: str, run: Run | RunPlan, seconds: float) -> Planned:
+    broad = run.excitation in BROAD
+    return Planned(id=name, configuration=run.configuration, gain=run.gain, seconds=seconds, broad=broad)
