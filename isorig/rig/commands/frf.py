@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from math import log10
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -11,7 +11,7 @@ from isorig.rig.options import Output
 
 if TYPE_CHECKING:
     from isorig.analysis.campaign import Campaign
-    from isorig.rig.frf.drawing import FigureProcess, FrfPicture
+    from isorig.rig.frf.drawing import FigureProcess
     from isorig.rig.frf.figures import View
     from isorig.rig.frf.transfer import Transfer
 
@@ -95,6 +95,7 @@ def frf(
     start_checks()
     with drawn_elsewhere() as drawing:
         # Meanwhile this process imports what it needs until the figures are drawn.
+        from isorig.rig.acquire.policy import COHERENT
         from isorig.rig.acquire.run_check import incoherences
         from isorig.rig.files.recording import open_recording
         from isorig.rig.files.rigfile import references_of
@@ -107,7 +108,9 @@ def frf(
                 measured, reference=drives, responses=response, resolution=resolution, estimator=estimator, window=window,
                 overlap=overlap, found=wrong, jackknife=False,
             )  # fmt: skip
-            why = [reason.text for reason in incoherences(measured, drives, _incoherent(found))]
+            # Responses with a low coherence at any level.
+            low = dict.fromkeys(t.response for t in found if t.median_coherence < COHERENT)
+            why = [reason.text for reason in incoherences(measured, drives, list(low))]
             return found, [*(fault.text for fault in wrong), *unnamed_excitation(found, measured)], why
 
         def foreign(path: Path) -> bool:
@@ -154,12 +157,24 @@ def _write(
     view: Sequence[View],
     band: tuple[float, float] | None,
 ) -> None:
+    from isorig.rig.frf.drawing import FrfPicture
+
     several = len(found) > 1
     shown = [
         (f"{stem}: {item.label}" if several else item.label, item) for stem, (items, _, _) in found.items() for item in items
     ]
-    for job in _figures(shown, output, view, band):
-        drawing.draw(job)
+    pairs: dict[str, dict[str, Transfer]] = {}
+    for label, item in shown:
+        pairs.setdefault(f"{item.response}-over-{item.reference}", {})[label] = item
+    for pair, same in pairs.items():
+        reached = min(item.band[0] for item in same.values()), max(item.band[1] for item in same.values())
+        curves = {label: item.within_band() for label, item in same.items()}
+        for each in dict.fromkeys(view):
+            path = output / f"{pair}{'' if each == 'bode' else f'-{each}'}.png"
+            drawing.draw(FrfPicture(path=path, curves=curves, band=band or reached, view=each))
+        periods = {label: item.periods for label, item in same.items() if item.periods is not None}
+        if periods:
+            drawing.draw(FrfPicture(path=output / f"{pair}-periods.png", periods=periods))
     # Meanwhile this process does the rest.
     from isorig.rig.files.output import write_text
     from isorig.rig.frf.transfer import limits_in_words
@@ -172,32 +187,6 @@ def _write(
         remarks += [f"{stem}: {text}" if several else text for text in (*wrong, *said)]
     write_text(output / "frf.html", frf_page(shown, name, remarks))
     drawing.wait()
-
-
-def _incoherent(found: Sequence[Transfer]) -> list[str]:
-    # Responses with a low coherence at any level.
-    import numpy as np
-
-    from isorig.rig.acquire.policy import COHERENT
-
-    return list(dict.fromkeys(t.response for t in found if float(np.median(t.within_band().coherence)) < COHERENT))
-
-
-def _figures(
-    found: Sequence[tuple[str, Transfer]], output: Path, views: Sequence[View], band: tuple[float, float] | None
-) -> Iterator[FrfPicture]:
-    from isorig.rig.frf.drawing import FrfPicture
-
-    for response, reference in dict.fromkeys((item.response, item.reference) for _, item in found):
-        same = {label: item for label, item in found if (item.response, item.reference) == (response, reference)}
-        reached = min(item.band[0] for item in same.values()), max(item.band[1] for item in same.values())
-        for view in dict.fromkeys(views):
-            path = output / (f"{response}-over-{reference}" + ("" if view == "bode" else f"-{view}") + ".png")
-            curves = {label: item.within_band() for label, item in same.items()}
-            yield FrfPicture(path=path, curves=curves, band=band or reached, view=view)
-        periods = {label: item.periods for label, item in same.items() if item.periods is not None}
-        if periods:
-            yield FrfPicture(path=output / f"{response}-over-{reference}-periods.png", periods=periods)
 
 
 def _write_tables(found: Sequence[Transfer], wrong: Sequence[str], remarks: Sequence[str], output: Path, name: str) -> None:

@@ -367,10 +367,6 @@ def response_figure(design: ParameterDesign) -> Figure:
         response=target.response, configurations=(target.configurations[0], relative),
         resolution=max(0.25, 8.0 / design.run.duration),
     )  # fmt: skip
-    curves = {
-        "present" if name == "measured" else name: (r.frequency, r.value, r.std)
-        for name, ratios in found.ratios.items()
-        for r in ratios
-    }
+    curves = {"present" if r.name == "measured" else r.name: (r.frequency, r.value, r.std) for r in found.ratios}
     words = " relative to ".join(target.configurations)
     return ratio_figure(curves, f"{rig.name}: |{target.response} / {target.reference}|, {words}", found.unit)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from importlib.metadata import version
 from itertools import islice
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
 
@@ -94,16 +95,14 @@ def diagnose_files(
 
     left = []
     for file, folder in jobs:
-        if (
-            not again
-            and file.is_file()
-            and answered(folder, {"baseline": baseline, **fingerprint(file)}, tolerance=tolerance, limit=limit)
-        ):
+        origin = {"baseline": baseline, **fingerprint(file)} if file.is_file() and not again else None
+        if origin is not None and answered(folder, origin, tolerance=tolerance, limit=limit):
             yield _outcome(read_findings(folder))
         else:
-            left.append((str(file.resolve()), str(folder.resolve()), baseline, tolerance, limit))
-    for job, outcome in shared_out(_answer, left, scheduler):
-        yield outcome if isinstance(outcome, CampaignOutcome) else _refused(Path(job[0]), str(outcome))
+            left.append((file.resolve(), folder.resolve()))
+    answer = partial(_answer, baseline=baseline, tolerance=tolerance, limit=limit)
+    for (file, _), outcome in shared_out(answer, left, scheduler):
+        yield outcome if isinstance(outcome, CampaignOutcome) else _refused(file, str(outcome))
 
 
 def time_limit(seconds: float | None) -> float | None:
@@ -113,12 +112,11 @@ def time_limit(seconds: float | None) -> float | None:
     return None if seconds is not None and math.isinf(seconds) else seconds
 
 
-def _answer(job: tuple[str, str, Baseline, float, float | None]) -> CampaignOutcome:
-    file, folder, baseline, tolerance, limit = job
+def _answer(job: tuple[Path, Path], **how: Any) -> CampaignOutcome:
     try:
-        return diagnose_file(Path(file), Path(folder), baseline, tolerance=tolerance, limit=limit)
+        return diagnose_file(*job, **how)
     except (*REFUSALS, OSError) as refusal:
-        return _refused(Path(file), str(refusal))
+        return _refused(job[0], str(refusal))
 
 
 def _refused(file: Path, why: str) -> CampaignOutcome:

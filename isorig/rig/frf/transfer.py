@@ -96,6 +96,11 @@ class Transfer(Frf):
         inside = np.flatnonzero(self.inside)
         return int(inside[np.argmax(np.abs(self.value[inside]))])
 
+    @property
+    def median_coherence(self) -> float:
+        """Over the frequency bins within the band of the drive."""
+        return float(np.median(self.coherence[self.inside]))
+
     def within_band(self) -> Frf:
         """The frequency bins within the band of the drive."""
         plain = {item.name: getattr(self, item.name) for item in fields(Frf)}
@@ -358,7 +363,7 @@ def about(item: Transfer) -> dict[str, Any]:
             "frequency_hz": float(item.frequency[item.top]), "magnitude": float(np.abs(item.value[item.top])),
             "magnitude_std": float(item.magnitude_std[item.top]), **_about_limits(item.limits, item.top),
         },
-        "median_coherence": float(np.median(seen.coherence)),
+        "median_coherence": item.median_coherence,
         "units": list(seen.units), "window": None if seen.window is None else seen.window.name, "overlap": seen.overlap,
         **further,
     }  # fmt: skip
