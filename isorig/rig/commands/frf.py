@@ -197,15 +197,14 @@ def _write_tables(found: Sequence[Transfer], wrong: Sequence[str], remarks: Sequ
     from isorig.rig.process.terminal import show_table
 
     for item in found:
-        value = item.frf
         columns = {
-            "frequency_hz": value.frequency, "real": value.value.real, "imag": value.value.imag, "magnitude": np.abs(value.value),
-            "magnitude_std": value.magnitude_std, "magnitude_low": item.limits.low, "magnitude_high": item.limits.high,
+            "frequency_hz": item.frequency, "real": item.value.real, "imag": item.value.imag, "magnitude": np.abs(item.value),
+            "magnitude_std": item.magnitude_std, "magnitude_low": item.limits.low, "magnitude_high": item.limits.high,
             "leakage": item.limits.leakage, "largest_reference_noise": item.limits.reference_noise,
-            "phase_std_rad": value.phase_std, "coherence": value.coherence,
+            "phase_std_rad": item.phase_std, "coherence": item.coherence,
         }  # fmt: skip
-        if value.multiple_coherence is not None:
-            columns["multiple_coherence"] = value.multiple_coherence
+        if item.multiple_coherence is not None:
+            columns["multiple_coherence"] = item.multiple_coherence
         write_csv(output / f"{item.name}.csv", columns)
         if (by := item.periods) is not None:
             columns = {
@@ -216,7 +215,7 @@ def _write_tables(found: Sequence[Transfer], wrong: Sequence[str], remarks: Sequ
     rows = [about(item) for item in found]
     content = {"format": "rig-frf", "format_version": 1, "transfer_functions": rows, "faults": [*wrong], "remarks": [*remarks]}
     write_json(output / "frf.json", content)
-    several = len({item.frf.reference for item in found}) > 1
+    several = len({item.reference for item in found}) > 1
     hidden = {
         "response": several, "response over reference": not several, "set-up": all(item.alone for item in found),
         "rms of drive": not any(item.level for item in found),

@@ -15,7 +15,7 @@ from isorig.analysis.errors import AnalysisError
 from isorig.analysis.fitting.identifiability import Identifiability, identifiability
 from isorig.analysis.model.parameter_units import factor_unit, physical_parameters, unit_of
 from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel
-from isorig.analysis.simulate.natural import NaturalMode, natural_modes
+from isorig.analysis.simulate.natural import natural_modes
 from isorig.rig.errors import PlanError
 from isorig.rig.files.rigfile import SHIPPED, read_rig
 from isorig.rig.files.tomlfile import plain
@@ -61,7 +61,11 @@ def shown(model: RigModel, *, sensors: bool) -> None:
     if sensors:
         try:
             found = _from_usual_runs(model, paths)
-            known, said = _uncertainties(found), _sentences(found, free)
+            said = _sentences(found, free)
+            known = {
+                path: "not identifiable" if not np.isfinite(std) else f"{100.0 * std:.2g} %"
+                for path, std in zip(found.paths, found.std, strict=True)
+            }
         except (AnalysisError, PlanError) as error:
             said = [f"Which parameters the sensors determine is not available: {error}."]
     title = "Fitted" if free else "No parameter is marked as free, so none would be fitted; all parameters"
@@ -73,9 +77,7 @@ def shown(model: RigModel, *, sensors: bool) -> None:
     )
     if known:
         print("(uncertainty: relative standard uncertainty from a usual run with noise of 1 % of the rms on every channel)")
-    for sentence in said:
-        print(sentence)
-    print()
+    print(*said, "", sep="\n")
     show_coverage(model)
     show_modes(model)
 
@@ -185,13 +187,6 @@ def _sentences(found: Identifiability, free: bool) -> list[str]:
     return said or ["The sensors determine all of them."]
 
 
-def _uncertainties(found: Identifiability) -> dict[str, str]:
-    return {
-        path: "not identifiable" if not np.isfinite(std) else f"{100.0 * std:.2g} %"
-        for path, std in zip(found.paths, found.std, strict=True)
-    }
-
-
 def show_coverage(model: RigModel) -> None:
     """Print the equations of motion that the sensors support, and the places that they cannot tell apart."""
     found = coverage(model)
@@ -225,16 +220,12 @@ def _improved(found: Coverage, better: Coverage) -> str:
 def show_modes(model: RigModel) -> None:
     """Print the modes of every configuration."""
     several = len(model.configurations) > 1
-    found = [
-        (*([name] if several else []), f"{mode.frequency:.4g}", f"{mode.damping:.3g}", _shape(model, mode))
-        for name in model.configurations
-        for mode in natural_modes(model, name)
-    ]
+    found = []
+    for name in model.configurations:
+        for mode in natural_modes(model, name):
+            parts = zip(model.bodies, mode.shape.tolist(), strict=True)
+            shape = ", ".join(f"{body.name} {part:+.2f}" for body, part in parts if abs(part) > STILL)
+            found.append((*([name] if several else []), f"{mode.frequency:.4g}", f"{mode.damping:.3g}", shape))
     if found:
         columns = ("Hz", "damping ratio", "shape")
         show_table("Modes of the springs and dampers", ("configuration", *columns) if several else columns, found)
-
-
-def _shape(model: RigModel, mode: NaturalMode) -> str:
-    parts = zip(model.bodies, mode.shape.tolist(), strict=True)
-    return ", ".join(f"{body.name} {part:+.2f}" for body, part in parts if abs(part) > STILL)

@@ -98,8 +98,8 @@ def frf_frame(found: Sequence[Transfer]) -> pd.DataFrame:
     """Transfer functions, a row for each frequency: identification, frequency in Hz, value, standard deviations, coherence."""
     tables = [
         {
-            **_identified(item), "frequency_hz": item.frf.frequency, "real": item.frf.value.real, "imag": item.frf.value.imag,
-            "magnitude_std": item.frf.magnitude_std, "phase_std_rad": item.frf.phase_std, "coherence": item.frf.coherence,
+            **_identified(item), "frequency_hz": item.frequency, "real": item.value.real, "imag": item.value.imag,
+            "magnitude_std": item.magnitude_std, "phase_std_rad": item.phase_std, "coherence": item.coherence,
         }
         for item in found
     ]  # fmt: skip
@@ -107,8 +107,7 @@ def frf_frame(found: Sequence[Transfer]) -> pd.DataFrame:
 
 
 def _identified(item: Transfer) -> dict[str, Any]:
-    frf = item.frf
-    return {"response": frf.response, "reference": frf.reference, "configuration": item.configuration, "gain": item.gain}
+    return {key: getattr(item, key) for key in ("response", "reference", "configuration", "gain")}
 
 
 class ParameterRows(msgspec.Struct, frozen=True, kw_only=True, tag_field="format", tag="rig-parameters"):
@@ -171,9 +170,9 @@ def samples_tree(campaign: Campaign) -> dict[str, Any]:
 def frf_tree(found: Sequence[Transfer]) -> dict[str, Any]:
     """Transfer functions as a tree: frf.<response>_<configuration>_<gain> with frequency, complex H, std, coherence."""
     trees = _fields(
-        (f"{item.frf.response}_{'' if item.alone else f'{item.configuration}_'}gain{item.gain:g}", {
-            **_identified(item), "frequency": item.frf.frequency, "H": item.frf.value,
-            "magnitude_std": item.frf.magnitude_std, "coherence": item.frf.coherence,
+        (f"{item.response}_{'' if item.alone else f'{item.configuration}_'}gain{item.gain:g}", {
+            **_identified(item), "frequency": item.frequency, "H": item.value,
+            "magnitude_std": item.magnitude_std, "coherence": item.coherence,
         })
         for item in found
     )  # fmt: skip

@@ -187,7 +187,7 @@ class _Socket(_Guarded, WebSocketHandler):
 
     def initialize(self, server: ScreenServer) -> None:
         super().initialize(server)
-        self._sent: dict[str, int] = {}
+        self._sent: dict[str, Plot] = {}
         self._frame = self._drawn = 0
         self._since = time.monotonic()
 
@@ -219,7 +219,7 @@ class _Socket(_Guarded, WebSocketHandler):
 
     def send(self, state: dict[str, Any], plots: Mapping[str, Plot]) -> None:
         """Send the state, and the plots that are new to it."""
-        new = {name: plot for name, plot in plots.items() if self._sent.get(name) != plot.version}
+        new = {name: plot for name, plot in plots.items() if self._sent.get(name) is not plot}
         self._frame += 1
         self._since = time.monotonic()
         try:
@@ -227,7 +227,7 @@ class _Socket(_Guarded, WebSocketHandler):
         except WebSocketClosedError:
             self.server.pages.discard(self)
             return
-        self._sent |= {name: plot.version for name, plot in new.items()}
+        self._sent |= new
 
     def on_message(self, message: str | bytes) -> None:
         """The page has drawn a frame, or sends a request; any other message ends the connection."""

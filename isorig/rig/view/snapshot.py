@@ -32,9 +32,8 @@ PART, LONGEST = 1 << 20, 1 << 24
 
 
 class Plot(msgspec.Struct, frozen=True, kw_only=True):
-    """Rows of numbers to plot, the first along x; the names of the columns; and a number that changes when they do."""
+    """Rows of numbers to plot, the first along x, and the names of the columns."""
 
-    version: int
     names: tuple[str, ...]
     rows: NDArray[np.float32]
 
@@ -87,7 +86,6 @@ class Board:
         self._judge = judge
         self._tracks: dict[str, _Track] = {}
         self._picture = Snapshot()
-        self._version = 0
         self._rig = wire_bonder()
         self._whole: tuple[Run, ...] = ()
 
@@ -130,7 +128,7 @@ class Board:
         )  # fmt: skip
         plots = dict(self._picture.plots)
         if new or self._picture.shown != run.id:
-            plots["time"] = self._plot(track.levels.recent().keys(), track.levels.trace())
+            plots["time"] = _plot(track.levels.recent(), track.levels.trace())
         texts = self._averages(plots, track) if averaged or run.id != self._picture.shown else {}
         self._picture = replace(
             self._picture, runs={name: item.shown for name, item in self._tracks.items()}, shown=run.id, plots=plots,
@@ -144,17 +142,13 @@ class Board:
         texts: dict[str, str] = {}
         here = groups.get((track.response.configuration, track.response.gain))
         if here is not None:
-            plots["frf"] = self._plot(*transfer_rows(here))
+            plots["frf"] = _plot(*transfer_rows(here))
             texts["averaged"] = here.text(alone=len(self._rig.configurations) == 1)
         ratio = ratio_rows(groups, response, drive, (over[0], over[1])) if len(over) == 2 else None
         if ratio is not None:
-            plots["isolation"] = self._plot(*ratio)
+            plots["isolation"] = _plot(*ratio)
             texts["isolated"] = f"|{response} / {drive}|, {over[0]} divided by {over[1]}, at {', '.join(ratio[0])}."
         return texts
-
-    def _plot(self, names: Iterable[str], rows: FloatArray) -> Plot:
-        self._version += 1
-        return Plot(version=self._version, names=tuple(names), rows=rows.astype(np.float32))
 
     def _judged(self, run: Run, lost: int) -> Judgement:
         planned = self._planned.get(run.id)
@@ -167,6 +161,10 @@ class Board:
             rig=self._rig, others=[other for other in self._whole if other.id != run.id],
         )  # fmt: skip
         return Judgement(good=verdict.good, advice=verdict.advice)
+
+
+def _plot(names: Iterable[str], rows: FloatArray) -> Plot:
+    return Plot(names=tuple(names), rows=rows.astype(np.float32))
 
 
 def _rig(campaign: Campaign) -> RigModel:
