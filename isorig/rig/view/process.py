@@ -1,4 +1,4 @@
-"""The processes beside a session: its screen, and that of the equations of motion of its runs.
+"""The other processes of a session: its screen, and that of the equations of motion of its runs.
 
 The session's process never waits for them. It exchanges lines of JSON with the screen over the screen's standard input and
 output: first the session sends the subject (`SessionBegin`) and the screen the address of its page; then the session sends its
