@@ -27,10 +27,10 @@ from tornado.websocket import websocket_connect
 
 from isorig.rig.acquire.plan import Plan, plan_of
 from isorig.rig.acquire.session import Operator, acquire
-from isorig.rig.view.frames import read_frame
-from isorig.rig.view.process import SessionScreen
+from isorig.rig.view.messages import planned_by
+from isorig.rig.view.process import session_screen
 from isorig.rig.view.requests import Desk
-from isorig.rig.view.run_list import planned_by
+from isorig.rig.view.server import read_frame
 
 #: Rows of a frame of the instrument: the shortest of `bench/acquire.py`, and a usual one.
 ROWS = (64, 256)
@@ -92,10 +92,10 @@ def measure(seconds: float, rows: int) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "c.h5"
         desk = Desk(planned_by(plan), output, asks=False)
-        with SessionScreen(desk) as screen:
+        with session_screen(desk) as address:
             (beside,) = (p for p in psutil.Process().children() if "isorig.rig.view" in p.cmdline())
-            threading.Thread(target=quick, args=(screen.address, drawn), daemon=True).start()
-            still = stalled(screen.address)
+            threading.Thread(target=quick, args=(address, drawn), daemon=True).start()
+            still = stalled(address)
 
             def watch(live: Any) -> None:
                 used = beside.cpu_times()

@@ -85,10 +85,8 @@ class Pages:
 
     def render_description(self, console: Console, options: ConsoleOptions, description: Any) -> None:
         """Print what a command does."""
-        from cyclopts.help import DefaultFormatter
-
         _join_lines(description)
-        DefaultFormatter().render_description(console, options, description)
+        console.print(description)
 
 
 def _join_lines(description: Any) -> None:

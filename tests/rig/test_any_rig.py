@@ -28,9 +28,8 @@ from isorig.rig.errors import PlanError
 from isorig.rig.files.recording import read, write
 from isorig.rig.files.rigfile import SHIPPED, read_rig
 from isorig.rig.model.baseline import baseline_model
-from isorig.rig.model.prediction import predicted
 from isorig.rig.next.proposal import single_driven
-from isorig.rig.report.frequency import frf_section
+from isorig.rig.report.frequency import transfer_section
 from isorig.rig.virtual.described import described_campaign
 
 #: What only the wire bonder has.
@@ -242,7 +241,7 @@ def test_an_extended_model_is_characterized_as_it_was_diagnosed(
 def test_a_report_shows_every_drive_and_proposals_refuse_several(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     given = read_rig("two-shakers")
     campaign = described_campaign(given, seed=1, seconds=12.0)
-    page = frf_section(campaign, predicted(given.model, campaign), ["f_left", "f_right"], "unlocked")
+    page = transfer_section(campaign, given.model)
     assert [chart.name for chart in page.charts] == [
         f"frf-{response}-over-{drive}" for response in ("a_left", "a_right") for drive in ("f_left", "f_right")
     ]

@@ -16,7 +16,7 @@ from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.simulate.natural import natural_modes
 from isorig.analysis.wording import SIZED, in_per_cent, noise_alone, sized
 from isorig.rig.cli import main
-from isorig.rig.diagnose.coverage import PERIODS, missing
+from isorig.rig.diagnose.answer import PERIODS, missing
 from isorig.rig.files.findings import NamedCause, read_findings
 from isorig.rig.files.models import write_model
 from isorig.rig.files.recording import write
@@ -240,7 +240,7 @@ def test_findings_of_the_command_agree_with_its_last_words(tmp_path: Path, capsy
     assert all(remark in said for remark in found.remarks)
     page = (tmp_path / "out" / "report.html").read_text()
     first = page[: page.index("<main>")]
-    assert conclude(found).found[1:] in first
+    assert conclude(found).answer[1:].split("; the error on")[0] in first
     assert first.count('class="chart') == 4
 
 

@@ -19,19 +19,10 @@ from isorig.analysis.laws import Cubic
 from isorig.rig.diagnose.many import diagnose_file
 from isorig.rig.files.recording import write
 from isorig.rig.files.rigfile import read_rig
-from isorig.rig.report.before_after import (
-    BASELINE,
-    EXTENDED,
-    Force,
-    HeldOutRecord,
-    PlaceForce,
-    force_chart,
-    mean_over,
-    residual_chart,
-    second_chart,
-)
 from isorig.rig.report.diagnosis import curve_chart
+from isorig.rig.report.misfit import BASELINE, EXTENDED, HeldOutRecord, residual_chart, second_chart, worst_of
 from isorig.rig.report.page import First, Report, Section, build_report
+from isorig.rig.report.place import Force, PlaceForce, force_chart, mean_over
 from isorig.rig.virtual.described import described_campaign
 
 CUBIC = 4e5
@@ -153,20 +144,19 @@ def test_the_second_of_the_largest_error_is_found_across_runs_and_channels() -> 
             run=run,
             channel="x",
             unit="m",
-            sample_rate=rate,
-            start=6.0,
+            time=6.0 + np.arange(n) / rate,
             measured=quiet,
             models={BASELINE: off, EXTENDED: quiet},
             size=size,
         )
 
     # Relative to the channel's size, the second record errs more.
-    chart = second_chart([record("a", 1.0, 300, 0.2), record("b", 0.1, 640, 0.1)])
+    chart = second_chart(worst_of([record("a", 1.0, 300, 0.2), record("b", 0.1, 640, 0.1)]))
     assert chart is not None
     assert chart.name == "second-b-x"
     assert chart.traces[0].x[0] == pytest.approx(6.0 + 6.4)
-    assert second_chart([]) is None
-    assert second_chart([record("a", 0.0, 300, 0.2)]) is None
+    assert worst_of([]) is None
+    assert worst_of([record("a", 0.0, 300, 0.2)]) is None
 
 
 def test_a_force_is_averaged_over_what_it_depends_on() -> None:
@@ -176,15 +166,13 @@ def test_a_force_is_averaged_over_what_it_depends_on() -> None:
     measured = Force(deflection=d, velocity=v, force=law)
     smooth = Force(deflection=d, velocity=v, force=2000.0 * d)
     models = {BASELINE: smooth}
-    at = PlaceForce(place="slide", run="a", time=np.arange(20000) / 1e3, measured=measured, models=models, spring=2000.0)
+    at = PlaceForce(place="slide", run="a", measured=measured, models=models, spring=2000.0)
     over_speed = {trace.name: trace for trace in force_chart(at, "velocity").traces}
     assert force_chart(at, "velocity").x_label == "velocity, mm/s"
     mean = over_speed["measured, mean"].y
     away = np.abs(over_speed["measured, mean"].x) > 1.0  # mm/s; the bin around zero has both signs
     assert mean[away] == pytest.approx(4.0 * np.sign(over_speed["measured, mean"].x[away]), abs=0.3)
     assert over_speed["baseline"].y == pytest.approx(np.zeros(len(mean)), abs=1e-9)
-    over_time = force_chart(at, "time")
-    assert over_time.x_label == "time, s"
     x, y = mean_over(d, law)
     assert y == pytest.approx(2000.0 * x, abs=1.0)
 

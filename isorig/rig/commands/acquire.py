@@ -81,8 +81,7 @@ def acquire(
     from isorig.rig.acquire.terminal import Terminal
     from isorig.rig.errors import OutputError, PlanError
     from isorig.rig.process.terminal import discard_output
-    from isorig.rig.view.equations_watch import equations_watched
-    from isorig.rig.view.with_screen import viewed
+    from isorig.rig.view.process import equations_watched, viewed
 
     planned = read_plan(plan) if port != "virtual" else as_virtual(read_plan(plan))
     if not 0.0 <= sync < float("inf"):

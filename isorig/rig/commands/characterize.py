@@ -39,7 +39,7 @@ def characterize(campaign: Path, *, output: Output, model: str | None = None) ->
     from isorig.rig.files.recording import read
     from isorig.rig.files.rigfile import read_rig
     from isorig.rig.process.terminal import show_table
-    from isorig.rig.report.fits import fits_page
+    from isorig.rig.report.measurement import fits_page
     from isorig.rig.report.sections import number
     from isorig.rig.wire_bonder.set_ups_page import about, write_set_ups
 
@@ -54,8 +54,7 @@ def characterize(campaign: Path, *, output: Output, model: str | None = None) ->
             status.update("evaluating the set-ups separately")
             more = {"set_ups": about(write_set_ups(output, measured, found))}
     path = write_characterization(output, measured, found, more)
-    head = {} if found.head_mass is None else {"head_mass": found.head_mass}
-    table = {**head, **found.table}
+    table = ({} if found.head_mass is None else {"head_mass": found.head_mass}) | found.table
     # A note that applies to several values is printed once.
     common = next((note for note, count in Counter(e.note for e in table.values() if e.note).most_common(1) if count > 1), "")
     rows = [
@@ -73,8 +72,4 @@ def characterize(campaign: Path, *, output: Output, model: str | None = None) ->
         print(f"drive at gain {level.gain:g}, {level.excitation}: {level.measure} {size}")
     if not found.calibrated:
         print("The recording has no calibration_std, so the uncertainties do not include the calibration of the sensors.")
-    if found.noise:
-        print(found.noise)
-    for sentence in fault_sentences(found.faults):
-        print(sentence)
-    print(path)
+    print(*filter(None, [found.noise, *fault_sentences(found.faults), path]), sep="\n")

@@ -113,12 +113,12 @@ def _gain(run: Run) -> str:
 def _rms_and_clipped(channel: Channel) -> tuple[str, int]:
     import numpy as np
 
+    from isorig.analysis.spectra.overload import blocks
     from isorig.analysis.wording import sized
 
-    power, clipped, block = 0.0, 0, 1 << 20
+    power, clipped = 0.0, 0
     limit = np.inf if channel.full_scale is None else channel.full_scale * (1.0 - 1e-6)
-    for start in range(0, len(channel), block):
-        values = channel.read(start, start + block)
+    for values in blocks(channel):
         power += float(values @ values)
         if max(values.max(), -values.min()) >= limit:
             clipped += int((np.abs(values) >= limit).sum())

@@ -69,9 +69,7 @@ def design(
         )
     else:
         sentences = _moves(plan, output, parameters, method, points, draws, offset, rocking_frequency, seed)
-    for sentence in sentences:
-        print(sentence)
-    print(output)
+    print(*sentences, output, sep="\n")
 
 
 def _parameters(plan: Path, output: Path, model: str, table: Path | None, *, points: int, draws: int, seed: int) -> list[str]:

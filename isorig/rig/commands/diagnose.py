@@ -98,6 +98,4 @@ def _print_answer(outcome: CampaignOutcome, folder: Path) -> None:
     found = read_findings(folder)
     said = conclude(found, str(folder))
     _print_outcome(outcome, folder)
-    for sentence in (said.ruled_out, *found.remarks, said.next):
-        if sentence:
-            print(sentence)
+    print(*filter(None, [said.ruled_out, *found.remarks, said.next]), sep="\n")

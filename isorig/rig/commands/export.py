@@ -50,5 +50,4 @@ def export(
         written = export_campaign(
             source, output, what=what, runs=run, reference=reference, resolution=resolution, binary=not text
         )
-    for path in written:
-        print(path)
+    print(*written, sep="\n")

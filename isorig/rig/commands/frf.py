@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from math import log10
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -11,8 +11,7 @@ from isorig.rig.options import Output
 
 if TYPE_CHECKING:
     from isorig.analysis.campaign import Campaign
-    from isorig.analysis.spectra.welch import Frf
-    from isorig.rig.frf.drawing import FigureProcess, FrfPicture
+    from isorig.rig.frf.drawing import FigureProcess
     from isorig.rig.frf.figures import View
     from isorig.rig.frf.transfer import Transfer
 
@@ -96,6 +95,7 @@ def frf(
     start_checks()
     with drawn_elsewhere() as drawing:
         # Meanwhile this process imports what it needs until the figures are drawn.
+        from isorig.rig.acquire.policy import COHERENT
         from isorig.rig.acquire.run_check import incoherences
         from isorig.rig.files.recording import open_recording
         from isorig.rig.files.rigfile import references_of
@@ -108,7 +108,9 @@ def frf(
                 measured, reference=drives, responses=response, resolution=resolution, estimator=estimator, window=window,
                 overlap=overlap, found=wrong, jackknife=False,
             )  # fmt: skip
-            why = [reason.text for reason in incoherences(measured, drives, _incoherent(found))]
+            # Responses with a low coherence at any level.
+            low = dict.fromkeys(t.response for t in found if t.median_coherence < COHERENT)
+            why = [reason.text for reason in incoherences(measured, drives, list(low))]
             return found, [*(fault.text for fault in wrong), *unnamed_excitation(found, measured)], why
 
         def foreign(path: Path) -> bool:
@@ -120,9 +122,9 @@ def frf(
 
         def found_of(path: Path) -> Found:
             if foreign(path):
-                from isorig.rig.exchange.responses import read_responses
+                from isorig.rig.exchange.responses import imported
 
-                return _chosen(read_responses(path), path, reference, response), (), (AS_THEY_ARE,)
+                return imported(path, reference, response), (), (AS_THEY_ARE,)
             with open_recording(path) as measured:
                 return found_in(measured)
 
@@ -155,12 +157,24 @@ def _write(
     view: Sequence[View],
     band: tuple[float, float] | None,
 ) -> None:
+    from isorig.rig.frf.drawing import FrfPicture
+
     several = len(found) > 1
     shown = [
         (f"{stem}: {item.label}" if several else item.label, item) for stem, (items, _, _) in found.items() for item in items
     ]
-    for job in _figures(shown, output, view, band):
-        drawing.draw(job)
+    pairs: dict[str, dict[str, Transfer]] = {}
+    for label, item in shown:
+        pairs.setdefault(f"{item.response}-over-{item.reference}", {})[label] = item
+    for pair, same in pairs.items():
+        reached = min(item.band[0] for item in same.values()), max(item.band[1] for item in same.values())
+        curves = {label: item.within_band() for label, item in same.items()}
+        for each in dict.fromkeys(view):
+            path = output / f"{pair}{'' if each == 'bode' else f'-{each}'}.png"
+            drawing.draw(FrfPicture(path=path, curves=curves, band=band or reached, view=each))
+        periods = {label: item.periods for label, item in same.items() if item.periods is not None}
+        if periods:
+            drawing.draw(FrfPicture(path=output / f"{pair}-periods.png", periods=periods))
     # Meanwhile this process does the rest.
     from isorig.rig.files.output import write_text
     from isorig.rig.frf.transfer import limits_in_words
@@ -175,43 +189,6 @@ def _write(
     drawing.wait()
 
 
-def _incoherent(found: Sequence[Transfer]) -> list[str]:
-    # Responses with a low coherence at any level.
-    import numpy as np
-
-    from isorig.rig.acquire.policy import COHERENT
-
-    return list(dict.fromkeys(t.response for t in found if float(np.median(t.within_band().coherence)) < COHERENT))
-
-
-def _chosen(frfs: list[Frf], path: Path, reference: Sequence[str], response: Sequence[str]) -> list[Transfer]:
-    from isorig.analysis.errors import DataError
-    from isorig.rig.frf.transfer import imported
-
-    found = [frf for frf in frfs if (not reference or frf.reference in reference) and (not response or frf.response in response)]
-    if not found:
-        has = ", ".join(f"{frf.response} over {frf.reference}" for frf in frfs[:8])
-        raise DataError(f"{path} has no transfer function of these channels but {has}; name those")
-    return imported(found, path.stem)
-
-
-def _figures(
-    found: Sequence[tuple[str, Transfer]], output: Path, views: Sequence[View], band: tuple[float, float] | None
-) -> Iterator[FrfPicture]:
-    from isorig.rig.frf.drawing import FrfPicture
-
-    for response, reference in dict.fromkeys((item.response, item.reference) for _, item in found):
-        same = {label: item for label, item in found if (item.response, item.reference) == (response, reference)}
-        reached = min(item.band[0] for item in same.values()), max(item.band[1] for item in same.values())
-        for view in dict.fromkeys(views):
-            path = output / (f"{response}-over-{reference}" + ("" if view == "bode" else f"-{view}") + ".png")
-            curves = {label: item.within_band() for label, item in same.items()}
-            yield FrfPicture(path=path, curves=curves, band=band or reached, view=view)
-        periods = {label: item.periods for label, item in same.items() if item.periods is not None}
-        if periods:
-            yield FrfPicture(path=output / f"{response}-over-{reference}-periods.png", periods=periods)
-
-
 def _write_tables(found: Sequence[Transfer], wrong: Sequence[str], remarks: Sequence[str], output: Path, name: str) -> None:
     import numpy as np
 
@@ -220,15 +197,14 @@ def _write_tables(found: Sequence[Transfer], wrong: Sequence[str], remarks: Sequ
     from isorig.rig.process.terminal import show_table
 
     for item in found:
-        value = item.frf
         columns = {
-            "frequency_hz": value.frequency, "real": value.value.real, "imag": value.value.imag, "magnitude": np.abs(value.value),
-            "magnitude_std": value.magnitude_std, "magnitude_low": item.limits.low, "magnitude_high": item.limits.high,
+            "frequency_hz": item.frequency, "real": item.value.real, "imag": item.value.imag, "magnitude": np.abs(item.value),
+            "magnitude_std": item.magnitude_std, "magnitude_low": item.limits.low, "magnitude_high": item.limits.high,
             "leakage": item.limits.leakage, "largest_reference_noise": item.limits.reference_noise,
-            "phase_std_rad": value.phase_std, "coherence": value.coherence,
+            "phase_std_rad": item.phase_std, "coherence": item.coherence,
         }  # fmt: skip
-        if value.multiple_coherence is not None:
-            columns["multiple_coherence"] = value.multiple_coherence
+        if item.multiple_coherence is not None:
+            columns["multiple_coherence"] = item.multiple_coherence
         write_csv(output / f"{item.name}.csv", columns)
         if (by := item.periods) is not None:
             columns = {
@@ -239,7 +215,7 @@ def _write_tables(found: Sequence[Transfer], wrong: Sequence[str], remarks: Sequ
     rows = [about(item) for item in found]
     content = {"format": "rig-frf", "format_version": 1, "transfer_functions": rows, "faults": [*wrong], "remarks": [*remarks]}
     write_json(output / "frf.json", content)
-    several = len({item.frf.reference for item in found}) > 1
+    several = len({item.reference for item in found}) > 1
     hidden = {
         "response": several, "response over reference": not several, "set-up": all(item.alone for item in found),
         "rms of drive": not any(item.level for item in found),
@@ -253,22 +229,18 @@ def _write_tables(found: Sequence[Transfer], wrong: Sequence[str], remarks: Sequ
 
 
 def _row(result: dict[str, Any]) -> dict[str, str]:
-    band, peak = result["band_hz"], result["peak"]
+    from isorig.rig.report.sections import per
+
+    band, peak, (over, by) = result["band_hz"], result["peak"], result["units"]
+    # A unit if those of response and reference are known and not equal.
+    unit = f" {per(over, by)}" if over and by and over != by else ""
     return {
         "response": result["response"], "response over reference": f"{result['response']} / {result['reference']}",
         "set-up": result["configuration"], "gain": f"{result['gain']:g}", "rms of drive": result["level"] or "–",
         "avg": "–" if result["averages"] is None else f"{result['averages']:.0f}", "band, Hz": f"{band[0]:.3g}–{band[1]:.3g}",
-        "peak, Hz": f"{peak['frequency_hz']:.2f}", "magnitude (95 %)": f"{_magnitude(peak)}{_per(result['units'])}",
+        "peak, Hz": f"{peak['frequency_hz']:.2f}", "magnitude (95 %)": _magnitude(peak) + unit,
         "coh.": f"{result['median_coherence']:.3f}",
     }  # fmt: skip
-
-
-def _per(units: Sequence[str]) -> str:
-    # The unit of a transfer function from those of its response and its reference; none if these are equal or unknown.
-    from isorig.rig.report.sections import per
-
-    over, by = units
-    return f" {per(over, by)}" if over and by and over != by else ""
 
 
 def _magnitude(peak: dict[str, Any]) -> str:

@@ -45,6 +45,7 @@ def import_(
     from isorig.rig.files.rigfile import references_of
     from isorig.rig.model.baseline import doubts_in
 
+    said: list[str] = []
     if draft:
         rig_file = output.with_name(f"{output.stem}-rig.toml")
         mapping, description = draft_mapping([read_foreign(path) for path in files], output.parent, rig_file.name)
@@ -71,11 +72,9 @@ def import_(
         # The recording orders its runs; rig check reports the same one of them.
         with open_recording(output) as written:
             reasons = incoherences(written, references_of(written))
-        for sentence in (*shortcomings(campaign), *(reason.text for reason in reasons if reason.kind != "noise")):
-            print(sentence)
-        for doubt in doubts_in(campaign, units):
-            print(f"CHECK UNITS, CHANNELS AND GIVEN VALUES FIRST. {doubt.text}")
-    print(output)
+        said = [*shortcomings(campaign), *(reason.text for reason in reasons if reason.kind != "noise")]
+        said += [f"CHECK UNITS, CHANNELS AND GIVEN VALUES FIRST. {doubt.text}" for doubt in doubts_in(campaign, units)]
+    print(*said, output, sep="\n")
 
 
 import_.__doc__ = str(import_.__doc__).format(extensions=", ".join(FORMATS))

@@ -70,6 +70,4 @@ def isolation(
             measured, models, reference=reference, response=response, configurations=configurations, resolution=resolution
         )
         sentences = [*notes, *write_transmissibility(output, compared)]
-    for sentence in sentences:
-        print(sentence)
-    print(output)
+    print(*sentences, output, sep="\n")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from math import isclose
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Any
 from isorig.rig.options import Output
 
 if TYPE_CHECKING:
+    from isorig.analysis.campaign import Run
     from isorig.analysis.spectra.modal import ModalModel
     from isorig.analysis.spectra.operating import OperatingModes
+    from isorig.rig.frf.transfer import Transfer
 
 
 def modes(
@@ -61,22 +63,25 @@ def modes(
     from isorig.analysis.spectra.modal import modal_analysis
     from isorig.rig.files.recording import open_recording
     from isorig.rig.files.rigfile import references_of
-    from isorig.rig.frf.transfer import Transfer, transfer_functions
+    from isorig.rig.frf.transfer import transfer_functions
     from isorig.rig.report.modes import modes_page
 
     if not 0.0 <= band[0] < band[1]:
         raise DataError(f"the band {band[0]:g} to {band[1]:g} Hz has no width; give the lower frequency first")
+
+    def chosen_set_up(item: Run | Transfer) -> bool:
+        return configuration in (None, item.configuration) and (gain is None or isclose(item.gain, gain))
+
     if operating:
-        _operating(campaign, band, output, configuration, gain, response, resolution, count)
+        _operating(campaign, band, output, chosen_set_up, response, resolution, count)
         return
     with open_recording(campaign) as measured:
         found = transfer_functions(
             measured, reference=reference or references_of(measured), responses=response, resolution=resolution
         )
     setups: dict[str, list[Transfer]] = {}
-    for item in found:
-        if (configuration is None or item.configuration == configuration) and (gain is None or isclose(item.gain, gain)):
-            setups.setdefault(item.label, []).append(item)
+    for item in filter(chosen_set_up, found):
+        setups.setdefault(item.label, []).append(item)
     chosen = next((same for same in setups.values() if same[0].band[0] <= band[0] and band[1] <= same[0].band[1]), None)
     if chosen is None:
         has = "; ".join(dict.fromkeys(f"{item.label}: {item.band[0]:g} to {item.band[1]:g} Hz" for item in found))
@@ -96,7 +101,7 @@ def modes(
 
 
 def _operating(
-    campaign: Path, band: tuple[float, float], output: Path, configuration: str | None, gain: float | None,
+    campaign: Path, band: tuple[float, float], output: Path, chosen_set_up: Callable[[Run], bool],
     response: tuple[str, ...], resolution: float, count: int | None,
 ) -> None:  # fmt: skip
     import numpy as np
@@ -109,15 +114,10 @@ def _operating(
     from isorig.rig.report.modes import operating_page
 
     with open_recording(campaign) as measured:
-        runs = [
-            run
-            for run in measured.runs
-            if (configuration is None or run.configuration == configuration) and (gain is None or isclose(run.gain, gain))
-        ]
-        if not runs:
+        run = max(filter(chosen_set_up, measured.runs), key=lambda run: len(run) / run.sample_rate, default=None)
+        if run is None:
             has = "; ".join(f"{run.id}: {run.configuration}, gain {run.gain:g}" for run in measured.runs)
             raise DataError(f"{campaign.name} has no such run ({has}); give another configuration or gain")
-        run = max(runs, key=lambda run: len(run) / run.sample_rate)
         drives = references_of(measured)
         names = response or [name for name in run.sensors if name not in drives]
         alike = [name for name in names if response or run.channel(name).quantity == run.channel(names[0]).quantity]
@@ -158,6 +158,4 @@ def _write(output: Path, content: Mapping[str, Any], found: ModalModel | Operati
     write_csv(output / "modes.csv", {key: np.array([row[key] for row in numbers]) for key in numbers[0]})
     write_text(output / "modes.html", page)
     show_table(title, ("Hz", "damping ratio", "shape"), shown)
-    for warning in found.warnings:
-        print(warning)
-    print(output / "modes.html")
+    print(*found.warnings, output / "modes.html", sep="\n")

@@ -74,8 +74,7 @@ def next_(
         else:
             proposal = propose(now, budget=seconds, tell=status.update)
     head = summary(proposal, now.rivals)
-    for sentence in head:
-        print(sentence)
+    print(*head, sep="\n")
     if not proposal.runs:
         return
     names = run_names(len(proposal.runs), [run.id for run in now.rivals.runs])
@@ -87,7 +86,5 @@ def next_(
     write_plan(output, with_runs(base, runs), why, head)
     page = write_text(output.with_suffix(".html"), proposal_page(proposal, now, names))
     for name, item in zip(names, proposal.runs, strict=True):
-        print(f"{name}: {now.described(item.run)}")
-        for sentence in why[name]:
-            print(f"  {sentence}")
+        print(f"{name}: {now.described(item.run)}", *why[name], sep="\n  ")
     print(output, page, sep="\n")

@@ -22,7 +22,6 @@ def recover(working: Path, *, output: Output) -> None:
     from isorig.rig.acquire.notes import settle_notes
     from isorig.rig.acquire.store import keep_recovered
 
-    for item in keep_recovered(working, output):
-        print(item.text)
+    print(*(item.text for item in keep_recovered(working, output)), sep="\n")
     settle_notes(output, session=working.with_name(working.name.removesuffix(".partial")))
     print(output)

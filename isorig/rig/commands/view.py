@@ -37,8 +37,8 @@ def view(
     from isorig.rig.acquire.recorder import working_file
     from isorig.rig.errors import PlanError, RecordingError
     from isorig.rig.files.recording import open_recording
-    from isorig.rig.view.run_list import planned_as, planned_by
-    from isorig.rig.view.screen import ScreenServer
+    from isorig.rig.view.messages import planned_as, planned_by
+    from isorig.rig.view.server import ScreenServer
     from isorig.rig.view.sources import replayed, watched
     from isorig.rig.view.state import Subject
 

@@ -23,51 +23,34 @@ TRIES = 5
 NUMBER = r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?"
 
 
-class _AnswerError(Exception):
-    """An unusable answer; the sentence gives the reason."""
-
-
 @dataclass
 class _Parts:
-    bodies: dict[str, Body] = field(default_factory=dict)
+    bodies: dict[str, Body]
     links: list[Link] = field(default_factory=list)
     contacts: list[Contact] = field(default_factory=list)
     sensors: list[Sensor] = field(default_factory=list)
 
 
 def asked(ask: Ask) -> RigModel:
-    """Ask for a rig; return the model from the answers.
+    """Ask for a rig with `ask`, which shows a question and returns the answer's line as `input` does; the model from the answers.
 
-    Parameters
-    ----------
-    ask
-        Shows a question and returns the answer's line, as `input` does.
-
-    Raises
-    ------
-    PlanError
-        If the answers end too early, or a question has no usable answer after `TRIES` tries.
+    Raises PlanError if the answers end too early, or a question has no usable answer after `TRIES` tries.
     """
     print("Press Enter alone to accept the answer in [brackets]. SI units: kg, N/m, Hz, s.\n")
-    parts = _Parts()
     name = _answer(ask, "What is the rig called? [rig] ", lambda text: text or "rig")
-    parts.bodies = _answer(
+    parts = _Parts(_answer(
         ask, "Its moving bodies, each with its mass in kg, or its moment of inertia in kg m2 if it turns\n"
         "  (e.g.: frame 40 kg, stage 2 kg, rotor 0.02 kg m2): ", _bodies,
-    )  # fmt: skip
+    ))  # fmt: skip
     for body in parts.bodies.values():
         _joints(ask, parts, body)
     drive = _answer(
         ask, "Its drive: channel, quantity, driven body, and force per unit if the quantity is not a force\n"
         "  (e.g.: hammer force frame / u voltage stage 4): ", lambda text: _drive(text, parts.bodies),
     )  # fmt: skip
-    while True:
-        more = "" if not parts.sensors else " (Enter: no further sensor)"
-        sensor = _answer(
-            ask, f"A sensor: channel, body, quantity (e.g.: a1 frame acceleration){more}: ", lambda text: _sensor(text, parts)
-        )
-        if sensor is None:
-            break
+    question = "A sensor: channel, body, quantity (e.g.: a1 frame acceleration)"
+    parts.sensors.append(_answer(ask, f"{question}: ", lambda text: _sensor(text, parts)))
+    while sensor := _answer(ask, f"{question} (Enter: no further sensor): ", lambda text: text and _sensor(text, parts)):
         parts.sensors.append(sensor)
     masses = _answer(ask, "Bodies with unknown mass, which is fitted [none]: ", lambda text: _names(text, parts.bodies))
     known_factor = drive.quantity in ("force", "torque") or _answer(
@@ -91,7 +74,7 @@ def _answer(ask: Ask, question: str, use: Callable[[str], T]) -> T:
             return use(ask(question).strip())
         except EOFError:
             raise PlanError(f"the answers end before the question {question.strip()!r}; answer all of them") from None
-        except (_AnswerError, ModelError) as error:
+        except (PlanError, ModelError) as error:
             print(f"  {error}")
     raise PlanError(f"the question {question.strip()!r} has no usable answer after {TRIES} tries; nothing was written")
 
@@ -101,12 +84,12 @@ def _bodies(text: str) -> dict[str, Body]:
     for part in text.split(","):
         match = re.fullmatch(rf"\s*(\w+)\s+({NUMBER})\s*(kg)?\s*(m\^?2|m²)?\s*", part)
         if match is None:
-            raise _AnswerError(f"{part.strip()!r} is not a body with its mass; write for example frame 40 kg, stage 2 kg")
+            raise PlanError(f"{part.strip()!r} is not a body with its mass; write for example frame 40 kg, stage 2 kg")
         if match[1] in found or match[1] == GROUND:
-            raise _AnswerError(f"the name {match[1]!r} is already used; give each body another name")
+            raise PlanError(f"the name {match[1]!r} is already used; give each body another name")
         body = Body(name=match[1], mass=float(match[2]), motion="rotation" if match[4] else "straight")
         if not body.mass > 0.0:
-            raise _AnswerError(f"{body.name} has mass {body.mass:g}; give one above zero")
+            raise PlanError(f"{body.name} has mass {body.mass:g}; give one above zero")
         found[body.name] = body
     return found
 
@@ -146,14 +129,14 @@ def _joint(ask: Ask, parts: _Parts, body: Body, base: str) -> None:
 
 def _one_of(name: str, names: Collection[str]) -> str:
     if name not in names:
-        raise _AnswerError(f"{name!r} is unknown; allowed are {', '.join(names)}")
+        raise PlanError(f"{name!r} is unknown; allowed are {', '.join(names)}")
     return name
 
 
 def _number(text: str) -> float:
     match = re.match(NUMBER, text)
     if match is None or float(match[0]) < 0.0:
-        raise _AnswerError(f"{text!r} is not a number of zero or more; write for example 25000")
+        raise PlanError(f"{text!r} is not a number of zero or more; write for example 25000")
     return float(match[0])
 
 
@@ -177,37 +160,35 @@ def _damped(text: str, link: Link, body: Body) -> Link:
 def _quantity(text: str) -> Quantity:
     allowed = get_args(Quantity)
     if text not in allowed:
-        raise _AnswerError(f"{text!r} is not a quantity; give one of {', '.join(name for name in allowed if name != 'gain')}")
+        raise PlanError(f"{text!r} is not a quantity; give one of {', '.join(name for name in allowed if name != 'gain')}")
     return text  # type: ignore[return-value]
 
 
 def _drive(text: str, bodies: Mapping[str, Body]) -> Drive:
     words = text.split()
     if len(words) not in (3, 4):
-        raise _AnswerError(
+        raise PlanError(
             "give channel, quantity and body, and the newtons per unit of any other quantity than a force: u voltage stage 4"
         )
     channel, quantity, body = words[0], _quantity(words[1]), _one_of(words[2], bodies)
     own = quantity in ("force", "torque")
     if not own and len(words) == 3:
-        raise _AnswerError(f"a {quantity} is not a force; add the newtons per {SI_UNIT[quantity]}, at least as a first guess")
+        raise PlanError(f"a {quantity} is not a force; add the newtons per {SI_UNIT[quantity]}, at least as a first guess")
     factor = _number(words[3]) if len(words) == 4 else 1.0
     return Drive(channel=channel, quantity=quantity, factor=factor, pushes={body: 1.0})
 
 
-def _sensor(text: str, parts: _Parts) -> Sensor | None:
-    if not text and parts.sensors:
-        return None
+def _sensor(text: str, parts: _Parts) -> Sensor:
     words = text.split()
     if len(words) != 3:
-        raise _AnswerError("give channel, body and quantity, for example x1 stage displacement")
+        raise PlanError("give channel, body and quantity, for example x1 stage displacement")
     if any(sensor.channel == words[0] for sensor in parts.sensors):
-        raise _AnswerError(f"the channel {words[0]!r} is already used; give each sensor another channel")
+        raise PlanError(f"the channel {words[0]!r} is already used; give each sensor another channel")
     quantity, body = _quantity(words[2]), _one_of(words[1], parts.bodies)
     if quantity not in MOTION:
-        raise _AnswerError(f"a {quantity} is not a motion of a body; give one of {', '.join(MOTION)}")
+        raise PlanError(f"a {quantity} is not a motion of a body; give one of {', '.join(MOTION)}")
     if quantity in ROTARY and parts.bodies[body].motion == "straight":
-        raise _AnswerError(f"{body} moves in a straight line and has no {quantity}; give displacement, velocity or acceleration")
+        raise PlanError(f"{body} moves in a straight line and has no {quantity}; give displacement, velocity or acceleration")
     return Sensor(channel=words[0], body=body, quantity=quantity)
 
 

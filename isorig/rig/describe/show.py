@@ -1,4 +1,4 @@
-"""Output of `rig describe`."""
+"""Output of `rig describe`: the drawing of a rig in the terminal, its parameters, modes, and what its sensors determine."""
 
 from __future__ import annotations
 
@@ -7,17 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 from rich.console import Console
+from rich.tree import Tree
 
-from isorig.analysis.campaign import Campaign
+from isorig.analysis.campaign import SI_UNIT, Campaign
 from isorig.analysis.equations.coverage import Coverage, best_further_sensor, coverage
 from isorig.analysis.errors import AnalysisError
 from isorig.analysis.fitting.identifiability import Identifiability, identifiability
-from isorig.analysis.model.parameter_units import physical_parameters, unit_of
-from isorig.analysis.model.rig_model import RigModel
-from isorig.analysis.simulate.natural import NaturalMode, natural_modes
-from isorig.rig.describe.tree import drawn
+from isorig.analysis.model.parameter_units import factor_unit, physical_parameters, unit_of
+from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel
+from isorig.analysis.simulate.natural import natural_modes
 from isorig.rig.errors import PlanError
 from isorig.rig.files.rigfile import SHIPPED, read_rig
+from isorig.rig.files.tomlfile import plain
 from isorig.rig.model.prediction import predicted
 from isorig.rig.process.terminal import show_table
 from isorig.rig.virtual.simulated_recording import synthetic_drive, usual_run
@@ -50,7 +51,7 @@ def shown(model: RigModel, *, sensors: bool) -> None:
     # Without line breaks, so that no number is truncated.
     wide = Console(width=WIDEST)
     with wide.capture() as drawing:
-        wide.print(drawn(model))
+        wide.print(_tree(model))
     print("\n".join(line.rstrip() for line in drawing.get().splitlines()))
     print("◄ drive   ● sensor   ⌇ spring and damper   ≈ friction   ? fitted; all other values are treated as known\n")
     free = bool(model.free)
@@ -60,7 +61,11 @@ def shown(model: RigModel, *, sensors: bool) -> None:
     if sensors:
         try:
             found = _from_usual_runs(model, paths)
-            known, said = _uncertainties(found), _sentences(found, free)
+            said = _sentences(found, free)
+            known = {
+                path: "not identifiable" if not np.isfinite(std) else f"{100.0 * std:.2g} %"
+                for path, std in zip(found.paths, found.std, strict=True)
+            }
         except (AnalysisError, PlanError) as error:
             said = [f"Which parameters the sensors determine is not available: {error}."]
     title = "Fitted" if free else "No parameter is marked as free, so none would be fitted; all parameters"
@@ -72,11 +77,87 @@ def shown(model: RigModel, *, sensors: bool) -> None:
     )
     if known:
         print("(uncertainty: relative standard uncertainty from a usual run with noise of 1 % of the rms on every channel)")
-    for sentence in said:
-        print(sentence)
-    print()
+    print(*said, "", sep="\n")
     show_coverage(model)
     show_modes(model)
+
+
+def _tree(model: RigModel) -> Tree:
+    # The rig from the ground: springs, dampers and contacts with their values, bodies with drive and sensors. A joint between two
+    # bodies that are already in the tree is shown at one of them, with an arrow to the other.
+    tree = Tree("ground (fixed)", highlight=False)
+    places = {GROUND: tree}
+    left: list[Link | Contact] = [*model.links, *model.contacts]
+    waiting = [body.name for body in model.bodies]
+    while left:
+        joint = next((one for one in left if one.a in places or one.b in places), None)
+        if joint is None:  # a body that no joint connects to the ground
+            name = next(name for name in waiting if name not in places)
+            places[name] = Tree(_body(model, name), highlight=False)
+            tree.add(places[name])
+            continue
+        left.remove(joint)
+        near, far = (joint.b, joint.a) if joint.b in places else (joint.a, joint.b)
+        branch = places[near].add(_joint(model, joint))
+        if far in places:
+            branch.label = f"{branch.label} → {far}"
+        else:
+            places[far] = branch.add(_body(model, far))
+    for name in waiting:
+        if name not in places:
+            tree.add(_body(model, name))
+    for sensor in model.sensors:
+        if sensor.force_in is not None:
+            tree.add(f"● {sensor.channel}: {sensor.quantity} in {sensor.force_in}, {SI_UNIT[sensor.quantity]}")
+    return tree
+
+
+def _body(model: RigModel, name: str) -> str:
+    lines = [f"[{name}] {_number(model, f'bodies.{name}.mass')}"]
+    for drive in model.drives:
+        quantity = f"{drive.channel}: {drive.quantity.replace('_', ' ')}, {SI_UNIT[drive.quantity]}"
+        if drive.imposes == name:
+            lines.append(f"  ◄ motion imposed by {quantity}")
+        if name in drive.pushes:
+            unit = factor_unit(model, drive)
+            free = " ?" if drive is model.drive and "drive.factor" in model.free else ""
+            factor = f"{drive.factor:.4g}{'' if unit == '1' else f' {unit}'}{free}"
+            parts = [part for part in (f"{drive.pushes[name]:g}", factor) if part != "1"]
+            lines.append(f"  ◄ pushed by {' × '.join([*parts, quantity])}")
+    for sensor in model.sensors:
+        if sensor.body == name:
+            base = "" if sensor.relative_to == GROUND else f" relative to {sensor.relative_to}"
+            lines.append(f"  ● {sensor.channel}: {sensor.quantity.replace('_', ' ')}{base}, {SI_UNIT[sensor.quantity]}")
+    return "\n".join(lines).replace("[", r"\[")
+
+
+def _joint(model: RigModel, joint: Link | Contact) -> str:
+    if isinstance(joint, Contact):
+        said = [_law(model, joint.law, f"contacts.{joint.name}.law")]
+        sign = "≈"
+    else:
+        keys = {"stiffness": "spring", "damping": "damper"}
+        said = [f"{word} {_number(model, f'links.{joint.name}.{key}')}" for key, word in keys.items() if getattr(joint, key)]
+        said += [_law(model, law, f"links.{joint.name}.laws.{k}") for k, law in enumerate(joint.laws)]
+        sign = "⌇"
+    arms = [f"{factor:+g} × {name}" for name, factor in joint.arms.items()]
+    acts = f" (on {joint.a} − {joint.b} {' '.join(arms)})" if arms else ""
+    return f"{sign} {joint.name}: {', '.join(said) or 'nothing'}{acts}".replace("[", r"\[")
+
+
+def _law(model: RigModel, law: object, path: str) -> str:
+    tree = plain(law)
+    name = str(tree.pop("law"))
+    values = [
+        f"{key.replace('_', ' ')} {_number(model, f'{path}.{key}')}" if isinstance(value, float) else key
+        for key, value in tree.items()
+    ]
+    return f"{name.replace('_', ' ')} ({', '.join(values)})"
+
+
+def _number(model: RigModel, path: str) -> str:
+    unit = unit_of(path, model)
+    return f"{model.get(path):.4g}{'' if unit == '1' else f' {unit}'}{' ?' if path in model.free else ''}"
 
 
 def _from_usual_runs(model: RigModel, paths: Sequence[str]) -> Identifiability:
@@ -104,13 +185,6 @@ def _sentences(found: Identifiability, free: bool) -> list[str]:
     if found.correlated:
         said.append(f"Poorly determined, strongly correlated: {', '.join(found.correlated)}. Use longer runs or more sensors.")
     return said or ["The sensors determine all of them."]
-
-
-def _uncertainties(found: Identifiability) -> dict[str, str]:
-    return {
-        path: "not identifiable" if not np.isfinite(std) else f"{100.0 * std:.2g} %"
-        for path, std in zip(found.paths, found.std, strict=True)
-    }
 
 
 def show_coverage(model: RigModel) -> None:
@@ -146,16 +220,12 @@ def _improved(found: Coverage, better: Coverage) -> str:
 def show_modes(model: RigModel) -> None:
     """Print the modes of every configuration."""
     several = len(model.configurations) > 1
-    found = [
-        (*([name] if several else []), f"{mode.frequency:.4g}", f"{mode.damping:.3g}", _shape(model, mode))
-        for name in model.configurations
-        for mode in natural_modes(model, name)
-    ]
+    found = []
+    for name in model.configurations:
+        for mode in natural_modes(model, name):
+            parts = zip(model.bodies, mode.shape.tolist(), strict=True)
+            shape = ", ".join(f"{body.name} {part:+.2f}" for body, part in parts if abs(part) > STILL)
+            found.append((*([name] if several else []), f"{mode.frequency:.4g}", f"{mode.damping:.3g}", shape))
     if found:
         columns = ("Hz", "damping ratio", "shape")
         show_table("Modes of the springs and dampers", ("configuration", *columns) if several else columns, found)
-
-
-def _shape(model: RigModel, mode: NaturalMode) -> str:
-    parts = zip(model.bodies, mode.shape.tolist(), strict=True)
-    return ", ".join(f"{body.name} {part:+.2f}" for body, part in parts if abs(part) > STILL)

@@ -86,11 +86,11 @@ class ParameterPlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 
 @dataclass(frozen=True, kw_only=True)
 class Sweep:
-    """Outcomes over one parameter with all others at their best values, and those of the drawn rigs, shape (draws, points)."""
+    """Outcomes over one parameter with all others at their best values; the quantiles of the drawn rigs, shape (2, points)."""
 
     values: FloatArray
     outcomes: Sequence[Outcome]
-    draws: FloatArray
+    drawn: FloatArray | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,26 +127,10 @@ def designed_parameters(
 ) -> ParameterDesign:
     """Search the best values, sweep each parameter around them, and repeat the sweeps for drawn rigs.
 
-    Parameters
-    ----------
-    plan
-        The design plan.
-    given
-        The rig.
-    parameters
-        The parameters.json of `rig characterize` for this rig: the free parameters that do not vary are drawn independently from
-        their standard uncertainties.
-    points
-        Number of designs before the refinement, and of points in each sweep.
-    draws
-        Number of drawn rigs; none without `parameters`.
-    seed
-        Random seed of drive, designs and draws.
-
-    Raises
-    ------
-    PlanError
-        The plan names something that the rig does not have.
+    `points` is the number of designs before the refinement, and of points in each sweep.
+    The free parameters that do not vary are drawn independently from their standard uncertainties in `parameters`, the
+    parameters.json of `rig characterize` for this rig; without it, none are drawn. Raises PlanError if the plan names something
+    that the rig does not have.
     """
     rig = given.model
     for each in plan.vary:
@@ -267,7 +251,7 @@ def _sweep(
     # Each drawn rig has the best values of all other varied parameters.
     others = [with_values(d, {**found.values, varied.parameter: float(v)}) for d in drawn for v in values]
     draws = np.array([each.value for each in tried(others)]).reshape(len(drawn), len(values))
-    return Sweep(values=values, outcomes=tried(rigs), draws=draws)
+    return Sweep(values=values, outcomes=tried(rigs), drawn=np.quantile(draws, DRAWN, axis=0) if drawn else None)
 
 
 def parameter_unit(parameter: str, rig: RigModel) -> str:
@@ -279,19 +263,14 @@ def target_name(design: ParameterDesign) -> tuple[str, str]:
     """The target in words, and its unit."""
     target = design.target
     quantities = {d.channel: d.quantity for d in design.rig.drives} | {s.channel: s.quantity for s in design.rig.sensors}
-    unit = SI_UNIT[quantities[target.response]]
-    band = f"{target.band[0]:g} to {target.band[1]:g} Hz"
-    first = target.configurations[0]
-    match target.what:
-        case "ratio":
-            return f"rms of {target.response}, {first} / {target.configurations[1]}, {band}", "1"
-        case "rms":
-            return f"rms of {target.response}, {first}, {band}", unit
-        case "transmissibility":
-            other = SI_UNIT[quantities[target.reference]]
-            return f"rms of {target.response} / rms of {target.reference}, {first}, {band}", (
-                "1" if unit == other else f"{unit} per {other}"
-            )
+    unit, other = (SI_UNIT[quantities[name]] for name in (target.response, target.reference))
+    over, unit = {
+        "rms": ("", unit),
+        "ratio": ("", "1"),
+        "transmissibility": (f" / rms of {target.reference}", "1" if unit == other else f"{unit} per {other}"),
+    }[target.what]
+    where = f"{' / '.join(target.configurations)}, {target.band[0]:g} to {target.band[1]:g} Hz"
+    return f"rms of {target.response}{over}, {where}", unit
 
 
 def design_sentences(design: ParameterDesign) -> list[str]:
@@ -302,9 +281,8 @@ def design_sentences(design: ParameterDesign) -> list[str]:
         f"{parameter}: {value_of(design.rig, parameter):.4g} -> {value:.4g} {parameter_unit(parameter, design.rig)}"
         for parameter, value in found.values.items()
     ]
-    spread = "" if design.spread is None else (
-        f" ({WITHIN} of the rigs drawn from the uncertainties: {design.spread[0]:.4g} to {design.spread[1]:.4g})"
-    )  # fmt: skip
+    low, high = design.spread or (0.0, 0.0)
+    spread = f" ({WITHIN} of the rigs drawn from the uncertainties: {low:.4g} to {high:.4g})" if design.spread else ""
     said.append(f"{name}: {found.present.value:.4g} -> {found.best.value:.4g}{unit}{spread}; {found.designs} designs simulated")
     for limit, share in found.best.used.items():
         said.append(f"{limit}: {100 * found.present.used[limit]:.3g} % -> {100 * share:.3g} % of the allowed value")
@@ -323,9 +301,8 @@ def write_parameter_design(folder: Path, design: ParameterDesign) -> list[str]:
         columns = {"value": sweep.values, "target": np.array([each.value for each in sweep.outcomes])}
         for limit in found.best.used:
             columns[limit.replace(" ", "_")] = np.array([each.used[limit] for each in sweep.outcomes])
-        if len(sweep.draws):
-            low, high = np.quantile(sweep.draws, DRAWN, axis=0)
-            columns |= {"target_low": low, "target_high": high}
+        if sweep.drawn is not None:
+            columns |= dict(zip(("target_low", "target_high"), sweep.drawn, strict=True))
         write_csv(folder / f"sweep-{parameter}.csv", columns)
     save(sweeps_figure(design), folder / "sweeps.png")
     if design.run.excitation in BROAD and design.target.response not in {d.channel for d in design.rig.drives}:
@@ -361,9 +338,8 @@ def sweeps_figure(design: ParameterDesign) -> Figure:
     for axis, (parameter, sweep) in zip(rows, design.sweeps.items(), strict=True):
         values = np.array([each.value for each in sweep.outcomes])
         axis.plot(sweep.values, values, lw=1.4, label="others at their best values")
-        if len(sweep.draws):
-            low, high = np.quantile(sweep.draws, DRAWN, axis=0)
-            axis.fill_between(sweep.values, low, high, alpha=0.25, lw=0, label=f"{WITHIN} of the drawn rigs")
+        if sweep.drawn is not None:
+            axis.fill_between(sweep.values, *sweep.drawn, alpha=0.25, lw=0, label=f"{WITHIN} of the drawn rigs")
         beyond = np.array([not each.inside for each in sweep.outcomes])
         if beyond.any():
             axis.fill_between(
@@ -391,7 +367,6 @@ def response_figure(design: ParameterDesign) -> Figure:
         response=target.response, configurations=(target.configurations[0], relative),
         resolution=max(0.25, 8.0 / design.run.duration),
     )  # fmt: skip
-    names = {"measured": "present"}
-    curves = {names.get(name, name): (r.frequency, r.value, r.std) for name, ratios in found.ratios.items() for r in ratios}
+    curves = {"present" if r.name == "measured" else r.name: (r.frequency, r.value, r.std) for r in found.ratios}
     words = " relative to ".join(target.configurations)
     return ratio_figure(curves, f"{rig.name}: |{target.response} / {target.reference}|, {words}", found.unit)

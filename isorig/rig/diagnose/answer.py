@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
 import msgspec
@@ -12,16 +13,23 @@ from isorig.analysis.diagnose.budget import Budget
 from isorig.analysis.diagnose.diagnosis import Diagnosis
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.diagnose.step import Step
+from isorig.analysis.errors import AnalysisError
 from isorig.analysis.fitting.score import RESAMPLED
 from isorig.analysis.fitting.solve import Fit
 from isorig.analysis.model.parameter_units import physical_parameters, unit_of
 from isorig.analysis.model.rig_model import RigModel
-from isorig.rig.diagnose.coverage import missing
+from isorig.analysis.simulate.natural import natural_modes
 from isorig.rig.files import findings as stored
 from isorig.rig.files.models import write_model
 from isorig.rig.files.output import write_text
 from isorig.rig.files.rivals import write_rivals
+from isorig.rig.frf.transfer import levels_in_words
 from isorig.rig.report.diagnosis import diagnosis_page
+
+#: Shortest run, in periods of the slowest mode. Chosen: of the 40 % of it that is held out, twenty periods remain.
+PERIODS = 50.0
+#: What a reader must know of the uncertainties if the time ended before they were computed.
+ROUGH = "The time limit ended before the uncertainties were computed; those given are of a coarser fit."
 
 
 def findings_of(
@@ -41,16 +49,16 @@ def findings_of(
             verdict=msgspec.convert(diagnosis.verdict, stored.Verdict),
             baseline=stored.FittedBaseline(
                 name="description" if campaign.description is not None else origin["baseline"],
-                parameters=parameters(diagnosis.baseline),
+                parameters=_parameters(diagnosis.baseline),
             ),
-            extended=stored.FittedExtension(parameters=parameters(diagnosis.extended)),
+            extended=stored.FittedExtension(parameters=_parameters(diagnosis.extended)),
             discrepancies=[msgspec.convert(found, stored.Misfit, from_attributes=True) for found in diagnosis.discrepancies],
             evidence=[sign.text for sign in diagnosis.signs],
             remarks=[
                 *diagnosis.zero_errors,
                 *([diagnosis.spread] if diagnosis.spread else []),
                 *missing(campaign, diagnosis.baseline.model),
-                *_rough(diagnosis.extended),
+                *([ROUGH] if diagnosis.extended.known is None and diagnosis.extended.free else []),
             ],
             adequacy=stored.Adequacy(
                 worst=diagnosis.worst,
@@ -94,25 +102,41 @@ def findings_of(
     )
 
 
-def parameters(fitted: Fit) -> dict[str, stored.Value]:
-    """Fitted values with standard uncertainties and units, by path."""
-    std = fitted.std
-    return {
-        path: stored.Value(value=value, std=std[path], unit=unit_of(path, fitted.model)) for path, value in fitted.values.items()
-    }
+def _parameters(fitted: Fit) -> dict[str, stored.Value]:
+    std, model = fitted.std, fitted.model
+    return {path: stored.Value(value=value, std=std[path], unit=unit_of(path, model)) for path, value in fitted.values.items()}
+
+
+def missing(campaign: Campaign, model: RigModel) -> list[str]:
+    """A sentence for each thing that a recording of this rig lacks."""
+    said = []
+    runs = campaign.runs
+    if len(runs) == 1:
+        said.append(
+            "There is only one run: whether an error depends on the level of the drive is not known; record a second level."
+        )
+    # A released run ends when the rig stands still, and has no drive to repeat.
+    driven = [run for run in runs if run.excitation != "free"]
+    slowest = 0.0
+    with suppress(AnalysisError):
+        modes = [mode.frequency for name in model.configurations for mode in natural_modes(model, name)]
+        slowest = min((f for f in modes if f > 0.0), default=0.0)
+    short = [run for run in driven if slowest and run.duration * slowest < PERIODS]
+    if short:
+        which = f"run {short[0].id!r}" + (f" and {len(short) - 1} more" if len(short) > 1 else "")
+        said.append(
+            f"Shorter than {PERIODS:.0f} periods of the slowest mode ({slowest:.3g} Hz): {which}; "
+            f"record at least {PERIODS / slowest:.0f} s."
+        )
+    if driven and not any(run.repeat_of or run.period for run in driven):
+        said.append("No drive was played twice (repeat_of), so the disturbance is not measured and counts as error.")
+    return said + levels_in_words(campaign, model.drive.channel)
 
 
 def _driven(campaign: Campaign, model: RigModel) -> bool:
     return any(
         run.excitation != "free" and any(run.read(drive.channel).std() > 0.0 for drive in model.drives) for run in campaign.runs
     )
-
-
-def _rough(fitted: Fit) -> list[str]:
-    # What a reader must know of the uncertainties if the time ended before they were computed.
-    if fitted.known is not None or not fitted.free:
-        return []
-    return ["The time limit ended before the uncertainties were computed; those given are of a coarser fit."]
 
 
 def _share(share: tuple[float, float, float]) -> stored.Share:
@@ -129,18 +153,10 @@ def _budget(budget: Budget) -> stored.ErrorBudget:
     )
 
 
-def held(step: Step, fitted: Fit) -> dict[str, stored.HeldValue]:
-    """The parameters of a step's law that no fit changes, by name."""
-    laws = {r.path.rpartition(".")[0] for r in step.reported if ".law" in r.path}
-    fixed = [path for path in physical_parameters(fitted.model) if path.rpartition(".")[0] in laws]
-    return {
-        path.rpartition(".")[2]: stored.HeldValue(value=fitted.model.get(path), unit=unit_of(path, fitted.model))
-        for path in fixed
-        if path not in fitted.values
-    }
-
-
 def _step(step: Step, share: tuple[float, float, float], fitted: Fit) -> stored.NamedCause:
+    # The parameters of a law that no fit changes are listed, too.
+    laws = {r.path.rpartition(".")[0] for r in step.reported if ".law" in r.path}
+    held = [p for p in physical_parameters(fitted.model) if p.rpartition(".")[0] in laws and p not in fitted.values]
     return stored.NamedCause(
         cause=step.cause,
         location=step.location,
@@ -151,7 +167,10 @@ def _step(step: Step, share: tuple[float, float, float], fitted: Fit) -> stored.
         share=_share(share),
         curve=msgspec.convert(step.curve, stored.FreeShape, from_attributes=True) if step.curve else msgspec.UNSET,
         parameters={name: stored.Value(value=value, std=std, unit=unit) for name, (value, std, unit) in step.parameters.items()},
-        held=held(step, fitted),
+        held={
+            path.rpartition(".")[2]: stored.HeldValue(value=fitted.model.get(path), unit=unit_of(path, fitted.model))
+            for path in held
+        },
         confidence=step.confidence,
         rivals=[msgspec.convert(rival, stored.OtherCause, from_attributes=True) for rival in step.rivals],
         evidence=list(step.evidence),

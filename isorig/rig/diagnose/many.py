@@ -5,12 +5,13 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from importlib.metadata import version
 from itertools import islice
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
 
@@ -56,28 +57,11 @@ def diagnose_file(
     limit: float | None = None,
     page: bool = True,
 ) -> CampaignOutcome:
-    """Diagnose one recording into a folder.
+    """Diagnose one recording into a folder; `tell` is called with a line for each stage, and `page` is whether to write a page.
 
-    Parameters
-    ----------
-    file, folder
-        The recording, and the folder for the answer.
-    baseline
-        Name of the baseline.
-    tell
-        Called with a line for each stage.
-    tolerance
-        Error, as a share of the signal, that counts as adequate.
-    limit
-        Seconds of processor time for all of it. The search for causes ends so early that uncertainties and page are done by then;
-        the answer is then what was found so far, and states this.
-    page
-        Whether to write report.html too.
-
-    Raises
-    ------
-    RigError, AnalysisError
-        The recording cannot be used; nothing is written then.
+    The `tolerance` is the error, as a share of the signal, that counts as adequate, and `limit` the seconds of processor time for
+    all of it: the search for causes ends so early that uncertainties and page are done by then, and the answer, what was found so
+    far, states this. Raises RigError or AnalysisError if the recording cannot be used; nothing is written then.
     """
     from isorig.analysis.deadline import Deadline
     from isorig.analysis.diagnose.diagnosis import diagnose
@@ -111,16 +95,14 @@ def diagnose_files(
 
     left = []
     for file, folder in jobs:
-        if (
-            not again
-            and file.is_file()
-            and answered(folder, {"baseline": baseline, **fingerprint(file)}, tolerance=tolerance, limit=limit)
-        ):
+        origin = {"baseline": baseline, **fingerprint(file)} if file.is_file() and not again else None
+        if origin is not None and answered(folder, origin, tolerance=tolerance, limit=limit):
             yield _outcome(read_findings(folder))
         else:
-            left.append((str(file.resolve()), str(folder.resolve()), baseline, tolerance, limit))
-    for job, outcome in shared_out(_answer, left, scheduler):
-        yield outcome if isinstance(outcome, CampaignOutcome) else _refused(Path(job[0]), str(outcome))
+            left.append((file.resolve(), folder.resolve()))
+    answer = partial(_answer, baseline=baseline, tolerance=tolerance, limit=limit)
+    for (file, _), outcome in shared_out(answer, left, scheduler):
+        yield outcome if isinstance(outcome, CampaignOutcome) else _refused(file, str(outcome))
 
 
 def time_limit(seconds: float | None) -> float | None:
@@ -130,12 +112,11 @@ def time_limit(seconds: float | None) -> float | None:
     return None if seconds is not None and math.isinf(seconds) else seconds
 
 
-def _answer(job: tuple[str, str, Baseline, float, float | None]) -> CampaignOutcome:
-    file, folder, baseline, tolerance, limit = job
+def _answer(job: tuple[Path, Path], **how: Any) -> CampaignOutcome:
     try:
-        return diagnose_file(Path(file), Path(folder), baseline, tolerance=tolerance, limit=limit)
+        return diagnose_file(*job, **how)
     except (*REFUSALS, OSError) as refusal:
-        return _refused(Path(file), str(refusal))
+        return _refused(job[0], str(refusal))
 
 
 def _refused(file: Path, why: str) -> CampaignOutcome:

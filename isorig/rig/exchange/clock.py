@@ -1,8 +1,10 @@
-"""Time columns: detection, unit, and sample rate."""
+"""When samples were taken: clocks with their unit and sample rate, counters of the samples, and empty cells."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -44,6 +46,12 @@ CLEAR, BESIDE, FEW = 2.0, 50, 4
 ALIKE = 3
 #: Share of its range that a clock may be set back by repeated rows; a sawtooth returns to its start. Chosen.
 BACK = 0.1
+#: Fewest numbers after which a counter starts again: four bits. Shorter cycles are also those of commands in steps.
+CYCLE_LEAST = 16
+#: The largest whole number up to which a float has every one.
+WHOLE_MOST = 2**53
+#: Share of a column's cells that may be lost samples; with more it is not a record.
+LOST_MOST = 0.1
 
 
 def seconds_per(unit: str) -> float | None:
@@ -169,20 +177,61 @@ def even_rate(time: FloatArray, here: str, factor: float = 1.0, first: int = 0) 
 
 
 def _blame_breaks(index: IntArray, readings: FloatArray, here: str, first: int) -> None:
-    # Rows are counted from 1 in words, from 0 in `samples`.
     intervals = np.diff(readings) / np.diff(index)
     at = breaks(intervals)
-    if not len(at):
-        return
-    edges = np.concatenate([[0], index[at + 1], [index[-1] + 1]]) + first
+    if len(at):
+        others = f" (so in {len(at)} places)" if len(at) > 1 else ""
+        raise RecordingError(
+            f"{here} differs by {intervals[at[0]]:.4g} {_between(index[at[0]], index[at[0] + 1], first)} of its values, "
+            f"elsewhere by {np.median(intervals):.4g} from row to row{others}: "
+            f"{_in_parts(index[at + 1], int(index[-1]) + 1, first)}"
+        )
+
+
+def _between(row: int, after: int, first: int) -> str:
+    # Rows are counted from 1 in words, from 0 in `samples`.
+    return f"from row {first + row + 1} to row {first + after + 1}"
+
+
+def _in_parts(begins: IntArray, end: int, first: int) -> str:
+    # What to do with rows that have breaks: `begins` are the rows after these.
+    edges = np.concatenate([[0], begins, [end]]) + first
     longest = int(np.argmax(np.diff(edges)))
-    rows = f"row {first + index[at[0]] + 1} to row {first + index[at[0] + 1] + 1}"
-    others = f" (so in {len(at)} places)" if len(at) > 1 else ""
-    raise RecordingError(
-        f"{here} differs by {intervals[at[0]]:.4g} from {rows} of its values, elsewhere by {np.median(intervals):.4g} from "
-        f"row to row{others}: rows are missing or repeated there; correct the file, or import its parts as runs, the longest "
-        f"with samples = [{edges[longest]}, {edges[longest + 1]}]"
+    return (
+        "rows are missing or repeated there; correct the file, or import its parts as runs, the longest with samples = "
+        f"[{edges[longest]}, {edges[longest + 1]}]"
     )
+
+
+def sample_counter(column: Column, first: int = 0) -> tuple[str, str] | None:
+    """What a column counts, in words after its name, and where rows are missing or repeated (empty if nowhere), with what to do.
+
+    None if it does not count them: by whole numbers that rise by one from almost every row to the next, and may start again after
+    their largest one. Rows are counted from the `first` of the file.
+    """
+    values = np.asarray(column.values)
+    if values.dtype.kind not in "iuf" or len(values) < BESIDE or column.sensitivity != 1.0:
+        return None
+    if not (np.isfinite(values).all() and np.abs(values).max() < WHOLE_MOST and column.whole):
+        return None
+    numbers = values.astype(np.int64)
+    steps, again = np.diff(numbers), ""
+    if (steps < 0).any():
+        largest = int(numbers.max())
+        cycle = largest - int(numbers.min()) + 1
+        if cycle < CYCLE_LEAST:
+            return None
+        steps, again = np.where(steps < 0, steps + cycle, steps), f", and again after {largest}"
+    at = np.flatnonzero(steps != 1)
+    if len(at) > BREAKS_MOST * len(steps):
+        return None
+    words = f"counts the samples from {numbers[0]} to {numbers[-1]}{again}"
+    if not len(at):
+        return words, ""
+    skipped = steps[at] - 1
+    what = f"skips {skipped[0]} numbers" if skipped[0] > 0 else "does not rise"
+    others = f" (so in {len(at)} places, {skipped[skipped > 0].sum()} numbers in all)" if len(at) > 1 else ""
+    return words, f"it {what} {_between(at[0], at[0] + 1, first)}{others}: {_in_parts(at + 1, len(numbers), first)}"
 
 
 def _quantum(readings: FloatArray) -> float:
@@ -207,3 +256,45 @@ def _lost(index: IntArray, readings: FloatArray) -> bool:
     differences = np.round(np.diff(readings) / np.diff(index), 12)
     values, counts = np.unique(differences, return_counts=True)
     return len(values) > 1 and len(differences) - int(counts.max()) < UNUSUAL
+
+
+def completed(columns: Mapping[str, Column]) -> tuple[dict[str, Column], list[str]]:
+    """Columns of equal length with an interpretation of their empty cells (NaN), and sentences about them.
+
+    Empty cells at the end mean a shorter column; a value in every k-th cell only means a record with 1/k of the rate; a few empty
+    cells are lost samples, listed in `Column.lost`.
+    """
+    rate = next((column_rate(name, column, "") for name, column in columns.items() if is_time(name, column)), None)
+    found: dict[str, Column] = {}
+    remarks = []
+    for name, column in columns.items():
+        there = np.flatnonzero(~np.isnan(column.values))
+        n = len(column.values)
+        if len(there) == n:
+            found[name] = column
+        elif len(there) < 2:
+            if not re.fullmatch(r"|column\d+|Unnamed.*", name):
+                remarks.append(f"column {name!r} is empty and is left out")
+        elif len(there) == n - there[0] and there[0] > 0:
+            # Late first value: the rows before it are lost samples of this column.
+            found[name] = replace(column, lost=np.flatnonzero(np.isnan(column.values)))
+            remarks.append(f"column {name!r} has no value in its first {there[0]} rows")
+        elif len(steps := np.unique(np.diff(there))) == 1:
+            every = int(steps[0])
+            kept = column.values[there]
+            own = None if rate is None else rate / every
+            found[name] = replace(column, values=kept, sample_rate=column.sample_rate or own)
+            remarks.append(
+                f"column {name!r} has {len(kept)} values of {n}" + (f", one in every {every} rows" if every > 1 else "")
+                + ": it is treated as a separate record"
+            )  # fmt: skip
+        else:
+            values = column.values[: there[-1] + 1]
+            lost = np.flatnonzero(np.isnan(values))
+            if len(lost) > LOST_MOST * len(values):
+                remarks.append(f"column {name!r} has no value in {len(lost)} of {len(values)} rows and is left out")
+                continue
+            short = len(values) < n
+            found[name] = replace(column, values=values, lost=lost, sample_rate=column.sample_rate or (rate if short else None))
+            remarks.append(f"column {name!r} has no value in {len(lost)} of {len(values)} rows: they are stored as gaps")
+    return found, remarks

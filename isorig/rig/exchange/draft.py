@@ -15,8 +15,7 @@ from isorig.analysis.campaign import MOTION, ROTARY, UNLOCKED, Quantity
 from isorig.analysis.model.drafted import DAMPING, MASS, STIFFNESS
 from isorig.analysis.model.rig_model import GROUND, Body, Configuration, Drive, Link, RigModel, Sensor
 from isorig.rig.errors import RecordingError
-from isorig.rig.exchange.clock import is_time, is_uneven_time, rises_evenly, says_time, seconds_per, time_unit
-from isorig.rig.exchange.counter import sample_counter
+from isorig.rig.exchange.clock import is_time, is_uneven_time, rises_evenly, sample_counter, says_time, seconds_per, time_unit
 from isorig.rig.exchange.table import STREAMED, Column, ForeignTable
 from isorig.rig.exchange.tree import PLAIN
 from isorig.rig.exchange.units import UNITS, known_unit
@@ -85,8 +84,16 @@ def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file
         ]  # fmt: skip
     for place in places:
         lines += _channel(names[place], *first[place])
-    kinds = {} if bonder else _kinds({names[place]: first[place] for place in places})
-    ids = _run_names(parts)
+    # What each channel measures, without the gain.
+    kinds = {
+        names[place]: UNITS[_unit_of(names[place], column, source)].quantity
+        for place, (source, column) in first.items()
+        if not bonder and names[place] != GAIN
+    }
+    ids: list[str] = []
+    for part in parts:
+        text = _run_text(part)
+        ids.append(text if text not in ids else f"{text}_{len(ids)}")
     starts = _starts(dict(zip(ids, parts, strict=True)), names) if _released(kinds) else {}
     setups = ids if len(starts) > 1 else _configurations(parts)
     # A rig without locks has one configuration, which needs no name.
@@ -108,22 +115,9 @@ def _is_bonder(places: Iterable[str]) -> bool:
     return len(found) >= 2 and not other
 
 
-def _kinds(channels: Mapping[str, tuple[str, Column]]) -> dict[str, Quantity]:
-    # What each channel measures, without the gain.
-    return {name: UNITS[_unit_of(name, column, place)].quantity for name, (place, column) in channels.items() if name != GAIN}
-
-
 def _released(kinds: Mapping[str, Quantity]) -> bool:
     # A single motion is a response: no column is a drive.
     return len(kinds) == 1 and all(kind in MOTION for kind in kinds.values())
-
-
-def _run_names(parts: Sequence[_Part]) -> list[str]:
-    names: list[str] = []
-    for part in parts:
-        text = _run_text(part)
-        names.append(text if text not in names else f"{text}_{len(names)}")
-    return names
 
 
 def _starts(parts: Mapping[str, _Part], names: Mapping[str, str]) -> dict[str, Configuration]:
@@ -267,8 +261,8 @@ def _part(table: ForeignTable, group: str, there: dict[str, tuple[str, Column]],
     if not records:
         return _Part(table, group, there, time)
     counts = tuple(
-        "; ".join(filter(None, (f"column {there[name][0]!r} {found.words}, so it is no channel and left out", found.faults())))
-        for name, found in counters.items()
+        f"column {there[name][0]!r} {words}, so it is no channel and left out" + (f"; {faults}" if faults else "")
+        for name, (words, faults) in counters.items()
     )
     return _Part(table, group, records, time if clock is None else there[clock][0], counts)
 

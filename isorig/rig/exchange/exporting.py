@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -44,29 +44,20 @@ def export_campaign(
     ending = _ending(output, ENDINGS)
     with open_recording(source) as whole:
         campaign = _chosen(whole, runs)
-        if what == "samples":
-            return _samples(campaign, output, ending, binary=binary)
-        found = transfer_functions(campaign, reference=reference or references_of(campaign), resolution=resolution)
-    if ending == ".mat":
-        write_matlab(frf_tree(found), output)
-    elif ending == ".uff":
-        write_uff(frf_sets(found, campaign), output)
-    else:
-        write_frame(frf_frame(found), output)
-    return [output]
-
-
-def _samples(campaign: Campaign, output: Path, ending: str, *, binary: bool) -> list[Path]:
-    if ending == ".mat":
-        write_matlab(samples_tree(campaign), output)
-    elif ending == ".uff":
-        write_uff(samples_sets(campaign, binary=binary), output)
-    else:
-        several = len(campaign.runs) > 1
-        paths = [output.with_name(f"{output.stem}-{run.id}{output.suffix}") if several else output for run in campaign.runs]
-        for run, path in zip(campaign.runs, paths, strict=True):
-            write_frame(samples_frame(run), path)
-        return paths
+        if what == "frf":
+            found = transfer_functions(campaign, reference=reference or references_of(campaign), resolution=resolution)
+        if ending == ".mat":
+            write_matlab(samples_tree(campaign) if what == "samples" else frf_tree(found), output)
+        elif ending == ".uff":
+            write_uff(samples_sets(campaign, binary=binary) if what == "samples" else frf_sets(found, campaign), output)
+        elif what == "frf":
+            write_frame(frf_frame(found), output)
+        else:
+            several = len(campaign.runs) > 1
+            paths = [output.with_name(f"{output.stem}-{run.id}{output.suffix}") if several else output for run in campaign.runs]
+            for run, path in zip(campaign.runs, paths, strict=True):
+                write_frame(samples_frame(run), path)
+            return paths
     return [output]
 
 
@@ -75,7 +66,8 @@ def export_parameters(source: Path, output: Path) -> list[Path]:
     ending = _ending(output, (".mat", ".csv", ".parquet"))
     frame = parameters_frame(source)
     if ending == ".mat":
-        write_matlab(frame_tree(frame), output)
+        rows = frame.replace({None: np.nan}).to_dict("records")
+        write_matlab({"parameters": _fields((row["name"], _fields(row.items())) for row in rows)}, output)
     else:
         write_frame(frame, output)
     return [output]
@@ -106,8 +98,8 @@ def frf_frame(found: Sequence[Transfer]) -> pd.DataFrame:
     """Transfer functions, a row for each frequency: identification, frequency in Hz, value, standard deviations, coherence."""
     tables = [
         {
-            **_identified(item), "frequency_hz": item.frf.frequency, "real": item.frf.value.real, "imag": item.frf.value.imag,
-            "magnitude_std": item.frf.magnitude_std, "phase_std_rad": item.frf.phase_std, "coherence": item.frf.coherence,
+            **_identified(item), "frequency_hz": item.frequency, "real": item.value.real, "imag": item.value.imag,
+            "magnitude_std": item.magnitude_std, "phase_std_rad": item.phase_std, "coherence": item.coherence,
         }
         for item in found
     ]  # fmt: skip
@@ -115,8 +107,7 @@ def frf_frame(found: Sequence[Transfer]) -> pd.DataFrame:
 
 
 def _identified(item: Transfer) -> dict[str, Any]:
-    frf = item.frf
-    return {"response": frf.response, "reference": frf.reference, "configuration": item.configuration, "gain": item.gain}
+    return {key: getattr(item, key) for key in ("response", "reference", "configuration", "gain")}
 
 
 class ParameterRows(msgspec.Struct, frozen=True, kw_only=True, tag_field="format", tag="rig-parameters"):
@@ -179,19 +170,13 @@ def samples_tree(campaign: Campaign) -> dict[str, Any]:
 def frf_tree(found: Sequence[Transfer]) -> dict[str, Any]:
     """Transfer functions as a tree: frf.<response>_<configuration>_<gain> with frequency, complex H, std, coherence."""
     trees = _fields(
-        (f"{item.frf.response}_{'' if item.alone else f'{item.configuration}_'}gain{item.gain:g}", {
-            **_identified(item), "frequency": item.frf.frequency, "H": item.frf.value,
-            "magnitude_std": item.frf.magnitude_std, "coherence": item.frf.coherence,
+        (f"{item.response}_{'' if item.alone else f'{item.configuration}_'}gain{item.gain:g}", {
+            **_identified(item), "frequency": item.frequency, "H": item.value,
+            "magnitude_std": item.magnitude_std, "coherence": item.coherence,
         })
         for item in found
     )  # fmt: skip
     return {"frf": trees}
-
-
-def frame_tree(frame: pd.DataFrame) -> dict[str, Any]:
-    """A parameter table as a tree: parameters.<name> with value, std, unit."""
-    rows = frame.replace({None: np.nan}).to_dict("records")
-    return {"parameters": _fields((row["name"], _fields(row.items())) for row in rows)}
 
 
 def _fields(items: Iterable[tuple[Any, Any]]) -> dict[str, Any]:
@@ -207,52 +192,51 @@ def _fields(items: Iterable[tuple[Any, Any]]) -> dict[str, Any]:
 
 
 def samples_sets(campaign: Campaign, *, binary: bool) -> list[dict[str, Any]]:
-    """Time records as datasets 58, after the units (164, SI); a channel has one node in all runs, the first line has the run."""
+    """Time records as datasets 58; a channel has one node in all runs, the first line has the run."""
     short = next((run.id for run in campaign.runs if len(run) < 2), None)
     if short is not None:
         raise PlanError(f"run {short!r} has one sample but a universal file needs two; choose others with --run, or export .mat")
-    points, sets = _points(campaign), [_si_units()]
-    for run in campaign.runs:
-        time, description = np.arange(len(run)) / run.sample_rate, f"{run.id}, {run.set_up}"
-        for channel in run.channels.values():
-            sets.append(_dataset(points, TIME_RESPONSE, channel.name, "", time, channel.read(), description, binary=binary))
-    return sets
+    points = _points(campaign)
+    return [
+        _dataset(
+            points, TIME_RESPONSE, channel.name, "", np.arange(len(run)) / run.sample_rate, channel.read(),
+            f"{run.id}, {run.set_up}", binary=binary,
+        )
+        for run in campaign.runs
+        for channel in run.channels.values()
+    ]  # fmt: skip
 
 
 def frf_sets(found: Sequence[Transfer], campaign: Campaign) -> list[dict[str, Any]]:
-    """Transfer functions (function type 4) and their coherences (type 6) as datasets 58, after the units (164, SI).
+    """Transfer functions (function type 4) and their coherences (type 6) as datasets 58.
 
     In text: the package writes half the size of complex values to the header of a binary dataset.
     """
-    points, sets = _points(campaign), [_si_units()]
-    for item in found:
-        frf, description = item.frf, f"{item.label}, {item.frf.estimator}, {item.frf.averages:.1f} averages"
-        for kind, values in ((4, frf.value), (6, frf.coherence)):
-            sets.append(_dataset(points, kind, frf.response, frf.reference, frf.frequency, values, description))
-    return sets
+    points = _points(campaign)
+    return [
+        _dataset(
+            points, kind, item.response, item.reference, item.frequency, values,
+            f"{item.label}, {item.estimator}, {item.averages:.1f} averages",
+        )
+        for item in found
+        for kind, values in ((4, item.value), (COHERENCE, item.coherence))
+    ]  # fmt: skip
 
 
-class _Point(NamedTuple):
-    # A channel in a universal file: its name of at most ten characters, node, direction and unit.
-    name: str
-    node: int
-    direction: int
-    unit: str
-
-
-#: The reference of a time record.
-NOWHERE = _Point("NONE", 0, 0, "")
+#: A channel in a universal file: its unit, and its name of at most ten characters, its node and its direction.
+_Point = tuple[str, dict[str, Any]]
 
 
 def _points(campaign: Campaign) -> dict[str, _Point]:
+    # By name; the reference of a time record has none.
+    points: dict[str, _Point] = {"": ("", {"ent_name": "NONE", "node": 0, "dir": 0})}
     channels = {name: channel for run in campaign.runs for name, channel in run.channels.items()}
-    points: dict[str, _Point] = {}
     for node, (name, channel) in enumerate(channels.items(), 1):
         short = name[:UFF_NAME]
-        if any(short == other.name for other in points.values()):
+        if any(short == other["ent_name"] for _, other in points.values()):
             short = name[: UFF_NAME - len(f"~{node}")] + f"~{node}"
         direction = DIRECTIONS.get(channel.about.get("direction", "").strip().lower(), 0)
-        points[name] = _Point(short, node, direction, channel.unit)
+        points[name] = channel.unit, {"ent_name": short, "node": node, "dir": direction}
     return points
 
 
@@ -263,15 +247,15 @@ def _dataset(
     # A dataset 58; `reference` is empty for a time record, and a coherence has no unit.
     import pyuff
 
-    sensor, source = points[response], points.get(reference, NOWHERE)
-    above, below = ("1", "") if kind == COHERENCE else (sensor.unit, source.unit)
+    (above, sensor), (below, source) = points[response], points[reference]
+    if kind == COHERENCE:
+        above, below = "1", ""
     axis, unit = (TIME, "s") if kind == TIME_RESPONSE else (FREQUENCY, "Hz")
     return dict(
         pyuff.prepare_58(
             binary=int(binary), id1=description[:LINE], id4=(RESPONSE + response)[:LINE],
             id5=(REFERENCE + reference)[:LINE] if reference else "NONE", func_type=kind,
-            rsp_ent_name=sensor.name, rsp_node=sensor.node, rsp_dir=sensor.direction,
-            ref_ent_name=source.name, ref_node=source.node, ref_dir=source.direction,
+            **{f"rsp_{key}": value for key, value in sensor.items()}, **{f"ref_{key}": value for key, value in source.items()},
             abscissa_spacing=1, data=values, x=x, abscissa_spec_data_type=axis, abscissa_axis_units_lab=unit,
             ordinate_spec_data_type=ORDINATES.get(above, 0), ordinate_axis_units_lab=above,
             orddenom_spec_data_type=ORDINATES.get(below, 0), orddenom_axis_units_lab=below or "NONE",
@@ -281,25 +265,18 @@ def _dataset(
     )  # fmt: skip
 
 
-def _si_units() -> dict[str, Any]:
-    import pyuff
-
-    return dict(
-        pyuff.prepare_164(units_code=1, units_description="SI", temp_mode=1, length=1.0, force=1.0, temp=1.0, temp_offset=0.0)
-    )
-
-
 def write_uff(sets: Sequence[dict[str, Any]], path: Path) -> None:
-    """Write datasets atomically."""
+    """Write datasets atomically, after the units (164): SI."""
     import pyuff
 
+    units = pyuff.prepare_164(units_code=1, units_description="SI", temp_mode=1, length=1.0, force=1.0, temp=1.0, temp_offset=0.0)
     with replaced(path) as temporary, contextlib.redirect_stdout(io.StringIO()):
         # The package uses the name's extension, and appends to existing files.
         universal = temporary.with_name(temporary.name + ".uff")
         try:
             file = pyuff.UFF(str(universal))
             # Not "overwrite", which loses the header of a first binary dataset.
-            file.write_sets(list(sets), "add")
+            file.write_sets([units, *sets], "add")
             universal.replace(temporary)
         finally:
             universal.unlink(missing_ok=True)

@@ -24,8 +24,7 @@ from isorig.analysis.spectra.zero_errors import zero_errors
 from isorig.analysis.units import KGF
 from isorig.analysis.wording import did_you_mean
 from isorig.rig.errors import PlanError, RecordingError
-from isorig.rig.exchange.clock import column_rate, is_time, is_uneven_time, says_time
-from isorig.rig.exchange.counter import sample_counter
+from isorig.rig.exchange.clock import column_rate, is_time, is_uneven_time, sample_counter, says_time
 from isorig.rig.exchange.mapping import ChannelMap, Mapping, RunMap, read_mapping
 from isorig.rig.exchange.reading import read_foreign
 from isorig.rig.exchange.table import Column, ForeignTable
@@ -295,11 +294,8 @@ def _rates(wanted: RunMap, columns: dict[str, Column], table: ForeignTable, part
     if len(rates) == 1 and all(column.sample_rate is not None for column in columns.values()):
         hertz = rates.pop()
         found.append(_Rate(hertz, "file", f"{hertz:.6g} Hz by the file itself"))
-    unused = _unused(columns, table)
-    if wanted.rate_from is None:
-        _counts_all(unused, part, here)
-    if wanted.time is None:
-        found += _unused_clocks(wanted, unused, part, here)
+    for name, column in _unused(columns, table).items():
+        found += _unnamed_rate(wanted, name, _cut(column, part), part[0], here)
     return found
 
 
@@ -320,32 +316,27 @@ def _unused(columns: dict[str, Column], table: ForeignTable) -> dict[str, Column
     return found
 
 
-def _counts_all(unused: dict[str, Column], part: tuple[int, int], here: str) -> None:
-    # Refuses samples of which a counter shows that some are missing.
-    for name, column in unused.items():
-        counter = sample_counter(_cut(column, part))
-        if counter is not None and not says_time(name, column) and (faults := counter.faults(part[0])):
+def _unnamed_rate(wanted: RunMap, name: str, column: Column, first: int, here: str) -> list[_Rate]:
+    # The rate of a clock that the mapping does not name. A counter or a clock that shows that samples are missing is refused,
+    # unless the mapping states which rate is right.
+    if wanted.rate_from is None and not says_time(name, column):
+        words, faults = sample_counter(column, first) or ("", "")
+        if faults:
             raise RecordingError(
-                f"{here}: column {name!r} {counter.words}, but {faults}; if it is no counter, state which sample rate is right "
-                "with rate_from"
+                f"{here}: column {name!r} {words}, but {faults}; if it is no counter, state which sample rate is right with "
+                "rate_from"
             )
-
-
-def _unused_clocks(wanted: RunMap, unused: dict[str, Column], part: tuple[int, int], here: str) -> list[_Rate]:
-    # Time columns that the mapping does not name. One that is not even shows that the samples are not, unless the mapping states
-    # which rate is right.
-    found = []
-    for name, column in unused.items():
-        clock = _cut(column, part)
-        if wanted.rate_from is None and is_uneven_time(name, clock):
-            try:
-                column_rate(name, clock, f"{here}: column {name!r}", wanted.time_unit, part[0])
-            except RecordingError as error:
-                raise RecordingError(f"{error}; if it is no time column, give sample_rate and rate_from = 'mapping'") from None
-        if is_time(name, clock):
-            hertz = column_rate(name, clock, name, wanted.time_unit)
-            found.append(_Rate(hertz, "time", f"{hertz:.6g} Hz by the time column {name!r} of the file", name))
-    return found
+    if wanted.time is not None:
+        return []
+    if wanted.rate_from is None and is_uneven_time(name, column):
+        try:
+            column_rate(name, column, f"{here}: column {name!r}", wanted.time_unit, first)
+        except RecordingError as error:
+            raise RecordingError(f"{error}; if it is no time column, give sample_rate and rate_from = 'mapping'") from None
+    if not is_time(name, column):
+        return []
+    hertz = column_rate(name, column, name, wanted.time_unit)
+    return [_Rate(hertz, "time", f"{hertz:.6g} Hz by the time column {name!r} of the file", name)]
 
 
 def shortcomings(campaign: Campaign) -> list[str]:

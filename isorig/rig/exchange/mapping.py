@@ -136,19 +136,13 @@ def _check(mapping: Mapping, where: str) -> None:
         here = f"{where}: run {run.id!r}"
         if ids.count(run.id) > 1:
             raise PlanError(f"{here} occurs {ids.count(run.id)} times; give each run its own id")
-        unknown = sorted(set(run.sources) - set(mapping.channels))
-        if unknown:
-            allowed = ", ".join(mapping.channels)
-            raise PlanError(
-                f"{here} gives a source for {unknown[0]!r}, which is not a channel{did_you_mean(unknown[0], mapping.channels)}; "
-                f"allowed are {allowed}"
-            )
-        absent = next((name for name in run.channels if name not in mapping.channels), None)
-        if absent is not None:
-            raise PlanError(
-                f"{here} has the channel {absent!r}, which does not exist{did_you_mean(absent, mapping.channels)}; "
-                f"allowed are {', '.join(mapping.channels)}"
-            )
+        for said, name in [
+            *((f"gives a source for {name!r}, which is not a channel", name) for name in sorted(run.sources)),
+            *((f"has the channel {name!r}, which does not exist", name) for name in run.channels),
+        ]:
+            if name not in mapping.channels:
+                meant = did_you_mean(name, mapping.channels)
+                raise PlanError(f"{here} {said}{meant}; allowed are {', '.join(mapping.channels)}")
         earlier = ids[: ids.index(run.id)]
         if run.repeat_of is not None and run.repeat_of not in earlier:
             raise PlanError(

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from isorig.analysis.campaign import Spectrum
+from isorig.analysis.errors import DataError
 from isorig.analysis.spectra.welch import Frf
 from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.reading import read_foreign
 from isorig.rig.files.inputs import import_first
+from isorig.rig.frf.transfer import Transfer
 
 #: Tolerance for equal frequency steps, as a share of a step.
 EVEN = 1e-3
@@ -52,3 +57,28 @@ def _frf(spectrum: Spectrum, coherence: Spectrum | None) -> Frf:
 
 def _spacing(spectrum: Spectrum) -> float:
     return float(spectrum.frequency[-1] - spectrum.frequency[0]) / max(len(spectrum.frequency) - 1, 1)
+
+
+def imported(path: Path, references: Sequence[str], responses: Sequence[str]) -> list[Transfer]:
+    """The transfer functions of a file between these channels (all if none are named), under names that are valid in file names.
+
+    Raises RecordingError if the file has none, DataError if none is between them.
+    """
+    frfs = read_responses(path)
+    chosen = [f for f in frfs if (not references or f.reference in references) and (not responses or f.response in responses)]
+    if not chosen:
+        has = ", ".join(f"{frf.response} over {frf.reference}" for frf in frfs[:8])
+        raise DataError(f"{path} has no transfer function of these channels but {has}; name those")
+    names: dict[str, int] = {}
+    found = []
+    for frf in chosen:
+        response, reference = (re.sub(r"[^\w.+-]+", "_", name).strip("._") or "unnamed" for name in (frf.response, frf.reference))
+        count = names[f"{response} {reference}"] = names.get(f"{response} {reference}", 0) + 1
+        named = replace(frf, response=response if count == 1 else f"{response}-{count}", reference=reference)
+        found.append(
+            Transfer.of(
+                named, configuration=path.stem, gain=1.0, runs=(), band=(float(frf.frequency[0]), float(frf.frequency[-1])),
+                reference_density=np.zeros(len(frf.frequency)), imported=True,
+            )
+        )  # fmt: skip
+    return found

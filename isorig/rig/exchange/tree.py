@@ -70,7 +70,15 @@ def _plain(name: str) -> str:
 
 def table_of(path: Path, items: Iterable[tuple[str, Any]], remarks: Sequence[str] = (), dot: str = ".") -> ForeignTable:
     """A table of a file's items: name, and array, number or text; names are preceded by their structures, joined by `dot`."""
-    content = _sorted(items, dot)
+    content = _Content(dot)
+    for name, value in items:
+        values = np.asarray(value)
+        if isinstance(value, str):
+            content.words[name] = value
+        elif values.dtype.kind in "biufc" and values.size > 1:
+            content.arrays[name] = values
+        elif values.dtype.kind in "biuf" and values.size == 1:
+            content.numbers[name] = float(values.ravel()[0])
     columns: dict[str, Column] = {}
     spectra: list[Spectrum] = []
     said = list(remarks)
@@ -89,19 +97,6 @@ def table_of(path: Path, items: Iterable[tuple[str, Any]], remarks: Sequence[str
             rate, unit, label = _rate(name, content), _unit(name, content), _label(name, content) if len(vectors) == 1 else ""
             columns |= {one: Column(values=vector, sample_rate=rate, unit=unit, label=label) for one, vector in vectors.items()}
     return ForeignTable(path=path, columns=columns, numbers=content.numbers, spectra=tuple(spectra), remarks=tuple(said))
-
-
-def _sorted(items: Iterable[tuple[str, Any]], dot: str) -> _Content:
-    content = _Content(dot)
-    for name, value in items:
-        values = np.asarray(value)
-        if isinstance(value, str):
-            content.words[name] = value
-        elif values.dtype.kind in "biufc" and values.size > 1:
-            content.arrays[name] = values
-        elif values.dtype.kind in "biuf" and values.size == 1:
-            content.numbers[name] = float(values.ravel()[0])
-    return content
 
 
 def _rate(name: str, content: _Content) -> float | None:
@@ -144,7 +139,8 @@ def _frequencies(name: str, size: int, content: _Content) -> FloatArray | None:
     for before in content.around(name):
         inside = ((key, np.squeeze(values)) for key, values in content.within(before, content.arrays).items())
         near = {key: values for key, values in inside if values.shape == (size,)}
-        axis = next((v for k, v in near.items() if _plain(k) in FREQUENCIES and v.dtype.kind in "iuf" and _ascends(v)), None)
+        named = (v for key, v in near.items() if _plain(key) in FREQUENCIES and v.dtype.kind in "iuf")
+        axis = next((v for v in named if np.isfinite(v).all() and v[0] >= 0.0 and (np.diff(v) > 0.0).all()), None)
         if axis is not None:
             timed = any(is_time(key, Column(values=values)) for key, values in near.items())
             return None if timed else np.asarray(axis, dtype=np.float64)
@@ -154,10 +150,6 @@ def _frequencies(name: str, size: int, content: _Content) -> FloatArray | None:
     if {"npts", "freq"} <= numbers.keys() and size == int(numbers["npts"]) // 2 + 1:
         return np.asarray(np.fft.rfftfreq(int(numbers["npts"]), 1.0 / numbers["freq"]))
     return None
-
-
-def _ascends(values: NDArray[Any]) -> bool:
-    return bool(np.isfinite(values).all() and values[0] >= 0.0 and (np.diff(values) > 0.0).all())
 
 
 def _spectra(vectors: Mapping[str, NDArray[Any]], axis: FloatArray, content: _Content, before: int) -> list[Spectrum]:

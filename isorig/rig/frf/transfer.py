@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from contextlib import suppress
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, get_args
 
@@ -95,6 +95,11 @@ class Transfer(Frf):
         """Index of the frequency bin within the band that has the largest magnitude."""
         inside = np.flatnonzero(self.inside)
         return int(inside[np.argmax(np.abs(self.value[inside]))])
+
+    @property
+    def median_coherence(self) -> float:
+        """Over the frequency bins within the band of the drive."""
+        return float(np.median(self.coherence[self.inside]))
 
     def within_band(self) -> Frf:
         """The frequency bins within the band of the drive."""
@@ -194,21 +199,17 @@ def transfer_functions(
                 }  # fmt: skip
                 if struck:
                     test = hammer_test(averaged, reference=drives[0], channels=group, resolution=resolution)
-                    density = test.spectra.density(drives[0])
-                    transfers += [
-                        Transfer.of(frf, band=test.band, reference_density=density, hammer=test, **known)
-                        for frf in (test.spectra.frf(name, drives[0], estimator) for name in group)
-                    ]
-                    continue
-                spectra = estimate(
-                    averaged, references=drives, channels=group, resolution=resolution, window=seen_through, overlap=overlap,
-                    jackknife=jackknife,
-                )  # fmt: skip
-                band = _band(averaged, spectra, drives[0])
+                    spectra, known["hammer"], known["band"] = test.spectra, test, test.band
+                else:
+                    spectra = estimate(
+                        averaged, references=drives, channels=group, resolution=resolution, window=seen_through, overlap=overlap,
+                        jackknife=jackknife,
+                    )  # fmt: skip
+                    known["band"] = _band(averaged, spectra, drives[0])
                 transfers += [
                     Transfer.of(
-                        frf, band=band, reference_density=spectra.density(frf.reference),
-                        periods=_by_period(averaged, name, drives[0]) if len(drives) == 1 else None, **known,
+                        frf, reference_density=spectra.density(frf.reference),
+                        periods=None if struck else _by_period(averaged, name, drives), **known,
                     )
                     for name in group
                     for frf in spectra.frfs(name, drives, estimator)
@@ -243,23 +244,6 @@ def levels_in_words(campaign: Campaign, drive: str) -> list[str]:
                 "are not averaged with one another, so state the levels as gains when importing."
             )
     return said
-
-
-def imported(frfs: Sequence[Frf], source: str) -> list[Transfer]:
-    """Transfer functions that another program estimated, under names that are valid in file names."""
-    names: dict[str, int] = {}
-    found = []
-    for frf in frfs:
-        response, reference = (re.sub(r"[^\w.+-]+", "_", name).strip("._") or "unnamed" for name in (frf.response, frf.reference))
-        count = names[f"{response} {reference}"] = names.get(f"{response} {reference}", 0) + 1
-        named = replace(frf, response=response if count == 1 else f"{response}-{count}", reference=reference)
-        found.append(
-            Transfer.of(
-                named, configuration=source, gain=1.0, runs=(), band=(float(frf.frequency[0]), float(frf.frequency[-1])),
-                reference_density=np.zeros(len(frf.frequency)), imported=True,
-            )
-        )  # fmt: skip
-    return found
 
 
 def faults_in(campaign: Campaign, reference: str, find: Callable[..., Sequence[Fault]] = faults) -> tuple[Fault, ...]:
@@ -349,13 +333,12 @@ def unnamed_excitation(found: Sequence[Transfer], campaign: Campaign) -> tuple[s
     return tuple(said)
 
 
-def _by_period(runs: Sequence[Run], response: str, reference: str) -> PeriodicFrf | None:
-    if any(run.period is None for run in runs):
-        return None
-    try:
-        return periodic(runs, response=response, reference=reference)
-    except DataError:  # too few periods: use the average over segments
-        return None
+def _by_period(runs: Sequence[Run], response: str, drives: Sequence[str]) -> PeriodicFrf | None:
+    # None where there are too few periods: then there is the average over segments alone.
+    if len(drives) == 1 and all(run.period is not None for run in runs):
+        with suppress(DataError):
+            return periodic(runs, response=response, reference=drives[0])
+    return None
 
 
 def about(item: Transfer) -> dict[str, Any]:
@@ -365,7 +348,12 @@ def about(item: Transfer) -> dict[str, Any]:
     if seen.multiple_coherence is not None:
         further["median_multiple_coherence"] = float(np.median(seen.multiple_coherence))
     if item.hammer is not None:
-        further["hammer"] = _about_hits(item.hammer)
+        hits = [
+            {"run": hit.run, "seconds": float(hit.seconds), "peak": hit.peak, "rejected": hit.rejected or None, "text": hit.text}
+            for hit in item.hammer.hits
+        ]
+        decay = item.hammer.spectra.decay
+        further["hammer"] = {"hits": hits, "exponential_window_per_s": decay, "text": list(item.hammer.text)}
     return {
         "name": item.name, "response": seen.response, "reference": seen.reference, "configuration": item.configuration,
         "gain": item.gain, "level": item.level, "runs": list(item.runs), "left_out": list(item.left_out),
@@ -375,7 +363,7 @@ def about(item: Transfer) -> dict[str, Any]:
             "frequency_hz": float(item.frequency[item.top]), "magnitude": float(np.abs(item.value[item.top])),
             "magnitude_std": float(item.magnitude_std[item.top]), **_about_limits(item.limits, item.top),
         },
-        "median_coherence": float(np.median(seen.coherence)),
+        "median_coherence": item.median_coherence,
         "units": list(seen.units), "window": None if seen.window is None else seen.window.name, "overlap": seen.overlap,
         **further,
     }  # fmt: skip
@@ -388,14 +376,6 @@ def _about_limits(limits: MagnitudeLimits, k: int) -> dict[str, Any]:
         for rows in (limits.low, limits.high, limits.leakage, limits.reference_noise)
     )
     return {"magnitude_limits": None if low is None else [low, high], "leakage": leakage, "largest_reference_noise": noise}
-
-
-def _about_hits(test: HammerTest) -> dict[str, Any]:
-    hits = [
-        {"run": hit.run, "seconds": float(hit.seconds), "peak": hit.peak, "rejected": hit.rejected or None, "text": hit.text}
-        for hit in test.hits
-    ]
-    return {"hits": hits, "exponential_window_per_s": test.spectra.decay, "text": list(test.text)}
 
 
 def _about_periods(found: PeriodicFrf) -> dict[str, Any]:

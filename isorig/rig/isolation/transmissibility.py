@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray
 from isorig.analysis.errors import DataError
-from isorig.analysis.isolation.ratio import rms_ratio
+from isorig.analysis.isolation.ratio import magnitude_ratio, rms_ratio
 from isorig.analysis.wording import by_factor, with_std
 from isorig.rig.errors import PlanError
 from isorig.rig.files.output import write_csv, write_json
@@ -24,9 +24,10 @@ from isorig.rig.model.prediction import Model, measured_and_simulated
 class Ratio:
     """|response / reference| at a gain, in one configuration or relative to another one, shape (bins,), at frequencies in Hz.
 
-    `mean` is the root mean square over the bins, of numerator over denominator.
+    `name` is "measured" or that of a model; `mean` is the root mean square over the bins, of numerator over denominator.
     """
 
+    name: str
     gain: float
     frequency: FloatArray
     value: FloatArray
@@ -37,7 +38,7 @@ class Ratio:
 
 @dataclass(frozen=True, kw_only=True)
 class Transmitted:
-    """The ratios by name ("measured", and those of the models), with what they are of.
+    """The ratios, the measured ones first, with what they are of.
 
     `configurations` are the configuration and the one in the denominator ("" where there is none).
     """
@@ -46,7 +47,7 @@ class Transmitted:
     response: str
     configurations: tuple[str, str]
     unit: str
-    ratios: Mapping[str, tuple[Ratio, ...]]
+    ratios: Sequence[Ratio]
 
 
 def transmissibility(
@@ -60,25 +61,9 @@ def transmissibility(
 ) -> Transmitted:
     """The magnitude of one channel over another by gain, and between two configurations where both were measured.
 
-    Parameters
-    ----------
-    campaign
-        The recording.
-    models
-        Models whose simulation goes through the same estimate.
-    reference, response
-        Channels; the first drive and the last sensor of the rig's description where None.
-    configurations
-        Numerator and denominator; where None the first two configurations that were measured, or the only one alone.
-    resolution
-        Frequency resolution, Hz.
-
-    Raises
-    ------
-    PlanError
-        A configuration was not measured.
-    DataError
-        No gain was measured in both configurations.
+    The simulations of the `models` go through the same estimate. By default the channels are the first drive and the last sensor
+    of the rig's description, and the configurations, numerator and denominator, the first two that were measured, or the only one
+    alone. Raises PlanError if a configuration was not measured, DataError if no gain was measured in both.
     """
     rig = rig_of(campaign)
     usual, drive, _ = rig.usual_ratio
@@ -91,17 +76,17 @@ def transmissibility(
     for name in configurations:
         if name and name not in measured:
             raise PlanError(f"{campaign.source} has no run in the configuration {name!r}; it has {', '.join(measured)}")
-    ratios = {}
+    ratios: list[Ratio] = []
     for name, each in measured_and_simulated(campaign, models).items():
         found = transfer_functions(each, reference=reference, responses=[response], resolution=resolution)
-        ratios[name] = _ratios(found, configurations, campaign.source)
+        ratios += _ratios(name, found, configurations, campaign.source)
     units = [next(run.channels[name].unit for run in campaign.runs if name in run.channels) for name in (response, reference)]
     unit = "1" if configurations[1] or units[0] == units[1] else f"{units[0]} per {units[1]}"
     return Transmitted(reference=reference, response=response, configurations=configurations, unit=unit, ratios=ratios)
 
 
-def _ratios(found: Sequence[Transfer], configurations: tuple[str, str], source: str) -> tuple[Ratio, ...]:
-    above, below = ({t.gain: t for t in found if t.configuration == name} for name in configurations)
+def _ratios(name: str, found: Sequence[Transfer], configurations: tuple[str, str], source: str) -> list[Ratio]:
+    above, below = ({t.gain: t for t in found if t.configuration == each} for each in configurations)
     ratios = []
     for gain, item in above.items():
         upper = item.within_band()
@@ -113,46 +98,38 @@ def _ratios(found: Sequence[Transfer], configurations: tuple[str, str], source: 
             else replace(upper, value=np.ones_like(upper.value), magnitude_std=np.zeros_like(upper.magnitude_std))
         )
         frequency, *bins = np.intersect1d(upper.frequency, lower.frequency, return_indices=True)
-        (top, top_std), (bottom, bottom_std) = (
-            (np.abs(frf.value[k]), frf.magnitude_std[k]) for frf, k in zip((upper, lower), bins, strict=True)
+        upper, lower = (
+            replace(frf, value=frf.value[k], magnitude_std=frf.magnitude_std[k])
+            for frf, k in zip((upper, lower), bins, strict=True)
         )
-        value = top / bottom
-        mean, mean_std = rms_ratio(top, top_std, bottom, bottom_std)
-        ratios.append(
-            Ratio(
-                gain=gain, frequency=frequency, value=value, std=value * np.hypot(top_std / top, bottom_std / bottom), mean=mean,
-                mean_std=mean_std,
-            )
-        )  # fmt: skip
+        value, std = magnitude_ratio(upper, lower)
+        mean, mean_std = rms_ratio(np.abs(upper.value), upper.magnitude_std, np.abs(lower.value), lower.magnitude_std)
+        ratios.append(Ratio(name=name, gain=gain, frequency=frequency, value=value, std=std, mean=mean, mean_std=mean_std))
     if not ratios:
         raise DataError(
             f"{source} has no gain with a broad-band drive in both {configurations[0]!r} and {configurations[1]!r}; measure one"
         )
-    return tuple(ratios)
+    return ratios
 
 
 def sentences(found: Transmitted) -> list[str]:
     """The result in words."""
-    said = []
     configuration, relative_to = found.configurations
-    for name, ratios in found.ratios.items():
-        for r in ratios:
-            band = f"from {r.frequency[0]:.3g} to {r.frequency[-1]:.3g} Hz at gain {r.gain:g}"
-            compared = f" {configuration}, relative to {relative_to}," if relative_to else ""
-            said.append(
-                f"{name.capitalize()}: |{found.response} / {found.reference}|{compared} {band} is "
-                f"{with_std(r.mean, r.mean_std)}{'' if found.unit == '1' else f' {found.unit}'} (rms over frequency)."
-            )
-    measured = {ratio.gain: ratio for ratio in found.ratios["measured"]}
-    for name, ratios in found.ratios.items():
-        for other in ratios if name != "measured" else ():
-            one = measured[other.gain]
-            if len(one.value) != len(other.value):
-                continue
-            off = float(np.median(np.abs(np.log(other.value / one.value))))
+    compared = f" {configuration}, relative to {relative_to}," if relative_to else ""
+    said = [
+        f"{r.name.capitalize()}: |{found.response} / {found.reference}|{compared} from {r.frequency[0]:.3g} to "
+        f"{r.frequency[-1]:.3g} Hz at gain {r.gain:g} is {with_std(r.mean, r.mean_std)}"
+        f"{'' if found.unit == '1' else f' {found.unit}'} (rms over frequency)."
+        for r in found.ratios
+    ]
+    measured = {r.gain: r for r in found.ratios if r.name == "measured"}
+    for r in found.ratios:
+        one = measured[r.gain]
+        if r is not one and len(one.value) == len(r.value):
+            off = float(np.median(np.abs(np.log(r.value / one.value))))
             if np.isfinite(off):
                 said.append(
-                    f"At gain {other.gain:g} the {name} ratio differs from the measured one by {by_factor(off)} (median over "
+                    f"At gain {r.gain:g} the {r.name} ratio differs from the measured one by {by_factor(off)} (median over "
                     "frequency bins)."
                 )
     return said
@@ -162,24 +139,22 @@ def write_transmissibility(folder: Path, found: Transmitted) -> list[str]:
     """Write isolation.csv for each gain, isolation.json and isolation.png; the sentences."""
     said = sentences(found)
     configuration, relative_to = found.configurations
-    for name, ratios in found.ratios.items():
-        for r in ratios:
-            columns = {"frequency_hz": r.frequency, "ratio": r.value, "ratio_std": r.std}
-            write_csv(folder / f"isolation-{name}-gain{r.gain:g}.csv", columns)
+    for r in found.ratios:
+        columns = {"frequency_hz": r.frequency, "ratio": r.value, "ratio_std": r.std}
+        write_csv(folder / f"isolation-{r.name}-gain{r.gain:g}.csv", columns)
     rows = [
         {
-            "name": name, "gain": r.gain, "configuration": configuration, "relative_to": relative_to,
+            "name": r.name, "gain": r.gain, "configuration": configuration, "relative_to": relative_to,
             "band_hz": [float(r.frequency[0]), float(r.frequency[-1])], "mean": r.mean, "mean_std": r.mean_std,
         }
-        for name, ratios in found.ratios.items()
-        for r in ratios
+        for r in found.ratios
     ]  # fmt: skip
     content = {
         "format": "rig-isolation", "format_version": 1, "reference": found.reference, "response": found.response,
         "unit": found.unit, "ratios": rows, "text": said,
     }  # fmt: skip
     write_json(folder / "isolation.json", content)
-    curves = {f"{name}, gain {r.gain:g}": (r.frequency, r.value, r.std) for name, rs in found.ratios.items() for r in rs}
+    curves = {f"{r.name}, gain {r.gain:g}": (r.frequency, r.value, r.std) for r in found.ratios}
     relative = f", {configuration} relative to {relative_to}" if relative_to else ""
     save(ratio_figure(curves, f"|{found.response} / {found.reference}|{relative}", found.unit), folder / "isolation.png")
     return said

@@ -25,10 +25,9 @@ from isorig.rig.files.rigfile import GivenRig
 from isorig.rig.frf.figures import Figure
 from isorig.rig.model.baseline import with_sensors
 from isorig.rig.notebook.plots import second_figure
-from isorig.rig.report.before_after import BASELINE, EXTENDED, worst_second
 from isorig.rig.report.conclusion import Conclusion, conclude
-from isorig.rig.report.misfit import simulated
-from isorig.rig.report.place import held_out_records, marks
+from isorig.rig.report.misfit import BASELINE, EXTENDED, simulated, worst_second
+from isorig.rig.report.place import marks
 from isorig.rig.report.sketch import picture
 
 #: Default time limit of a diagnosis, s; that of the command.
@@ -162,7 +161,7 @@ def plot(answer: Answer) -> Figure:
     models = {BASELINE: simulated(answer.baseline.model, answer.trials)}
     if answer.steps:
         models[EXTENDED] = simulated(answer.extended.model, answer.trials)
-    record = worst_second(held_out_records(answer.trials, answer.division.judged, models))
+    record = worst_second(answer.trials, answer.division.judged, models)
     if record is None:
         raise RigError("the held-out data are too short for a figure; record longer runs")
     return second_figure(record)

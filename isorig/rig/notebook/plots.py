@@ -18,7 +18,7 @@ from isorig.analysis.spectra.welch import Frf
 from isorig.analysis.views import shows
 from isorig.rig.frf.figures import Figure, View, frf_view, gridded, ratio_figure
 from isorig.rig.frf.transfer import Transfer
-from isorig.rig.report.before_after import HeldOutRecord
+from isorig.rig.report.misfit import HeldOutRecord
 from isorig.rig.report.sections import unit
 from isorig.rig.report.sketch import picture
 

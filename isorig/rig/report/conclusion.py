@@ -48,14 +48,10 @@ class Conclusion:
 
     Parameters
     ----------
-    verdict
-        As in the findings.
     check
         What to check before anything else is believed; empty if nothing.
-    found
-        The verdict and the causes with their sizes.
-    error
-        The held-out errors before and after, and what noise alone would cause.
+    answer
+        The verdict, the causes with their sizes, the held-out errors before and after, and what noise alone would cause.
     ruled_out
         The fitted causes: those of the kind and place to which the equations of motion point, those that were rejected, and those
         that were not; empty if nothing was fitted.
@@ -63,17 +59,10 @@ class Conclusion:
         What to do.
     """
 
-    verdict: str
     check: str
-    found: str
-    error: str
+    answer: str
     ruled_out: str
     next: str
-
-    @property
-    def answer(self) -> str:
-        """Verdict, cause and error in one sentence."""
-        return f"{self.found}; {self.error}"
 
     @property
     def lines(self) -> list[str]:
@@ -85,10 +74,8 @@ def conclude(findings: Findings, folder: str | None = None) -> Conclusion:
     """The conclusion from the findings; `folder` is where they are, None for a page next to them."""
     doubts = " ".join(doubt.text for doubt in findings.doubts)
     return Conclusion(
-        verdict=findings.verdict,
         check=f"Check units, channels and given values first: {doubts}" if doubts else "",
-        found=_found(findings),
-        error=_error(findings.holdout, bool(findings.steps)),
+        answer=f"{_found(findings)}; {_error(findings.holdout, bool(findings.steps))}",
         ruled_out=_ruled_out(findings),
         next=_next(findings, folder),
     )

@@ -17,14 +17,26 @@ from isorig.analysis.fitting.score import Score
 from isorig.analysis.model.rig_model import Link, RigModel
 from isorig.analysis.wording import state, with_article
 from isorig.rig.files.findings import Findings, HeldValue
-from isorig.rig.report.before_after import BASELINE, EXTENDED, Over, bars_chart, force_chart, residual_chart, second_chart
-from isorig.rig.report.charts import Chart, ChartTrace, Panel, Role
+from isorig.rig.report.charts import Chart, ChartTrace, Panel
 from isorig.rig.report.conclusion import KINDS, Conclusion, conclude
 from isorig.rig.report.frequency import frequency_sections
-from isorig.rig.report.misfit import Simulated, misfit_charts, scores_chart, simulated, time_charts
+from isorig.rig.report.misfit import (
+    BASELINE,
+    EXTENDED,
+    Named,
+    Simulated,
+    bars_chart,
+    misfit_charts,
+    residual_chart,
+    scores_chart,
+    second_chart,
+    simulated,
+    time_charts,
+    worst_second,
+)
 from isorig.rig.report.page import First, Report, Section, Table, build_report
-from isorig.rig.report.place import OVER, held_out_records, joint_of, marks, place_force
-from isorig.rig.report.sections import number, parameters_table, provenance_section, runs_section, unbroken, words
+from isorig.rig.report.place import OVER, Over, force_chart, joint_of, marks, place_force
+from isorig.rig.report.sections import HOLD_OUT, number, parameters_table, provenance_section, runs_section, unbroken, words
 from isorig.rig.report.sketch import sketch
 
 EVIDENCE = (
@@ -84,14 +96,11 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, findings: Findings)
 
 def _first(
     diagnosis: Diagnosis, campaign: Campaign, said: Conclusion, remarks: Sequence[str],
-    models: Mapping[tuple[str, Role], Simulated], scores: Mapping[tuple[str, Role], Score],
+    models: Mapping[Named, Simulated], scores: Mapping[Named, Score],
 ) -> First:  # fmt: skip
     model = diagnosis.baseline.model
-    force, second, errors = (
-        _force(diagnosis, models),
-        second_chart(held_out_records(diagnosis.trials, diagnosis.division.judged, models)),
-        _errors_chart(diagnosis, scores),
-    )
+    force, errors = _force(diagnosis, models), _errors_chart(diagnosis, scores)
+    second = second_chart(worst_second(diagnosis.trials, diagnosis.division.judged, models))
     after = equations_of(campaign, diagnosis.extended.model).residuals() if diagnosis.steps else None
     equations = residual_chart(diagnosis.residuals, after)
     # Charts of half the page's width in pairs.
@@ -104,7 +113,7 @@ def _first(
     )
 
 
-def _force(diagnosis: Diagnosis, models: Mapping[tuple[str, Role], Simulated]) -> Chart | None:
+def _force(diagnosis: Diagnosis, models: Mapping[Named, Simulated]) -> Chart | None:
     # At the place of the first cause, or to which the equations point; otherwise in the link that the baseline gets most wrong.
     baseline = diagnosis.baseline.model
     owners = {BASELINE: baseline, EXTENDED: diagnosis.extended.model}
@@ -138,15 +147,14 @@ def _surface_charts(model: RigModel, compared: Doubles) -> list[Chart]:
                 ChartTrace(name="baseline", x=x, y=seen.simulated - without, role="simulated", style="markers"),
                 ChartTrace(name="measured", x=x, y=seen.force - without, role="measured", style="markers"),
             ]
-            caption = f"{seen.run}: the force in {with_article(seen.link)}{note}."
-            panels = [Panel(label="force, N")]
+            caption, panels = f"{seen.run}: the force in {with_article(seen.link)}{note}.", [Panel(label="force, N")]
             charts.append(
                 Chart(name=f"{name}-{seen.link}", caption=caption, panels=panels, traces=traces, x_label=label, x_log=False)
             )
     return charts
 
 
-def _errors_chart(diagnosis: Diagnosis, scores: Mapping[tuple[str, Role], Score]) -> Chart:
+def _errors_chart(diagnosis: Diagnosis, scores: Mapping[Named, Score]) -> Chart:
     channels = list(diagnosis.division.judged[0].channels)
     sets = {key: np.array([100.0 * each.figure, *(100.0 * np.median(each.error, axis=0))]) for key, each in scores.items()}
     sets["noise alone", "noise"] = np.array([100.0 * diagnosis.floor, *np.full(len(channels), np.nan)])
@@ -168,11 +176,6 @@ def _improvement(diagnosis: Diagnosis) -> str:
         f"{100 * diagnosis.improvement.removed:.3g} % of the excess error above the noise floor is removed ({100 * low:.3g} to "
         f"{100 * high:.3g} %; 95 % intervals from resampled blocks)."
     )
-
-
-def _what(step: Step) -> str:
-    # The form, or the kind if no form comes close to the free shape.
-    return words(step.cause) if step.form else f"{KINDS[step.kind]} of no catalogued form"
 
 
 def _named(step: Step, share: tuple[float, float, float], held: Mapping[str, HeldValue]) -> Section:
@@ -198,7 +201,9 @@ def _named(step: Step, share: tuple[float, float, float], held: Mapping[str, Hel
     values = [(words(name), number(v, 6), number(s, 2), u) for name, (v, s, u) in step.parameters.items()]
     values += [(words(name), number(row.value, 6), "held", row.unit) for name, row in held.items()]
     tables = [Table(columns=("parameter", "value", "std", "unit"), rows=values)] if values else []
-    return Section(title=f"Named: {_what(step)} ({step.location})", text=notes, tables=tables, charts=charts)
+    # The form, or the kind if no form comes close to the free shape.
+    what = words(step.cause) if step.form else f"{KINDS[step.kind]} of no catalogued form"
+    return Section(title=f"Named: {what} ({step.location})", text=notes, tables=tables, charts=charts)
 
 
 def curve_chart(place: str, curve: Curve) -> Chart:
@@ -238,16 +243,9 @@ def _budget(diagnosis: Diagnosis) -> Section:
         (nature, *(f"{100 * v:.3g} % ({100 * low:.3g} to {100 * high:.3g})" for v, low, high in (before[nature], after[nature])))
         for nature in before
     ]
-    return Section(
-        title="Composition of the error",
-        text=[diagnosis.budgets[0].how],
-        tables=[
-            Table(
-                columns=("nature", "baseline", "extended model"), rows=rows,
-                caption="Shares of the held-out error power, with 95 % intervals over resampled runs.",
-            )
-        ],
-    )  # fmt: skip
+    caption = "Shares of the held-out error power, with 95 % intervals over resampled runs."
+    table = Table(columns=("nature", "baseline", "extended model"), rows=rows, caption=caption)
+    return Section(title="Composition of the error", text=[diagnosis.budgets[0].how], tables=[table])
 
 
 def advice(diagnosis: Diagnosis) -> list[str]:
@@ -267,5 +265,5 @@ def advice(diagnosis: Diagnosis) -> list[str]:
             f"{worst.band_hz[0]:g} and {worst.band_hz[1]:g} Hz: excite this band only, at two gains, for longer."
         )
     if not any(trial.run.use == "holdout" for trial in diagnosis.trials):
-        sentences.append('Record one more run with use = "holdout": a whole held-out run tests the model more strictly.')
+        sentences.append(HOLD_OUT)
     return sentences

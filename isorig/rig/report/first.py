@@ -1,22 +1,20 @@
-"""The first screen of a report: what was measured, whether the isolation works, what is wrong with the model, what to do next."""
+"""The first screen of a measurement's page: what was measured, whether the isolation works, what is wrong, what to do next."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from isorig.analysis.campaign import Campaign
+import numpy as np
+
+from isorig.analysis.campaign import Campaign, Run, broad
 from isorig.analysis.diagnose.misfit import Discrepancy
-from isorig.analysis.isolation.ratio import Isolated
+from isorig.analysis.isolation.ratio import Isolated, stuck_share
 from isorig.analysis.parameters.joint_fit import Characterization
 from isorig.analysis.wording import of_signal, state, with_article
-from isorig.rig.report.advice import NOTHING
-from isorig.rig.report.before_after import second_chart
-from isorig.rig.report.charts import Role
 from isorig.rig.report.frequency import isolation_chart
-from isorig.rig.report.misfit import Simulated
+from isorig.rig.report.misfit import Named, Simulated, second_chart, worst_second
 from isorig.rig.report.page import AnsweredQuestion, First, Section
-from isorig.rig.report.place import held_out_records
-from isorig.rig.report.sections import channels_table
+from isorig.rig.report.sections import HOLD_OUT, channels_table, words
 from isorig.rig.report.sketch import sketch
 from isorig.rig.wire_bonder.design_study import BOND
 from isorig.rig.wire_bonder.isolation import Compared
@@ -26,21 +24,31 @@ from isorig.rig.wire_bonder.move_isolation import move_within, on_move
 WISH = "wished_isolation"
 #: The isolation in the thesis's first simulation: the requirement if a recording gives none.
 PROMISED = 0.98
+#: Text if there is no advice.
+NOTHING = "The model can be used for rig predict, rig isolation and rig design."
+#: Share of time stuck above which a gain does not show the isolation; rms force divided by friction at which the motor mostly
+#: slides.
+STUCK, SLIDES = 0.5, 1.2
 
 
 def first_screen(
-    campaign: Campaign, found: Characterization, compared: Compared | None, wrong: Sequence[Discrepancy], advice: Sequence[str],
-    models: Mapping[tuple[str, Role], Simulated],
+    campaign: Campaign, found: Characterization, compared: Compared | None, wrong: Sequence[Discrepancy], asked: Sequence[str],
+    models: Mapping[Named, Simulated],
 ) -> First:  # fmt: skip
-    """The first screen of a measurement with its parameters; discrepancies and advice have the most important ones first."""
-    second = second_chart(held_out_records(found.trials, found.trials, models))
+    """The first screen of a measurement with its parameters; the discrepancies and the advice that was `asked` for have the most
+    important ones first."""
+    second = second_chart(worst_second(found.trials, found.trials, models))
     return First(
         sketch=sketch(found.fit.model),
         measured=Section(title="What was measured", text=[_runs(campaign)], tables=[channels_table(campaign)]),
         answers=[
             *([] if found.head_mass is None else [_job(campaign, found, compared)]),
             _model(found, compared, wrong),
-            _next(found, advice),
+            AnsweredQuestion(
+                question="What next?",
+                short="Nothing is missing" if not asked else "Measure again" if found.adequate else "Search for the cause",
+                text=asked[:1] or [NOTHING],
+            ),
         ],
         pictures=[isolation_chart(compared)] if compared is not None else [] if second is None else [second],
     )
@@ -53,11 +61,6 @@ def _runs(campaign: Campaign) -> str:
     virtual = any("virtual" in c.about.get("sensor", "") for run in campaign.runs for c in run.channels.values())
     kind = "A virtual rig without real sensors. " if virtual else ""
     return f"{kind}{len(campaign.runs)} runs, {seconds:.0f} s in total, {configurations}at gain {gains}."
-
-
-def _next(found: Characterization, advice: Sequence[str]) -> AnsweredQuestion:
-    short = "Nothing is missing" if not advice else "Measure again" if found.adequate else "Search for the cause"
-    return AnsweredQuestion(question="What next?", short=short, text=advice[:1] or [NOTHING])
 
 
 def _job(campaign: Campaign, found: Characterization, compared: Compared | None) -> AnsweredQuestion:
@@ -97,7 +100,6 @@ def _bonded(campaign: Campaign, found: Characterization) -> list[str]:
 
 def _model(found: Characterization, compared: Compared | None, wrong: Sequence[Discrepancy]) -> AnsweredQuestion:
     question = "What is wrong with the model?"
-    costs = _cost(compared.isolated) if compared is not None else ""
     if found.adequate:
         short = "Only single bands differ" if wrong else "No discrepancy found"
         text = (
@@ -116,21 +118,58 @@ def _model(found: Characterization, compared: Compared | None, wrong: Sequence[D
                 f" Its error is largest at {with_article(worst.channel)}, {where}, from "
                 f"{worst.band_hz[0]:.3g} to {worst.band_hz[1]:.3g} Hz."
             )
-    return AnsweredQuestion(question=question, short=short, text=[text, *([costs] if costs else [])])
+    return AnsweredQuestion(question=question, short=short, text=[text, *([] if compared is None else _cost(compared.isolated))])
 
 
-def _cost(isolated: dict[str, Isolated]) -> str:
+def _cost(isolated: dict[str, Isolated]) -> list[str]:
     if not {"measured", "simulated"} <= isolated.keys():
-        return ""
+        return []
     off = 100.0 * (isolated["simulated"].share - isolated["measured"].share)
-    share = _percent(isolated["simulated"].share)
-    within = abs(off) <= 196.0 * isolated["measured"].std
-    return f"It predicts {share} isolated" + (
-        ", within the measurement's interval."
-        if within
-        else f", {abs(off):.2g} percentage points too {'high' if off > 0.0 else 'low'}."
-    )
+    how = f"{abs(off):.2g} percentage points too {'high' if off > 0.0 else 'low'}"
+    if abs(off) <= 196.0 * isolated["measured"].std:
+        how = "within the measurement's interval"
+    return [f"It predicts {_percent(isolated['simulated'].share)} isolated, {how}."]
 
 
 def _percent(share: float) -> str:
     return f"{100.0 * share:.0f} %"
+
+
+def advice(campaign: Campaign, found: Characterization) -> list[str]:
+    """Sentences, most important first: stronger excitation, missing second gains, unidentified parameters, held-out runs."""
+    notes = [] if found.adequate else ["Run rig diagnose on this recording: it searches for the cause of the remaining error."]
+    unknown = [(name if found.head_mass is None else words(name), e.note) for name, e in found.table.items() if e.value is None]
+    if found.head_mass is None:
+        notes += [f"{name} is not determined ({note})." for name, note in unknown]
+    else:
+        friction = found.table["friction_force"].value
+        unlocked = {run.gain: run for run in broad(campaign.select(configuration="unlocked"))}
+        if friction is not None:
+            notes += [text for gain in sorted(unlocked) if (text := _stuck(found, unlocked[gain], friction))]
+        notes += [
+            f"The {name} is not identifiable ({note}): excite its frequency band more strongly or for longer."
+            for name, note in unknown
+        ]
+        peak = found.table["heatblock_frequency"].value
+        reached = {run.gain for run in broad(campaign.runs) if peak and (run.band is None or run.band[0] < peak < run.band[1])}
+        if peak is not None and len(reached) < 2:
+            notes.append(
+                f"Only one gain excites the heatblock's peak at {peak:.4g} Hz: measure this band at a second gain, locked and "
+                "unlocked, to distinguish mass loading from friction and other nonlinearities."
+            )
+    if not any(run.use == "holdout" for run in campaign.runs):
+        notes.append(HOLD_OUT)
+    return notes
+
+
+def _stuck(found: Characterization, run: Run, friction: float) -> str:
+    share = stuck_share(found.fit.model, run)
+    if share <= STUCK:
+        return ""
+    force = found.fit.model.drive.factor * float(np.std(run.read(found.fit.model.drive.channel)))
+    band = "" if run.band is None else f" from {run.band[0]:g} to {run.band[1]:g} Hz"
+    return (
+        f"At gain {run.gain:g}{band} the head's rms force is {force:.2g} N and friction is {friction:.3g} N, so that "
+        f"the motor is stuck {100 * share:.0f} % of the time and the rig behaves like a locked one: use a narrower band and a "
+        f"drive about {max(SLIDES * friction / force, 1.5):.2g} times stronger to measure the isolation there."
+    )

@@ -32,14 +32,36 @@ def frequency_sections(campaign: Campaign, model: RigModel) -> list[Section]:
 
 
 def transfer_section(campaign: Campaign, model: RigModel) -> Section:
-    """Transfer functions, measured and simulated for the same runs; or the reason why there are none."""
+    """Transfer functions from every drive to every response, and dotted those simulated for the same runs; or why there are none.
+
+    A colour for each configuration and gain; the curves of the first configuration of the rig are solid, others dashed.
+    """
     from isorig.rig.model.prediction import predicted
 
+    drives = [drive.channel for drive in model.drives]
     try:
-        drives = [drive.channel for drive in model.drives]
-        return frf_section(campaign, predicted(model, campaign, as_recorded=True), drives, next(iter(model.configurations)))
+        simulated = predicted(model, campaign, as_recorded=True)
+        measured = transfer_functions(campaign, reference=drives)
+        other = transfer_functions(simulated, reference=drives, found=())
     except DataError as error:
         return Section(title="Transfer functions", text=[f"Not available: {error}."])
+    references = " and ".join(dict.fromkeys(item.reference for item in measured))
+    text = [
+        f"H1 from {references}, resolution {measured[0].resolution:g} Hz, averaged over the runs of each configuration and gain, "
+        "within the band of the drive. Bands show one standard deviation. A coherence below 1 indicates noise, friction or "
+        "another nonlinearity.",
+        *(reason.text for reason in incoherences(campaign, drives)),
+    ]
+    usual = next(iter(model.configurations))
+    charts = [
+        frf_chart(
+            [(m.label, m) for m in measured if (m.response, m.reference) == name],
+            [m for m in other if (m.response, m.reference) == name],
+            styles={m.label: "dash" for m in measured if m.configuration != usual},
+        )
+        for name in dict.fromkeys((item.response, item.reference) for item in measured)
+    ]
+    return Section(title="Transfer functions", text=text, charts=charts)
 
 
 def isolation_of(campaign: Campaign, model: RigModel) -> tuple[Compared | None, list[str]]:
@@ -57,78 +79,47 @@ def isolation_of(campaign: Campaign, model: RigModel) -> tuple[Compared | None, 
     return found, isolation_sentences(found)
 
 
-def frf_section(campaign: Campaign, simulated: Campaign, drives: Sequence[str], usual: str) -> Section:
-    """Transfer functions from every drive to every response, a colour for each configuration and gain, simulated ones dotted.
-
-    The curves of the configuration `usual` are solid, others dashed.
-    """
-    measured, other = transfer_functions(campaign, reference=drives), transfer_functions(simulated, reference=drives, found=())
-    names = dict.fromkeys((item.frf.response, item.frf.reference) for item in measured)
-    first = measured[0].frf
-    references = " and ".join(dict.fromkeys(item.frf.reference for item in measured))
-    text = [
-        f"H1 from {references}, resolution {first.resolution:g} Hz, averaged over the runs of each configuration and gain, "
-        "within the band of the drive. Bands show one standard deviation. A coherence below 1 indicates noise, friction or "
-        "another nonlinearity.",
-        *(reason.text for reason in incoherences(campaign, drives)),
-    ]
-    charts = [
-        frf_chart(
-            [(m.label, m) for m in measured if (m.response, m.reference) == name],
-            [(m.label, m) for m in other if (m.response, m.reference) == name],
-            styles={m.label: "dash" for m in measured if m.configuration != usual},
-        )
-        for name in names
-    ]
-    return Section(title="Transfer functions", text=text, charts=charts)
-
-
 def frf_page(found: Sequence[tuple[str, Transfer]], name: str, remarks: Sequence[str]) -> str:
     """The page of `rig frf`: the transfer functions of one or more recordings by label, overlaid."""
     first = found[0][1]
-    pairs = dict.fromkeys((item.response, item.reference) for _, item in found)
     # Recordings differ by the style of their lines, set-ups by colour.
     sources = list(dict.fromkeys(label.removesuffix(item.label) for label, item in found))
     styles = {label: DASHES[sources.index(label.removesuffix(item.label)) % len(DASHES)] for label, item in found}
-    sections = []
-    for response, reference in pairs:
-        same = [(label, item) for label, item in found if (item.response, item.reference) == (response, reference)]
-        sections.append(Section(title=f"{response} over {reference}", charts=[frf_chart(same, styles=styles)]))
+    pairs: dict[str, list[tuple[str, Transfer]]] = {}
+    for label, item in found:
+        pairs.setdefault(f"{item.response} over {item.reference}", []).append((label, item))
     how = (
         f"{first.estimator}, resolution {first.resolution:.4g} Hz, within the band of the drive; bands show one standard "
         "deviation."
     )
+    sections = [Section(title=pair, charts=[frf_chart(same, styles=styles)]) for pair, same in pairs.items()]
     return build_report(Report(title="Transfer functions", verdict=name, summary=[how, *remarks], sections=sections))
 
 
 def frf_chart(
-    measured: Sequence[tuple[str, Transfer]], simulated: Sequence[tuple[str, Transfer]] = (), *, styles: Mapping[str, Style]
+    measured: Sequence[tuple[str, Transfer]], simulated: Sequence[Transfer] = (), *, styles: Mapping[str, Style]
 ) -> Chart:
     """Magnitude, phase and coherence of transfer functions of one response and reference by label, a colour for each set-up.
 
-    `styles` are those of lines that are not solid, by label: they are on top. Simulated curves are dotted, in the colour of the
-    set-up that they simulate.
+    `styles` are those of lines that are not solid, by label: they are on top, because curves coincide if a contact sticks that a
+    lock blocks. Simulated curves are dotted, in the colour of the set-up that they simulate.
     """
     setups = list(dict.fromkeys(item.label for _, item in measured))
     colours: dict[str, Role] = {setup: SERIES[k % len(SERIES)] for k, setup in enumerate(setups)}
     traces = []
     for label, item in sorted(measured, key=lambda pair: styles.get(pair[0], "solid") != "solid"):
-        frf, role = item.within_band(), colours[item.label]
+        frf, role, style = item.within_band(), colours[item.label], styles.get(label, "solid")
         kept = spread_over(frf.frequency)
-        f, size = frf.frequency[kept], np.abs(frf.value[kept])
-        # Curves of other configurations are dashed and on top: they coincide if a contact sticks that a lock blocks.
-        style = styles.get(label, "solid")
-        turned = np.degrees(np.angle(frf.value[kept]))
+        f, value = frf.frequency[kept], frf.value[kept]
         traces += [
-            ChartTrace(name=label, x=f, y=size, spread=frf.magnitude_std[kept], role=role, style=style),
-            ChartTrace(name=label, x=f, y=unjoined(turned), role=role, panel=1, style=style),
+            ChartTrace(name=label, x=f, y=np.abs(value), spread=frf.magnitude_std[kept], role=role, style=style),
+            ChartTrace(name=label, x=f, y=unjoined(np.degrees(np.angle(value))), role=role, panel=1, style=style),
             ChartTrace(name=label, x=f, y=frf.coherence[kept], role=role, panel=2, style=style),
         ]
-    for _, item in simulated:
-        frf = item.within_band()
+    for item in simulated:
+        frf, role = item.within_band(), colours.get(item.label, "simulated")
         kept = spread_over(frf.frequency)
-        f, size = frf.frequency[kept], np.abs(frf.value[kept])
-        traces.append(ChartTrace(name="simulated", x=f, y=size, role=colours.get(item.label, "simulated"), style="dot"))
+        traces.append(ChartTrace(name="simulated", x=frf.frequency[kept], y=np.abs(frf.value[kept]), role=role, style="dot"))
     about = measured[0][1]
     ratio = per(*(name or "unknown unit" for name in about.units))
     return Chart(
@@ -144,16 +135,12 @@ def frf_chart(
 
 def isolation_chart(found: Compared) -> Chart:
     """The isolation ratio, measured and simulated, with the frequency bins at which the motor mostly sticks."""
-    roles: Mapping[str, Role] = {"measured": "measured", "simulated": "simulated"}
+    shown: Mapping[str, tuple[Role, Style]] = {"measured": ("measured", "solid"), "simulated": ("simulated", "dash")}
     traces = []
     for name, ratio in found.ratios.items():
-        kept = spread_over(ratio.frequency)
-        traces.append(
-            ChartTrace(
-                name=name, x=ratio.frequency[kept], y=ratio.ratio[kept], spread=ratio.std[kept], role=roles[name],
-                style="solid" if name == "measured" else "dash",
-            )
-        )  # fmt: skip
+        kept, (role, style) = spread_over(ratio.frequency), shown[name]
+        x, y, spread = (values[kept] for values in (ratio.frequency, ratio.ratio, ratio.std))
+        traces.append(ChartTrace(name=name, x=x, y=y, spread=spread, role=role, style=style))
     ratio = found.measured
     stuck = np.isin(ratio.gain, [gain for gain, share in found.stuck.items() if share > 0.5])
     if stuck.any():

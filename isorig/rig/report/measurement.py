@@ -1,9 +1,11 @@
-"""The page of a measurement: what was measured, the parameters, and the accuracy of the fitted simulation."""
+"""The pages of a joint fit: that of a measurement, with its parameters and their history, and that of the fits alone."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from datetime import UTC, datetime
+from math import hypot
 from pathlib import Path
 
 import numpy as np
@@ -14,53 +16,14 @@ from isorig.analysis.diagnose.misfit import discrepancies
 from isorig.analysis.fitting.uncertainty import CALIBRATION
 from isorig.analysis.parameters.joint_fit import WEIGHED, Characterization, Entry
 from isorig.analysis.spectra.quality import fault_sentences
+from isorig.analysis.wording import of_signal, with_std
 from isorig.rig.files.parameter_table import ParameterFile
-from isorig.rig.report.advice import advice
-from isorig.rig.report.charts import Role
-from isorig.rig.report.first import first_screen
+from isorig.rig.report.first import advice, first_screen
 from isorig.rig.report.frequency import isolation_of, transfer_section
-from isorig.rig.report.history import history_sections
-from isorig.rig.report.misfit import misfit_charts, scores_chart, simulated, time_charts
+from isorig.rig.report.misfit import Named, Simulated, misfit_charts, scores_chart, simulated, time_charts
 from isorig.rig.report.page import Report, Section, Table, build_report
 from isorig.rig.report.sections import entries_table, number, provenance_section, runs_section, words
 from isorig.rig.wire_bonder.description import THESIS
-
-MODEL: tuple[str, Role] = ("simulation", "simulated")
-
-
-def measurement_page(campaign: Campaign, found: Characterization, history: Sequence[ParameterFile] = ()) -> str:
-    """The report of a campaign as HTML, with the parameters of earlier campaigns."""
-    model = found.fit.model
-    models = {MODEL: simulated(model, found.trials)}
-    wrong = discrepancies(campaign, model, found.trials, doubles(model, found.trials))
-    compared, ratio = isolation_of(campaign, model)
-    asked = advice(campaign, found)
-    sections = [
-        runs_section(campaign),
-        transfer_section(campaign, model),
-        Section(
-            title="Parameters",
-            text=[ANY_RIG if found.head_mass is None else PARAMETERS, _calibration(found), *contradictions(campaign, found)],
-            tables=[entries_table(found.table) if found.head_mass is None else parameter_table(campaign, found)],
-        ),
-        *history_sections(found, history),
-        Section(title="Simulation compared with measurement", charts=time_charts(found.trials, models)),
-        *([Section(title="Isolation ratio", text=ratio)] if ratio else []),
-        Section(
-            title="What the simulation gets wrong",
-            text=[d.text for d in wrong[:6]] or ["No discrepancy exceeds the noise."],
-            charts=[*misfit_charts(found.trials, models), scores_chart({MODEL: found.score}, found.trials)],
-        ),
-        *([Section(title="Further advice for the next measurement", text=asked[1:])] if asked[1:] else []),
-        provenance_section(campaign),
-    ]
-    report = Report(
-        title=f"Measurement {Path(campaign.source).name}", verdict=_verdict(found),
-        summary=[*(doubt.text for doubt in found.doubts), *fault_sentences(found.faults)], sections=sections,
-        first=first_screen(campaign, found, compared, wrong, asked, models),
-    )  # fmt: skip
-    return build_report(report)
-
 
 PARAMETERS = (
     "All runs fitted at once with friction in the model; frequencies are the uncoupled √(k/m)/2π, damping is the damping ratio. "
@@ -72,6 +35,45 @@ ANY_RIG = (
 )
 #: Relative difference between given and fitted value that is reported.
 CONTRADICTS = 0.05
+#: Change in standard deviations that counts as significant.
+CHANGED = 3.0
+
+
+def measurement_page(campaign: Campaign, found: Characterization, history: Sequence[ParameterFile] = ()) -> str:
+    """The report of a campaign as HTML, with the parameters of earlier campaigns."""
+    model = found.fit.model
+    models: dict[Named, Simulated] = {("simulation", "simulated"): simulated(model, found.trials)}
+    wrong = discrepancies(campaign, model, found.trials, doubles(model, found.trials))
+    compared, ratio = isolation_of(campaign, model)
+    asked = advice(campaign, found)
+    sections = [
+        runs_section(campaign),
+        transfer_section(campaign, model),
+        Section(
+            title="Parameters",
+            text=[ANY_RIG if found.head_mass is None else PARAMETERS, _calibration(found), *_contradictions(campaign, found)],
+            tables=[entries_table(found.table) if found.head_mass is None else _parameter_table(campaign, found)],
+        ),
+        *([_history(found, history)] if history else []),
+        Section(title="Simulation compared with measurement", charts=time_charts(found.trials, models)),
+        *([Section(title="Isolation ratio", text=ratio)] if ratio else []),
+        Section(
+            title="What the simulation gets wrong",
+            text=[d.text for d in wrong[:6]] or ["No discrepancy exceeds the noise."],
+            charts=[*misfit_charts(found.trials, models), scores_chart({("simulation", "simulated"): found.score}, found.trials)],
+        ),
+        *([Section(title="Further advice for the next measurement", text=asked[1:])] if asked[1:] else []),
+        provenance_section(campaign),
+    ]
+    report = Report(
+        title=f"Measurement {Path(campaign.source).name}",
+        verdict="The simulation explains the measurement down to the noise."
+        if found.adequate
+        else "The simulation does not explain the whole measurement.",
+        summary=[*(doubt.text for doubt in found.doubts), *fault_sentences(found.faults)], sections=sections,
+        first=first_screen(campaign, found, compared, wrong, asked, models),
+    )  # fmt: skip
+    return build_report(report)
 
 
 def _calibration(found: Characterization) -> str:
@@ -83,8 +85,8 @@ def _calibration(found: Characterization) -> str:
     )
 
 
-def contradictions(campaign: Campaign, found: Characterization) -> list[str]:
-    """A sentence for every given value that differs from the fitted one."""
+def _contradictions(campaign: Campaign, found: Characterization) -> list[str]:
+    # A sentence for every given value that differs from the fitted one.
     said = []
     for name, entry in found.table.items():
         known = campaign.known.get(name)
@@ -101,8 +103,8 @@ def contradictions(campaign: Campaign, found: Characterization) -> list[str]:
     return said
 
 
-def parameter_table(campaign: Campaign, found: Characterization) -> Table:
-    """The parameters compared with the given values and those of the thesis."""
+def _parameter_table(campaign: Campaign, found: Characterization) -> Table:
+    # The parameters compared with the given values and those of the thesis.
     notes = Counter(entry.note for entry in found.table.values() if entry.note and entry.value is not None)
     # Notes that apply to several values are printed once, below the table's name.
     common = next((note for note, count in notes.most_common(1) if count > 1 and note != WEIGHED), "")
@@ -129,7 +131,53 @@ def _digits(entry: Entry) -> int:
     return int(np.clip(np.floor(np.log10(abs(entry.value))) - np.floor(np.log10(entry.std)) + 2, 2, 6))
 
 
-def _verdict(found: Characterization) -> str:
-    if found.adequate:
-        return "The simulation explains the measurement down to the noise."
-    return "The simulation does not explain the whole measurement."
+def _history(found: Characterization, history: Sequence[ParameterFile]) -> Section:
+    # A column for each earlier campaign, oldest first, and the significant changes since the last one.
+    past = sorted(history, key=lambda item: item.measured or datetime.min.replace(tzinfo=UTC))
+    last = past[-1]
+    rows, sentences = [], []
+    for name, entry in found.table.items():
+        change = _change(entry.value, entry.std, last.values.get(name))
+        if change is not None and abs(change) > CHANGED:
+            sentences.append(f"{words(name).capitalize()} has changed by {change:+.1f} standard deviations since {_label(last)}.")
+        earlier = (_shown(item.values.get(name)) for item in past)
+        now = _shown(None if entry.value is None else (entry.value, entry.std or 0.0))
+        rows.append((words(name), entry.unit, *earlier, now, "–" if change is None else f"{change:+.1f}"))
+    table = Table(
+        columns=("parameter", "unit", *(_label(item) for item in past), "now", "change, deviations"), rows=rows,
+        caption="Value ± standard uncertainty, none where a value was given; the change is since the latest earlier campaign.",
+    )  # fmt: skip
+    quiet = f"No parameter has changed by more than {CHANGED:g} standard deviations since {_label(last)}."
+    return Section(title="Parameters compared with earlier campaigns", text=sentences or [quiet], tables=[table])
+
+
+def _label(item: ParameterFile) -> str:
+    return item.campaign if item.measured is None else f"{item.campaign}, {item.measured:%Y-%m-%d}"
+
+
+def _shown(pair: tuple[float, float] | None) -> str:
+    if pair is None:
+        return "–"
+    return number(pair[0], 6) if pair[1] == 0.0 else with_std(*pair)
+
+
+def _change(value: float | None, std: float | None, before: tuple[float, float] | None) -> float | None:
+    spread = hypot(std or 0.0, before[1]) if before is not None else 0.0
+    return None if value is None or before is None or spread == 0.0 else (value - before[0]) / spread
+
+
+def fits_page(campaign: Campaign, found: Characterization) -> str:
+    """The page of a joint fit as HTML: the parameters, and every run compared with the fitted model."""
+    models: dict[Named, Simulated] = {("joint fit", "simulated"): simulated(found.fit.model, found.trials)}
+    charts = [*time_charts(found.trials, models), *misfit_charts(found.trials, models)]
+    report = Report(
+        title=f"Parameters of {Path(campaign.source).name}",
+        verdict=f"The held-out error of the joint fit is {of_signal(found.error)}, that of noise alone {found.noise_alone}.",
+        summary=fault_sentences(found.faults),
+        sections=[
+            Section(title="Parameters", tables=[entries_table(found.table)]),
+            Section(title="Joint fit over the runs", charts=charts),
+            provenance_section(campaign),
+        ],
+    )
+    return build_report(report)

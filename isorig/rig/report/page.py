@@ -53,11 +53,6 @@ class Sparkline:
         return [(round(a, 1), round(b, 1)) for a, b in zip(across.tolist(), down.tolist(), strict=True)]
 
     @property
-    def points(self) -> str:
-        """The points of its line, as SVG has them."""
-        return " ".join(f"{x:g},{y:g}" for x, y in self.places)
-
-    @property
     def dots(self) -> list[tuple[float, float]]:
         """Coordinates of its dots in pixels."""
         places, hidden = self.places, max(len(self.values) - MOST, 0)
@@ -82,12 +77,6 @@ class AnimatedShape:
 
     amplitudes: Mapping[str, complex]
     caption: str
-
-    @property
-    def points(self) -> list[tuple[str, float, complex]]:
-        """Name, horizontal place in pixels, and amplitude of each point."""
-        n = len(self.amplitudes)
-        return [(name, 300.0 * (k + 0.5) / n, value) for k, (name, value) in enumerate(self.amplitudes.items())]
 
 
 @dataclass(frozen=True, kw_only=True)

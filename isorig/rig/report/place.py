@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -11,23 +12,23 @@ from isorig.analysis.campaign import Channel, FloatArray, Run
 from isorig.analysis.diagnose.link_force import EDGE
 from isorig.analysis.diagnose.step import Step
 from isorig.analysis.diagnose.surface import passed
-from isorig.analysis.fitting.score import held_out
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.model.rig_model import GROUND, Link, RigModel
-from isorig.rig.report.before_after import Force, HeldOutRecord, Over, PlaceForce
-from isorig.rig.report.charts import Role
-from isorig.rig.report.misfit import Simulated
+from isorig.analysis.wording import sized_unit, with_article
+from isorig.rig.report.charts import Chart, ChartTrace, Panel, Style
+from isorig.rig.report.misfit import BASELINE, Named, Simulated
 from isorig.rig.report.sections import words
 
+Over = Literal["deflection", "velocity"]
 #: What the force of a kind of cause is shown over.
 OVER: Mapping[str, Over] = {
     "spring_shape": "deflection", "damping_shape": "velocity", "friction_shape": "velocity", "memory": "deflection",
     "drift": "deflection",
 }  # fmt: skip
-#: Seconds at the end of a record that are not shown: there the interpolation of the drive lacks its next samples.
-ENDS = 0.1
 #: Least number of samples of a force that is shown.
 FEWEST = 200
+#: Points of a force drawn as dots, bins of its mean curve with equal counts, and the share of samples outside of them.
+DOTS, BINS, OUTSIDE = 900, 60, 0.002
 
 
 def marks(model: RigModel, steps: Sequence[Step]) -> dict[str, str]:
@@ -65,9 +66,86 @@ def joint_of(model: RigModel, step: Step) -> Link | None:
     return next((link for link in model.links if {link.a, link.b} == ends), None)
 
 
-def place_force(
-    link: Link, trials: Sequence[Trial], models: Mapping[tuple[str, Role], tuple[RigModel, Simulated]]
-) -> PlaceForce | None:
+@dataclass(frozen=True, kw_only=True)
+class Force:
+    """The force in a joint, measured or of a model: deflection, velocity and force in SI units, each shape (samples,)."""
+
+    deflection: FloatArray
+    velocity: FloatArray
+    force: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlaceForce:
+    """The force at a place in a run: from the records, and of each model by name and role, the baseline's first.
+
+    `spring` is the stiffness whose force is subtracted over the velocity, N/m, so that friction and damping remain; of a `rotary`
+    place deflections are angles and forces torques.
+    """
+
+    place: str
+    run: str
+    measured: Force
+    models: Mapping[Named, Force]
+    spring: float = 0.0
+    rotary: bool = False
+
+    @property
+    def errors(self) -> list[float]:
+        """Standard deviation of the error of each model's force, N."""
+        return [float(np.std(one.force - self.measured.force)) for one in self.models.values()]
+
+    @property
+    def misfit(self) -> float:
+        """Error of the baseline's force, as a share of the measured force."""
+        return self.errors[0] / max(float(np.std(self.measured.force)), 1e-300)
+
+    @property
+    def improvement(self) -> float:
+        """By how much the extension reduces the error of the force, N; without one, the error."""
+        before, *after = self.errors
+        return before - sum(after)
+
+
+def force_chart(at: PlaceForce, over: Over) -> Chart:
+    """The measured force as dots, and mean curves of it and of the models' forces, over deflection or velocity."""
+    quantity, length, force_unit = ("torque", "rad", "N m") if at.rotary else ("force", "m", "N")
+    spring = at.spring if over == "velocity" else 0.0
+
+    def shown(one: Force) -> tuple[FloatArray, FloatArray]:
+        return one.velocity if over == "velocity" else one.deflection, one.force - spring * one.deflection
+
+    (x_scale, x_name), (y_scale, y_name) = (
+        sized_unit(float(np.abs(values).max(initial=0.0)), name)
+        for values, name in zip(shown(at.measured), (f"{length}/s" if over == "velocity" else length, force_unit), strict=True)
+    )
+    x, y = (values[:: max(1, len(values) // DOTS)] for values in shown(at.measured))
+    traces = [ChartTrace(name="measured, samples", x=x / x_scale, y=y / y_scale, role="noise", style="dots")]
+    for (name, role), one in [(("measured, mean", "measured"), at.measured), *at.models.items()]:
+        x, y = mean_over(*shown(one))
+        style: Style = "dash" if name == BASELINE[0] else "solid"
+        traces.append(ChartTrace(name=name, x=x / x_scale, y=y / y_scale, role=role, style=style))
+    without = " without the linear spring's" if spring else ""
+    return Chart(
+        name=f"force-{at.place}",
+        caption=f"{quantity.capitalize()} in {with_article(at.place)}{without} over {over}, run {at.run}, held-out data: from "
+        "the records (drive minus inertia of the bodies beyond it), and from each model's simulation. Lines are means over bins.",
+        panels=[Panel(label=f"{quantity}, {y_name}")], traces=traces, x_label=f"{over}, {x_name}", x_log=False,
+    )  # fmt: skip
+
+
+def mean_over(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean of y and of x in bins of x with equal counts, each shape (bins,)."""
+    edges = np.quantile(x, np.linspace(OUTSIDE, 1.0 - OUTSIDE, BINS + 1))
+    place = np.searchsorted(edges, x, side="right") - 1
+    kept = (place >= 0) & (place < BINS)
+    count = np.bincount(place[kept], minlength=BINS)
+    there = count > 0
+    sums = [np.bincount(place[kept], values[kept], minlength=BINS)[there] / count[there] for values in (x, y)]
+    return np.asarray(sums[0]), np.asarray(sums[1])
+
+
+def place_force(link: Link, trials: Sequence[Trial], models: Mapping[Named, tuple[RigModel, Simulated]]) -> PlaceForce | None:
     """The force in a link on held-out data of the run in which the extension improves it most.
 
     None if the bodies beyond the link are not all measured. The baseline is the first of the models, which have their simulations
@@ -83,10 +161,9 @@ def place_force(
     return max(found, key=lambda at: at.improvement, default=None)
 
 
-def _in_run(link: Link, trial: Trial, models: Mapping[tuple[str, Role], tuple[RigModel, Simulated]]) -> PlaceForce | None:
+def _in_run(link: Link, trial: Trial, models: Mapping[Named, tuple[RigModel, Simulated]]) -> PlaceForce | None:
     owners = [owner for owner, _ in models.values()]
-    edge = round(EDGE * trial.sample_rate)
-    first = max(trial.fitted - edge, 0)
+    first = max(trial.fitted - round(EDGE * trial.sample_rate), 0)
     # The deflection of a link is that of its first end relative to its second.
     end, sign = (link.b, -1.0) if link.a == GROUND else (link.a, 1.0)
 
@@ -108,8 +185,7 @@ def _in_run(link: Link, trial: Trial, models: Mapping[tuple[str, Role], tuple[Ri
     if measured is None or next(iter(models)) not in forces or len(measured.force) < FEWEST:
         return None
     return PlaceForce(
-        place=link.name, run=trial.run.id, time=(edge + first + np.arange(len(measured.force))) / trial.sample_rate,
-        measured=measured, models=forces, spring=owners[-1].link(link.name).stiffness,
+        place=link.name, run=trial.run.id, measured=measured, models=forces, spring=owners[-1].link(link.name).stiffness,
         rotary=owners[0].body(end).motion == "rotation",
     )  # fmt: skip
 
@@ -124,34 +200,3 @@ def _record(trial: Trial, rows: FloatArray) -> Run:
     for name, row in zip(trial.channels, rows, strict=True):
         channels[name] = Channel(name=name, samples=row[:n], quantity=trial.run.channels[name].quantity)
     return replace(trial.run, channels=channels, gaps=(), spectra=())
-
-
-def held_out_records(
-    trials: Sequence[Trial], judged: Sequence[Trial], models: Mapping[tuple[str, Role], Simulated]
-) -> list[HeldOutRecord]:
-    """Every channel of every run on held-out data, with the models' simulations by name and role.
-
-    Held out is the part of the `judged` runs after their `fitted` samples.
-    """
-    # A channel that hardly moves in a run is judged by how it moves in the others.
-    held = {trial.run.id: trial for trial in judged}
-    trials = [trial for trial in trials if trial.run.id in held]
-    sizes = {
-        name: max(float(np.std(trial.measured[trial.channels.index(name)])) for trial in trials if name in trial.channels)
-        for trial in trials
-        for name in trial.channels
-    }
-    found = []
-    for trial in trials:
-        part = held_out(held[trial.run.id])
-        part = slice(part.start, part.stop - round(ENDS * trial.sample_rate))
-        for row, name in enumerate(trial.channels):
-            found.append(
-                HeldOutRecord(
-                    run=trial.run.id, channel=name, unit=trial.unit_of(name), sample_rate=trial.sample_rate,
-                    start=part.start / trial.sample_rate, measured=trial.measured[row][part],
-                    models={key: responses[trial.run.id][name][part] for key, responses in models.items()},
-                    noise=float(trial.noise[row]), size=sizes[name],
-                )
-            )  # fmt: skip
-    return found

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 NOT_GIVEN = "not given"
 #: Of a diagnosis that reached its time limit.
 CUT_SHORT = "The time limit ended the search for causes before all were tried."
+#: Advice where no whole run was held out.
+HOLD_OUT = 'Record one more run with use = "holdout": a whole held-out run tests the model more strictly.'
 #: Number from which on a table gives an exponent: before that, digits are easier to compare.
 PLAIN_MOST = 1e7
 LIBRARIES = ("isorig", "numpy", "scipy", "numba", "h5py")
@@ -91,30 +93,23 @@ def channels_table(campaign: Campaign) -> Table:
 
 def runs_section(campaign: Campaign) -> Section:
     """The measured runs, and the given values."""
-    rows = [_run_row(run, campaign.alone) for run in campaign.runs]
-    set_up = () if campaign.alone else ("configuration",)
-    heads = ("run", *set_up, "gain", "excitation", "band, Hz", "s", "samples/s", "use", "lost", "started")
+    columns: dict[str, list[str]] = {
+        "run": [run.id for run in campaign.runs],
+        **({} if campaign.alone else {"configuration": [run.configuration for run in campaign.runs]}),
+        "gain": [f"{run.gain:g}" for run in campaign.runs],
+        "excitation": [run.excitation for run in campaign.runs],
+        "band, Hz": ["" if run.band is None else f"{run.band[0]:g}–{run.band[1]:g}" for run in campaign.runs],
+        "s": [f"{run.duration:.0f}" for run in campaign.runs],
+        "samples/s": [f"{run.sample_rate:g}" for run in campaign.runs],
+        "use": [run.use for run in campaign.runs],
+        "lost": [f"{sum(gap.count for gap in run.gaps) or ''}" for run in campaign.runs],
+        "started": ["" if run.started is None else f"{run.started:%Y-%m-%d %H:%M:%S %z}" for run in campaign.runs],
+    }
     known = ", ".join(f"{words(name)} {value:.6g}" for name, value in campaign.known.items())
     return Section(
         title="Rig and runs",
         text=[*([] if campaign.description else [SUMMARY]), f"Given values (SI): {known or 'none'}."],
-        tables=[Table(columns=heads, rows=rows)],
-    )
-
-
-def _run_row(run: Run, alone: bool) -> tuple[str, ...]:
-    lost = sum(gap.count for gap in run.gaps)
-    return (
-        run.id,
-        *(() if alone else (run.configuration,)),
-        f"{run.gain:g}",
-        run.excitation,
-        "" if run.band is None else f"{run.band[0]:g}–{run.band[1]:g}",
-        f"{run.duration:.0f}",
-        f"{run.sample_rate:g}",
-        run.use,
-        f"{lost}" if lost else "",
-        "" if run.started is None else run.started.strftime("%Y-%m-%d %H:%M:%S %z"),
+        tables=[Table(columns=tuple(columns), rows=list(zip(*columns.values(), strict=True)))],
     )
 
 
@@ -134,15 +129,13 @@ def _sized(value: float | None, unit: str, std: float | None) -> str:
     return "–" if value is None or not math.isfinite(value) else sized(value, unit, std, digits=4)
 
 
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
 def provenance_section(campaign: Campaign) -> Section:
     """File, hash, versions and command."""
     path = Path(campaign.source)
-    digest = _sha256(path) if path.is_file() else "not on disk"
+    digest = "not on disk"
+    if path.is_file():
+        with path.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
     rows = [("file", path.name), ("sha256", digest)]
     rows += [(name, version(name)) for name in LIBRARIES]
     rows += [("Python", sys.version.split()[0]), ("command", " ".join(["rig", *sys.argv[1:]]))]

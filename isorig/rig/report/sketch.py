@@ -114,19 +114,19 @@ class _Plan:
 
     def __init__(self, model: RigModel, marks: Marks) -> None:
         self._model, self._marks = model, marks
-        ends = [(link.a, link.b) for link in model.links] + [(contact.a, contact.b) for contact in model.contacts]
+        joints: list[Link | Contact] = [*model.links, *model.contacts]
         self._neighbours: defaultdict[str, dict[str, None]] = defaultdict(dict)
-        for a, b in ends:
-            self._neighbours[a][b] = self._neighbours[b][a] = None
+        for joint in joints:
+            self._neighbours[joint.a][joint.b] = self._neighbours[joint.b][joint.a] = None
         riders = _rotations(model)
         names = [body.name for body in model.bodies if body.name not in riders]
         levels = self._distances(names)
         self.boxes = {name: self._box(name, levels[name], [r for r, host in riders.items() if host == name]) for name in names}
         self._groups: dict[tuple[str, str], list[_Joint]] = {}
-        for both, joint in zip(ends, [*map(self._link, model.links), *map(self._contact, model.contacts)], strict=True):
-            upper, lower = sorted(both, key=lambda end: -levels[end])
+        for joint in joints:
+            upper, lower = sorted((joint.a, joint.b), key=lambda end: -levels[end])
             pair = (lower, upper) if (lower, upper) in self._groups else (upper, lower)
-            self._groups.setdefault(pair, []).append(joint)
+            self._groups.setdefault(pair, []).append(self._joint(joint))
         self._rows = self._stacked(names)
         self._grounded = any(GROUND in pair for pair in self._groups)
         self._place()
@@ -176,7 +176,10 @@ class _Plan:
         # `riders` are rotations of the body without joints of their own.
         model = self._model
         mine = [name, *riders]
-        lines = [f"{'↻ ' if model.body(n).motion == 'rotation' else ''}{n}, {_mass(model, n)}" for n in mine]
+        lines = []
+        for body in map(model.body, mine):
+            mass = f"{body.mass:.3g} {unit_of(f'bodies.{body.name}.mass', model)}".replace("^2", "²")
+            lines.append(f"{'↻ ' if body.motion == 'rotation' else ''}{body.name}, {mass}")
         imposing = [f"drive.{drive.channel}" for drive in model.drives if drive.imposes == name]
         sensors = []
         for sensor in model.sensors:
@@ -194,22 +197,19 @@ class _Plan:
     def _noted(self, path: str) -> str:
         return f" ▸ {self._marks[path]}" if path in self._marks else ""
 
-    def _link(self, link: Link) -> _Joint:
-        blocked = {name for setup in self._model.configurations.values() for name in setup.rigid}
-        path, lines = f"links.{link.name}", [link.name, *(f"({_tag(law)})" for law in link.laws)]
-        parts = ((_spring, link.stiffness or link.laws), (_dashpot, link.damping))
-        symbols = [symbol for symbol, there in parts if there] or [_spring]
-        return self._joint(path, lines, symbols, [path, *(["lock"] if link.name in blocked else [])])
-
-    def _contact(self, contact: Contact) -> _Joint:
-        own = contact.name not in {link.name for link in self._model.links}
-        path, lines = f"contacts.{contact.name}", [f"{contact.name}: friction" if own else "friction", f"({_tag(contact.law)})"]
-        return self._joint(path, lines, [_plates], [path])
-
-    def _joint(self, path: str, lines: list[str], symbols: Sequence[Symbol], marked: Sequence[str]) -> _Joint:
-        # With the sensors of its force, and what is wrong with it.
+    def _joint(self, joint: Link | Contact) -> _Joint:
+        # With the sensors of its force, and what is wrong with it or with its lock.
+        if isinstance(joint, Contact):
+            own = joint.name not in {link.name for link in self._model.links}
+            path, lines = f"contacts.{joint.name}", [f"{joint.name}: friction" if own else "friction", f"({_tag(joint.law)})"]
+            symbols, locked = [_plates], False
+        else:
+            path, lines = f"links.{joint.name}", [joint.name, *(f"({_tag(law)})" for law in joint.laws)]
+            parts = ((_spring, joint.stiffness or joint.laws), (_dashpot, joint.damping))
+            symbols = [symbol for symbol, there in parts if there] or [_spring]
+            locked = any(joint.name in setup.rigid for setup in self._model.configurations.values())
         lines += [f"● {sensor.channel}" for sensor in self._model.sensors if sensor.force_in == path]
-        notes = [f"▸ {self._marks[each]}" for each in marked if each in self._marks]
+        notes = [f"▸ {self._marks[each]}" for each in (path, *(["lock"] * locked)) if each in self._marks]
         return _Joint(path=path, words=[*lines, *notes], symbols=symbols, faulty=bool(notes))
 
     def _least(self, box: _Box) -> float:
@@ -346,10 +346,6 @@ def _rotations(model: RigModel) -> dict[str, str]:
             if name not in own and host in own:
                 found.setdefault(name, host)
     return found
-
-
-def _mass(model: RigModel, name: str) -> str:
-    return f"{model.body(name).mass:.3g} {unit_of(f'bodies.{name}.mass', model)}".replace("^2", "²")
 
 
 def _tag(law: object) -> str:

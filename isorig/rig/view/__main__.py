@@ -14,7 +14,7 @@ import msgspec
 
 from isorig.rig.errors import REFUSALS
 from isorig.rig.view.messages import PageRequest, SessionBegin, SessionState
-from isorig.rig.view.screen import ScreenServer
+from isorig.rig.view.server import ScreenServer
 from isorig.rig.view.sources import watched
 from isorig.rig.view.state import Subject
 

@@ -1,7 +1,7 @@
 """The equations of motion of a run while it is measured: computed in a process of its own, so that the session never waits.
 
-The process, which `isorig.rig.view.equations_watch` starts, reads what the session writes and prints an `EquationsReport` as a
-line of JSON after each reading; it ends when its standard input is closed.
+The process, which the session starts (`isorig.rig.view.process`), reads what the session writes and prints an `EquationsReport`
+as a line of JSON after each reading; it ends when its standard input is closed.
 """
 
 from __future__ import annotations

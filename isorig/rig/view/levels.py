@@ -42,7 +42,6 @@ class Levels:
         self._recent = np.zeros((len(self._names), 0))
         self._first = self._second = np.zeros((len(self._names), 0))
         self.seen = 0
-        self._last: tuple[ChannelLevel, ...] = ()
 
     def add(self, run: Run) -> None:
         """Read the new samples since the last call, up to a whole interval of the trace."""
@@ -55,8 +54,6 @@ class Levels:
 
     def levels(self) -> tuple[ChannelLevel, ...]:
         """The level of each channel."""
-        if self._last:
-            return self._last
         recent = self._recent if self._recent.shape[1] else np.zeros((len(self._names), 1))
         rms, peak = np.sqrt(np.mean(recent**2, axis=1)), np.abs(recent).max(axis=1)
         return tuple(
@@ -69,7 +66,7 @@ class Levels:
 
     def close(self) -> None:
         """Release the samples of the last second; nothing more will be added."""
-        self._last, self._recent = self.levels(), np.zeros((len(self._names), 0))
+        self._recent = np.zeros((len(self._names), 0))
 
     def recent(self) -> dict[str, FloatArray]:
         """The samples of the last second by channel."""

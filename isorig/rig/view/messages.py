@@ -1,14 +1,16 @@
-"""Messages between session, screen and page. All are JSON with fixed fields; anything else is rejected."""
+"""Messages between session, screen and page: JSON with fixed fields, anything else is rejected."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Literal
 
 import msgspec
 
+from isorig.analysis.campaign import BROAD, Run
 from isorig.rig.acquire.equations import EquationsReport
 from isorig.rig.acquire.notes import Note
-from isorig.rig.view.run_list import Planned
+from isorig.rig.acquire.plan import Plan, RunPlan
 
 #: The requests of an operator.
 RequestKind = Literal["stop", "again", "next", "note"]
@@ -16,6 +18,16 @@ RequestKind = Literal["stop", "again", "next", "note"]
 
 class Message(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Any message."""
+
+
+class Planned(msgspec.Struct, frozen=True, kw_only=True):
+    """A run: configuration, gain, duration in seconds, and whether its drive is broad-band."""
+
+    id: str
+    configuration: str
+    gain: float
+    seconds: float
+    broad: bool
 
 
 class SessionBegin(Message, frozen=True):
@@ -89,3 +101,19 @@ class SessionState(Message, frozen=True):
     damaged: int = 0
     notes: tuple[Note, ...] = ()
     equations: EquationsReport | None = None
+
+
+def planned_by(plan: Plan) -> tuple[Planned, ...]:
+    """The runs of a plan in order, each repeat with its own name."""
+    rate = plan.instrument.sample_rate
+    return tuple(_planned(name, run, run.ticks(rate) / rate) for run in plan.runs for name in run.ids())
+
+
+def planned_as(runs: Iterable[Run]) -> tuple[Planned, ...]:
+    """Runs of a recording, as if they were planned."""
+    return tuple(_planned(run.id, run, (len(run) + sum(gap.count for gap in run.gaps)) / run.sample_rate) for run in runs)
+
+
+def _planned(name: str, run: Run | RunPlan, seconds: float) -> Planned:
+    broad = run.excitation in BROAD
+    return Planned(id=name, configuration=run.configuration, gain=run.gain, seconds=seconds, broad=broad)

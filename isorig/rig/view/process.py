@@ -1,7 +1,8 @@
-"""The screen of a session, in a separate process: the session's process never waits for a page.
+"""The other processes of a session: its screen, and that of the equations of motion of its runs.
 
-The two exchange lines of JSON over the screen's standard input and output. First the session sends the subject (`SessionBegin`)
-and the screen sends the address of its page; then the session sends its state, and the screen sends the requests of pages.
+The session's process never waits for them. It exchanges lines of JSON with the screen over the screen's standard input and
+output: first the session sends the subject (`SessionBegin`) and the screen the address of its page; then the session sends its
+state, and the screen the requests of pages.
 """
 
 from __future__ import annotations
@@ -9,108 +10,173 @@ from __future__ import annotations
 import subprocess
 import threading
 import time
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
-from types import TracebackType
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from pathlib import Path
 
 import msgspec
 
+from isorig.rig.acquire.display_thread import DisplayThread
+from isorig.rig.acquire.equations import EquationsReport
+from isorig.rig.acquire.plan import Plan
+from isorig.rig.acquire.session import Decision, Operator, decoupled_operator
+from isorig.rig.acquire.terminal import Terminal, answer_line
 from isorig.rig.errors import OutputError
 from isorig.rig.process.interpreter import python
-from isorig.rig.view.messages import PageRequest, SessionBegin, SessionState
+from isorig.rig.view.messages import PageRequest, SessionBegin, SessionState, planned_by
 from isorig.rig.view.requests import Desk
 
 #: Seconds that the screen has to end; seconds between two messages with the session's state.
 END, PACE = 5.0, 0.1
 
 
-class SessionScreen:
-    """Shows a running session, and passes the requests of pages to the desk.
+@contextmanager
+def viewed(plan: Plan, output: Path, operator: Operator, terminal: Terminal, *, asks: bool) -> Iterator[tuple[Desk, Operator]]:
+    """Show a session on a page during the block; yields the desk, and the operator for the session.
 
-    Attributes
-    ----------
-    address
-        Address of the page.
+    The page does not wait for the operator, whose terminal has its address; `asks` is whether the session does. Raises
+    OutputError if the screen does not start.
     """
+    desk = Desk(planned_by(plan), output, asks=asks)
+    display = DisplayThread()
+    question = ""
 
-    address = ""
+    def ask(standing: SessionState) -> None:
+        # What the session waits for, once for each change.
+        nonlocal question
+        asked = standing.text if standing.phase in ("asks", "finishes") and standing.may else ""
+        if asked and asked != question:
+            display.each(lambda: terminal.asked(standing.run, asked))
+        question = asked
 
-    def __init__(self, desk: Desk) -> None:
-        self._desk = desk
-        self._newest: SessionState | None = desk.standing
-        self._changed = threading.Condition()
-        self._ended = False
-        self._notes = ThreadPoolExecutor(1, "notes")
+    def answer() -> None:
+        while answer_line():
+            desk.ask(PageRequest(do="next", run=desk.standing.run))
 
-    def __enter__(self) -> SessionScreen:
-        # A new interpreter: a forked process would share the instrument's port and the working file.
-        self._process = subprocess.Popen(python("-m", "isorig.rig.view"), stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._input, self._output = self._process.stdin, self._process.stdout
-        try:
-            self._write(SessionBegin(output=str(self._desk.output.absolute()), planned=tuple(self._desk.planned.values())))
-            self.address = msgspec.json.decode(self._output.readline(), type=str)
-        except (OSError, msgspec.DecodeError):
-            self._process.kill()
-            raise OutputError("the screen did not start; measure without --view") from None
-        self._sender = threading.Thread(target=self._send, name="to the screen", daemon=True)
-        self._sender.start()
-        threading.Thread(target=self._receive, name="from the screen", daemon=True).start()
-        self._desk.listeners.append(self._tell)
-        return self
+    try:
+        with session_screen(desk) as address:
+            display.each(lambda: terminal.shown(address))
+            desk.listeners.append(ask)
+            if asks:
+                threading.Thread(target=answer, name="standard input", daemon=True).start()
+            yield desk, desk.operator(decoupled_operator(operator, display))
+        display.settle()
+    finally:
+        display.end()
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self._notes.shutdown()
-        self._desk.over(_ending(error))
-        with self._changed:
-            self._ended = True
-            self._changed.notify_all()
-        self._sender.join(END)
+
+@contextmanager
+def session_screen(desk: Desk) -> Iterator[str]:
+    """Show a running session during the block, and pass the requests of pages to the desk; yields the address of the page. Raises
+    OutputError if the screen does not start."""
+    # A new interpreter: a forked process would share the instrument's port and the working file.
+    process = subprocess.Popen(python("-m", "isorig.rig.view"), stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    to_screen, from_screen = process.stdin, process.stdout
+    assert to_screen is not None
+    assert from_screen is not None
+
+    def write(message: SessionBegin | SessionState) -> None:
+        to_screen.write(msgspec.json.encode(message) + b"\n")
+        to_screen.flush()
+
+    def show(standing: SessionState) -> None:
         with suppress(OSError):
-            if not self._sender.is_alive():
-                self._input.close()
-        try:
-            self._process.wait(END)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+            write(standing)
+            time.sleep(PACE)
 
-    def _tell(self, standing: SessionState) -> None:
-        with self._changed:
-            self._newest = standing
-            self._changed.notify_all()
-
-    def _send(self) -> None:
-        # The pipe may be full if the screen hangs: then only this thread waits.
-        with suppress(OSError):
-            while True:
-                with self._changed:
-                    self._changed.wait_for(lambda: self._newest is not None or self._ended)
-                    newest, self._newest = self._newest, None
-                if newest is None:
-                    return
-                self._write(newest)
-                time.sleep(PACE)
-
-    def _receive(self) -> None:
+    def receive() -> None:
         with suppress(OSError, RuntimeError, msgspec.DecodeError):
-            for line in self._output:
+            for line in from_screen:
                 asked = msgspec.json.decode(line, type=PageRequest)
                 # A note waits for the disk, and no other request waits for a note.
                 if asked.do == "note":
-                    self._notes.submit(self._desk.ask, asked)
+                    notes.submit(desk.ask, asked)
                 else:
-                    self._desk.ask(asked)
+                    desk.ask(asked)
 
-    def _write(self, message: msgspec.Struct) -> None:
-        self._input.write(msgspec.json.encode(message) + b"\n")
-        self._input.flush()
+    def close() -> None:
+        with suppress(OSError):
+            to_screen.close()
+
+    try:
+        write(SessionBegin(output=str(desk.output.absolute()), planned=tuple(desk.planned.values())))
+        address = msgspec.json.decode(from_screen.readline(), type=str)
+    except (OSError, msgspec.DecodeError):
+        process.kill()
+        raise OutputError("the screen did not start; measure without --view") from None
+    # The pipe may be full if the screen hangs: then only this thread waits.
+    sender, notes = DisplayThread(), ThreadPoolExecutor(1, "notes")
+    threading.Thread(target=receive, name="from the screen", daemon=True).start()
+    desk.listeners.append(lambda standing: sender.latest(lambda: show(standing)))
+    sender.latest(lambda: show(desk.standing))
+    ending = "The session has ended."
+    try:
+        yield address
+    except BaseException as error:
+        ending = _ending(error)
+        raise
+    finally:
+        notes.shutdown()
+        desk.over(ending)
+        sender.each(close)
+        sender.settle(END)
+        sender.end()
+        ended(process)
 
 
-def _ending(error: BaseException | None) -> str:
-    if error is None:
-        return "The session has ended."
+@contextmanager
+def equations_watched(
+    output: Path, operator: Operator, tell: Callable[[EquationsReport], None], *, until_known: bool
+) -> Iterator[Operator]:
+    """Compute the equations of motion of a session's runs during the block; yields the operator for the session.
+
+    `tell` receives each message in another thread. With `until_known`, a run ends as soon as its equations give a certain answer.
+    """
+    process = subprocess.Popen(
+        python("-m", "isorig.rig.view.equations_process", str(output.absolute())), stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
+    closes, lines = process.stdin, process.stdout
+    assert closes is not None
+    assert lines is not None
+    current, known = "", False  # the run that is measured, and whether its equations have given a certain answer
+
+    def listen() -> None:
+        nonlocal known
+        with suppress(OSError, ValueError, msgspec.DecodeError):
+            for line in lines:
+                message = msgspec.json.decode(line, type=EquationsReport)
+                if message.run == current and not known:
+                    known = message.known
+                    tell(message)
+
+    def decide(name: str) -> Decision:
+        nonlocal current, known
+        decision = operator.decide(name)
+        if decision == "take":
+            current, known = name, False
+        return decision
+
+    threading.Thread(target=listen, name="equations of motion", daemon=True).start()
+    try:
+        yield replace(operator, decide=decide, answered=lambda: until_known and known)
+    finally:
+        with suppress(OSError):
+            closes.close()
+        ended(process)
+
+
+def ended(process: subprocess.Popen[bytes]) -> None:
+    """Wait until a process whose standard input is closed ends; kill it after `END`."""
+    try:
+        process.wait(END)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
+def _ending(error: BaseException) -> str:
     if isinstance(error, SystemExit):
         return "The session was ended by the system or by closing its terminal."
     if isinstance(error, KeyboardInterrupt):

@@ -17,8 +17,7 @@ from isorig.rig.acquire.measure_run import LiveState
 from isorig.rig.acquire.notes import MOST, add_note, notes_in, separate_notes
 from isorig.rig.acquire.session import Decision, MeasuredRun, Operator
 from isorig.rig.errors import OutputError
-from isorig.rig.view.messages import Judgement, PageRequest, RequestKind, SessionState
-from isorig.rig.view.run_list import Planned
+from isorig.rig.view.messages import Judgement, PageRequest, Planned, RequestKind, SessionState
 
 #: Seconds between two checks for the operator's answer, so that Ctrl-C is handled meanwhile.
 LISTEN = 0.2
@@ -38,27 +37,18 @@ class Desk:
     asks
         Whether the session waits for the operator when an action may be needed: before the first run, when the configuration
         changes, and after a run that was stopped or has a fault.
-
-    Attributes
-    ----------
-    planned
-        The session's runs by name.
-    listeners
-        Called with the state of the session at each change; they must not block.
     """
 
     def __init__(self, planned: tuple[Planned, ...], output: Path, *, asks: bool) -> None:
         self.planned = {item.id: item for item in planned}
         self.output, self._asks = output, asks
+        #: Called with the state of the session at each change; they must not block.
         self.listeners: list[Callable[[SessionState], None]] = []
         self._changed = threading.Condition()
-        # The runs that this session has measured; in a resumed session, earlier runs are repeated on request only.
-        self._past: set[str] = set()
         self._again = ""
         self._answers: list[RequestKind] = []
         self._stop = False
         self._set_up = ""
-        self._last = ""
         # The started run, until it is reported as measured.
         self._begun = ""
         self._standing = SessionState(notes=tuple(dict.fromkeys([*notes_in(output), *separate_notes(output)])))
@@ -90,7 +80,8 @@ class Desk:
     def decide(self, name: str) -> Decision:
         """Decides on the next run."""
         self._settle()
-        if name != self._again and name in self._past:
+        # Runs of this session are repeated on request only, also once it is resumed.
+        if name != self._again and name in self._standing.judged:
             return "skip"
         if self._again:
             if name != self._again:
@@ -121,9 +112,9 @@ class Desk:
         If the operator is asked, this waits at the end of the plan until the session is finished or a run is to be repeated.
         """
         self._settle()
-        if not self._again and self._asks and self._last:
-            text = f"All runs of the plan are measured. Finish the session, or repeat {self._last}."
-            self._wait("finishes", self._last, text)
+        if not self._again and self._asks and self._standing.last:
+            text = f"All runs of the plan are measured. Finish the session, or repeat {self._standing.last}."
+            self._wait("finishes", self._standing.last, text)
         return self._again
 
     def ask(self, request: PageRequest) -> bool:
@@ -138,7 +129,7 @@ class Desk:
             if request.do == "stop":
                 self._stop, text = True, f"{now.run} is being stopped."
             elif request.do == "again":
-                self._again = now.run if now.phase == "measures" else self._last
+                self._again = now.run if now.phase == "measures" else self._standing.last
                 text = f"{self._again} will be repeated."
             self._change(text=text, may=tuple(item for item in now.may if item != request.do))
             if now.phase in ("asks", "finishes"):
@@ -157,20 +148,20 @@ class Desk:
             self._begun = ""
 
     def _must_ask(self, name: str) -> bool:
-        last = self._standing.judged.get(self._last)
+        last = self._standing.judged.get(self._standing.last)
         return last is None or not last.good or self.planned[name].configuration != self._set_up
 
     def _question(self, name: str) -> str:
         run = self.planned[name]
         same = run.configuration == self._set_up
         begin = "Start" if same else f"Bring the rig into the configuration {run.configuration!r}, then start"
-        otherwise = f", or repeat {self._last}." if self._last else "."
+        otherwise = f", or repeat {self._standing.last}." if self._standing.last else "."
         return f"{begin} {name} (gain {run.gain:g}, {run.seconds:g} s){otherwise}"
 
     def _wait(self, phase: str, name: str, question: str) -> RequestKind:
         with self._changed:
             self._answers.clear()
-            may: tuple[RequestKind, ...] = ("next", "again", "note") if self._last else ("next", "note")
+            may: tuple[RequestKind, ...] = ("next", "again", "note") if self._standing.last else ("next", "note")
             self._change(phase=phase, run=name, may=may, text=question)
             while not self._answers:
                 self._changed.wait(LISTEN)
@@ -188,9 +179,8 @@ class Desk:
 
     def _taken(self, item: MeasuredRun) -> None:
         with self._changed:
-            self._last, self._begun = item.id, ""
+            self._begun = ""
             self._changed.notify_all()
-            self._past.add(item.id)
             judged = {**self._standing.judged, item.id: Judgement(good=item.verdict.good, advice=item.verdict.advice)}
             stopped = (*self._standing.stopped, item.id) if self._stop else self._standing.stopped
             self._change(phase="checks", last=item.id, judged=judged, stopped=stopped, may=("note",))

@@ -12,7 +12,7 @@ from isorig.analysis.errors import DataError
 from isorig.analysis.isolation.ratio import magnitude_ratio
 from isorig.analysis.spectra.welch import Frf, RunningSpectra, Spectra, averages_in, merged
 from isorig.rig.report.charts import spread_over, unjoined
-from isorig.rig.view.run_list import Planned
+from isorig.rig.view.messages import Planned
 
 #: Frequency resolution, Hz: fine enough for the rig's modes, and the first average is complete after two seconds.
 RESOLUTION = 0.5

@@ -1,4 +1,4 @@
-"""The page and its socket on the loopback interface: access control, validation of requests, and the newest frame for each page.
+"""The page about a session on the loopback interface: what it shows is read in a thread; who may see it, and what it may ask.
 
 A page is sent a frame after it has drawn the previous one, so a slow page misses frames and delays nothing.
 """
@@ -7,25 +7,33 @@ from __future__ import annotations
 
 import asyncio
 import hmac
+import logging
 import secrets
+import struct
+import threading
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 from tornado.httpserver import HTTPServer
 from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from isorig.rig.view.frames import frame
-from isorig.rig.view.messages import FrameDrawn, PageRequest
-from isorig.rig.view.snapshot import Plot
+from isorig.rig.errors import RigError
+from isorig.rig.view.messages import FrameDrawn, PageRequest, SessionState
+from isorig.rig.view.snapshot import Board, Plot, Snapshot
+from isorig.rig.view.sources import Reading
+from isorig.rig.view.state import Subject, state_of
 
-#: Seconds between two frames.
-FRAME = 0.2
+#: Seconds between two frames, and for sending the last frame to the pages.
+FRAME, LAST = 0.2, 1.5
+#: Consecutive failed readings before the screen gives up.
+PATIENCE = 10
 #: Maximum size of a message from a page, bytes.
 MESSAGE = 4096
 HERE = Path(__file__).parent
@@ -51,36 +59,33 @@ class PageTally:
     dropped: int = 0
 
 
-@dataclass
-class Server:
-    """Serves one screen to at most `most_pages` pages; one that has not drawn its last frame for `stalled` seconds is
-    disconnected.
+class ScreenServer:
+    """One page about one session or recording, in at most `most_pages` browsers; one that has not drawn its last frame for
+    `stalled` seconds is disconnected.
 
-    `content` gives the current state and plots, and `ask` is called with the requests of a page.
+    Its readings of the measured data are taken in a separate thread; `ask` is called with the requests of a page.
     """
 
-    content: Callable[[], tuple[dict[str, Any], dict[str, Plot]]]
-    ask: Callable[[PageRequest], None]
-    stalled: float = 30.0
-    most_pages: int = 8
-    token: str = field(default_factory=lambda: secrets.token_urlsafe(24))
-    tally: PageTally = field(default_factory=PageTally)
-    pages: set[_Socket] = field(default_factory=set)
-    port: int = 0
+    def __init__(
+        self, subject: Subject, readings: Iterator[Reading], ask: Callable[[PageRequest], None] = lambda asked: None
+    ) -> None:
+        self._subject, self._readings, self.ask = subject, readings, ask
+        self._board = Board(subject.planned, judge=subject.mode != "session")
+        self._picture = Snapshot()
+        self._standing: SessionState | None = SessionState() if subject.mode == "session" else None
+        self._failed: Exception | None = None
+        self.token, self.port = secrets.token_urlsafe(24), 0
+        self.pages: set[_Socket] = set()
+        self.tally, self.stalled, self.most_pages = PageTally(), 30.0, 8
 
-    def listen(self) -> str:
-        """Start listening on a free port of 127.0.0.1; returns the page's address."""
-        given = {"server": self}
-        application = Application(
-            [(r"/([\w-]{1,99})/live", _Socket, given), (r"/([\w-]{1,99})/([\w.]{0,20})", _File, given)],
-            default_handler_class=_Nothing, default_handler_args=given, websocket_max_message_size=MESSAGE,
-            websocket_ping_interval=20.0, log_function=lambda handler: None,
-        )  # fmt: skip
-        sockets = bind_sockets(0, "127.0.0.1")
-        self.port = sockets[0].getsockname()[1]
-        self._http = HTTPServer(application, max_header_size=1 << 14, max_body_size=MESSAGE, idle_connection_timeout=60.0)
-        self._http.add_sockets(sockets)
-        return f"http://127.0.0.1:{self.port}/{self.token}/"
+    def stand(self, standing: SessionState) -> None:
+        """Update the session's state."""
+        self._standing = standing
+
+    def run(self, over: Callable[[], bool], listening: Callable[[str], None]) -> PageTally:
+        """Serve the page until `over` returns True; `listening` is called with its address. Returns what pages have drawn. Raises
+        RigError or AnalysisError if the data to be shown cannot be read."""
+        return asyncio.run(self._run(over, listening))
 
     def allows(self, host: str, origin: str | None, token: str, *, socket: bool) -> bool:
         """Whether a request comes from this screen's own page: checks its host, its origin and the token of its address."""
@@ -89,26 +94,67 @@ class Server:
         # A browser always sends the origin of a socket; if there is one, it must be this host.
         return own and (origin == f"http://{host}" if socket or origin is not None else True)
 
-    def show(self) -> None:
-        """Send the newest frame to every page that has drawn its last one."""
-        ready = [page for page in list(self.pages) if page.ready()]
-        if not ready:
-            return
-        state, plots = self.content()
-        for page in ready:
-            page.send(state, plots)
-
-    async def close(self) -> None:
-        """Disconnect all pages."""
-        self._http.stop()
+    async def _run(self, over: Callable[[], bool], listening: Callable[[str], None]) -> PageTally:
+        # Refused requests are not logged in the terminal, where the session prints.
+        logging.getLogger("tornado").setLevel(logging.ERROR)
+        given = {"server": self}
+        application = Application(
+            [(r"/([\w-]{1,99})/live", _Socket, given), (r"/([\w-]{1,99})/([\w.]{0,20})", _File, given)],
+            default_handler_class=_Guarded, default_handler_args=given, websocket_max_message_size=MESSAGE,
+            websocket_ping_interval=20.0, log_function=lambda handler: None,
+        )  # fmt: skip
+        sockets = bind_sockets(0, "127.0.0.1")
+        self.port = sockets[0].getsockname()[1]
+        http = HTTPServer(application, max_header_size=1 << 14, max_body_size=MESSAGE, idle_connection_timeout=60.0)
+        http.add_sockets(sockets)
+        threading.Thread(target=self._read, name="screen's readings", daemon=True).start()
+        listening(f"http://127.0.0.1:{self.port}/{self.token}/")
+        while not over() and self._failed is None:
+            self._show()
+            await asyncio.sleep(FRAME)
+        for _ in range(round(LAST / FRAME) if self.pages else 0):
+            self._show()
+            await asyncio.sleep(FRAME)
+        http.stop()
         for page in list(self.pages):
             page.close(1001, "the screen has ended")
         await asyncio.sleep(0.05)
-        await self._http.close_all_connections()
+        await http.close_all_connections()
+        if self._failed is not None:
+            raise self._failed
+        return self.tally
+
+    def _show(self) -> None:
+        # The newest frame, to every page that has drawn its last one.
+        ready = [page for page in list(self.pages) if page.ready()]
+        if ready:
+            picture = self._picture
+            state = state_of(self._subject, picture, self._standing)
+            for page in ready:
+                page.send(state, picture.plots)
+
+    def _read(self) -> None:
+        unread = 0
+        try:
+            for reading in self._readings:
+                try:
+                    self._board.see(reading, self._publish)
+                    unread = 0
+                except (RigError, OSError, RuntimeError):
+                    # It was read between two writes; the next reading is complete.
+                    unread += 1
+                    if unread >= PATIENCE:
+                        raise
+        except Exception as error:
+            # Raised in the loop of the page, which would otherwise freeze without a message.
+            self._failed = error
+
+    def _publish(self, picture: Snapshot) -> None:
+        self._picture = picture
 
 
 class _Guarded(RequestHandler):
-    def initialize(self, server: Server) -> None:
+    def initialize(self, server: ScreenServer) -> None:
         self.server = server
 
     def set_default_headers(self) -> None:
@@ -127,11 +173,6 @@ class _Guarded(RequestHandler):
         self.finish("This is not the address of the screen; open the one that the session printed.\n")
 
 
-class _Nothing(_Guarded):
-    def get(self) -> None:
-        raise HTTPError(404)
-
-
 class _File(_Guarded):
     def get(self, token: str, name: str) -> None:
         if name not in FILES:
@@ -144,9 +185,9 @@ class _File(_Guarded):
 class _Socket(_Guarded, WebSocketHandler):
     """The connection of a page."""
 
-    def initialize(self, server: Server) -> None:
+    def initialize(self, server: ScreenServer) -> None:
         super().initialize(server)
-        self._sent: dict[str, int] = {}
+        self._sent: dict[str, Plot] = {}
         self._frame = self._drawn = 0
         self._since = time.monotonic()
 
@@ -176,9 +217,9 @@ class _Socket(_Guarded, WebSocketHandler):
             self.close(1013, "the page did not respond")
         return False
 
-    def send(self, state: dict[str, Any], plots: dict[str, Plot]) -> None:
+    def send(self, state: dict[str, Any], plots: Mapping[str, Plot]) -> None:
         """Send the state, and the plots that are new to it."""
-        new = {name: plot for name, plot in plots.items() if self._sent.get(name) != plot.version}
+        new = {name: plot for name, plot in plots.items() if self._sent.get(name) is not plot}
         self._frame += 1
         self._since = time.monotonic()
         try:
@@ -186,7 +227,7 @@ class _Socket(_Guarded, WebSocketHandler):
         except WebSocketClosedError:
             self.server.pages.discard(self)
             return
-        self._sent |= {name: plot.version for name, plot in new.items()}
+        self._sent |= new
 
     def on_message(self, message: str | bytes) -> None:
         """The page has drawn a frame, or sends a request; any other message ends the connection."""
@@ -201,3 +242,36 @@ class _Socket(_Guarded, WebSocketHandler):
             self._drawn = said.frame
             self.server.tally.frames += 1
             self.server.tally.values += said.values
+
+
+def frame(number: int, state: Mapping[str, Any], plots: Mapping[str, Plot]) -> bytes:
+    """A frame as bytes: a header in JSON, and the numbers of the plots that have changed, as float32.
+
+    ::
+
+        uint32 little-endian   length of the header in bytes, a multiple of 4
+        header                 JSON, padded with spaces: {"frame": 7, "state": {...}, "plots": {"frf": {"names": [...],
+                               "rows": 16, "points": 600, "at": 0}}}
+        float32 little-endian  the plots' rows in sequence; "at" is the index of the first number of a plot
+    """
+    at, heads, numbers = 0, {}, []
+    for name, plot in plots.items():
+        rows, points = plot.rows.shape
+        heads[name] = {"names": plot.names, "rows": rows, "points": points, "at": at}
+        numbers.append(plot.rows.astype("<f4").tobytes())
+        at += plot.rows.size
+    head = msgspec.json.encode({"frame": number, "state": state, "plots": heads})
+    head += b" " * (-len(head) % 4)
+    return b"".join([struct.pack("<I", len(head)), head, *numbers])
+
+
+def read_frame(message: bytes) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Header and plots of a message, for programs other than browsers."""
+    (length,) = struct.unpack_from("<I", message)
+    head = msgspec.json.decode(message[4 : 4 + length])
+    numbers = np.frombuffer(message, "<f4", offset=4 + length)
+    plots = {
+        name: numbers[about["at"] : about["at"] + about["rows"] * about["points"]].reshape(about["rows"], about["points"])
+        for name, about in head["plots"].items()
+    }
+    return head, plots

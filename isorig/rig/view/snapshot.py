@@ -20,9 +20,8 @@ from isorig.rig.acquire.run_check import check_run, least_sliding
 from isorig.rig.errors import RigError
 from isorig.rig.files.rigfile import rig_of
 from isorig.rig.view.levels import ChannelLevel, Levels
-from isorig.rig.view.messages import Judgement
+from isorig.rig.view.messages import Judgement, Planned
 from isorig.rig.view.responses import RESOLUTION, GrowingSpectra, groups_of, ratio_rows, transfer_rows
-from isorig.rig.view.run_list import Planned
 from isorig.rig.view.sources import Reading, beginning_of
 from isorig.rig.wire_bonder.description import wire_bonder
 
@@ -33,9 +32,8 @@ PART, LONGEST = 1 << 20, 1 << 24
 
 
 class Plot(msgspec.Struct, frozen=True, kw_only=True):
-    """Rows of numbers to plot, the first along x; the names of the columns; and a number that changes when they do."""
+    """Rows of numbers to plot, the first along x, and the names of the columns."""
 
-    version: int
     names: tuple[str, ...]
     rows: NDArray[np.float32]
 
@@ -53,22 +51,11 @@ class ShownRun(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, kw_only=True)
 class Snapshot:
-    """All displayed content after a reading.
+    """All displayed content after a reading: the started runs, and the plots, by name, and findings on the current run.
 
-    Parameters
-    ----------
-    runs
-        The started runs, by name.
-    shown
-        The run whose levels and traces are shown; empty before the first.
-    grown
-        Arrival time of its last samples, monotonic clock.
-    plots
-        The plots by name.
-    averaged, isolated
-        Progress of the transfer functions, and state of the ratio of two configurations, in a sentence each.
-    advice
-        Findings on the current run.
+    `shown` is the run whose levels and traces are shown (empty before the first), and `grown` the arrival time of its last
+    samples on the monotonic clock. `averaged` and `isolated` are sentences on the progress of the transfer functions, and on the
+    ratio of two configurations.
     """
 
     runs: Mapping[str, ShownRun] = field(default_factory=dict)
@@ -86,22 +73,9 @@ class _Track:
     def __init__(self, run: Run, drive: str) -> None:
         self.started: datetime | None = run.started
         self.levels, self.response = Levels(run), GrowingSpectra(run, drive)
-        self.planned = Planned(id=run.id, configuration=run.configuration, gain=run.gain, seconds=0.0, broad=False)
-        self.n = self.lost = 0
-        self.drawn = (0, 0)
-        self.rate = run.sample_rate
-        self.whole = False
-        self.judged: Judgement | None = None
-
-    @property
-    def seconds(self) -> float:
-        return (self.n + self.lost) / self.rate
-
-    def shown(self) -> ShownRun:
-        return ShownRun(
-            planned=self.planned, seconds=self.seconds, lost=self.lost, levels=self.levels.levels(), whole=self.whole,
-            judged=self.judged,
-        )  # fmt: skip
+        self.n, self.drawn = 0, (0, 0)
+        planned = Planned(id=run.id, configuration=run.configuration, gain=run.gain, seconds=0.0, broad=False)
+        self.shown = ShownRun(planned=planned, seconds=0.0, lost=0, levels=(), whole=False, judged=None)
 
 
 class Board:
@@ -112,7 +86,6 @@ class Board:
         self._judge = judge
         self._tracks: dict[str, _Track] = {}
         self._picture = Snapshot()
-        self._version = 0
         self._rig = wire_bonder()
         self._whole: tuple[Run, ...] = ()
 
@@ -132,7 +105,7 @@ class Board:
             for stop in range(track.n + PART, len(run), PART):
                 self._add(track, beginning_of(run, stop), whole=False)
                 publish(self._picture)
-            if len(run) > track.n or whole > track.whole:
+            if len(run) > track.n or whole > track.shown.whole:
                 self._add(track, run, whole=whole)
                 publish(self._picture)
 
@@ -142,19 +115,23 @@ class Board:
         # Not added to the previous data: a reading that failed halfway may have added some.
         drawn, track.drawn = track.drawn, (track.levels.seen, track.response.segments)
         new, averaged = (now != before for now, before in zip(track.drawn, drawn, strict=True))
-        track.n, track.lost = len(run), sum(gap.count for gap in run.gaps)
-        # The planned gain; the streamed gain is stored with the samples.
-        track.planned = self._planned.get(run.id, track.planned)
-        if whole and not track.whole:
-            track.whole = True
-            track.judged = self._judged(track, run) if self._judge and len(run) <= LONGEST else None
+        track.n, lost = len(run), sum(gap.count for gap in run.gaps)
+        judged = track.shown.judged
+        if whole and not track.shown.whole:
+            judged = self._judged(run, lost) if self._judge and len(run) <= LONGEST else None
             track.response.close()
+        track.shown = ShownRun(
+            # The planned gain; the streamed gain is stored with the samples.
+            planned=self._planned.get(run.id, track.shown.planned), seconds=(len(run) + lost) / run.sample_rate, lost=lost,
+            levels=track.levels.levels() if new or not track.shown.levels else track.shown.levels,
+            whole=whole or track.shown.whole, judged=judged,
+        )  # fmt: skip
         plots = dict(self._picture.plots)
         if new or self._picture.shown != run.id:
-            plots["time"] = self._plot(track.levels.recent().keys(), track.levels.trace())
+            plots["time"] = _plot(track.levels.recent(), track.levels.trace())
         texts = self._averages(plots, track) if averaged or run.id != self._picture.shown else {}
         self._picture = replace(
-            self._picture, runs={name: item.shown() for name, item in self._tracks.items()}, shown=run.id, plots=plots,
+            self._picture, runs={name: item.shown for name, item in self._tracks.items()}, shown=run.id, plots=plots,
             grown=time.monotonic() if new else self._picture.grown, advice=tuple(_advice(track, run, self._rig)), **texts,
         )  # fmt: skip
 
@@ -165,29 +142,29 @@ class Board:
         texts: dict[str, str] = {}
         here = groups.get((track.response.configuration, track.response.gain))
         if here is not None:
-            plots["frf"] = self._plot(*transfer_rows(here))
+            plots["frf"] = _plot(*transfer_rows(here))
             texts["averaged"] = here.text(alone=len(self._rig.configurations) == 1)
         ratio = ratio_rows(groups, response, drive, (over[0], over[1])) if len(over) == 2 else None
         if ratio is not None:
-            plots["isolation"] = self._plot(*ratio)
+            plots["isolation"] = _plot(*ratio)
             texts["isolated"] = f"|{response} / {drive}|, {over[0]} divided by {over[1]}, at {', '.join(ratio[0])}."
         return texts
 
-    def _plot(self, names: Iterable[str], rows: FloatArray) -> Plot:
-        self._version += 1
-        return Plot(version=self._version, names=tuple(names), rows=rows.astype(np.float32))
-
-    def _judged(self, track: _Track, run: Run) -> Judgement:
+    def _judged(self, run: Run, lost: int) -> Judgement:
         planned = self._planned.get(run.id)
-        asked = len(run) + track.lost if planned is None else round(planned.seconds * run.sample_rate)
+        asked = len(run) + lost if planned is None else round(planned.seconds * run.sample_rate)
         verdict = check_run(
             Recovered(
-                id=run.id, finished=len(run) + track.lost >= asked, begun=True, run=run, stored=len(run), lost=track.lost,
+                id=run.id, finished=len(run) + lost >= asked, begun=True, run=run, stored=len(run), lost=lost,
                 planned=asked, overloads=0, planned_gain=run.gain if planned is None else planned.gain, drift=None,
             ),
             rig=self._rig, others=[other for other in self._whole if other.id != run.id],
         )  # fmt: skip
         return Judgement(good=verdict.good, advice=verdict.advice)
+
+
+def _plot(names: Iterable[str], rows: FloatArray) -> Plot:
+    return Plot(names=tuple(names), rows=rows.astype(np.float32))
 
 
 def _rig(campaign: Campaign) -> RigModel:
@@ -205,13 +182,13 @@ def _missing_ratio(rig: RigModel) -> str:
 
 
 def _advice(track: _Track, run: Run, rig: RigModel) -> Iterator[str]:
-    if track.lost:
-        yield f"{track.lost} samples were lost in transmission so far."
-    levels = track.levels.levels()
+    if track.shown.lost:
+        yield f"{track.shown.lost} samples were lost in transmission so far."
+    levels = track.shown.levels
     for level in levels:
         if level.over:
             yield f"{level.name} reached the end of its range; choose a larger range or a lower gain."
-    if track.seconds < EARLY:
+    if track.shown.seconds < EARLY:
         return
     inside = {level.name: level.held for level in levels if not level.over}
     yield from advice(inside, {level.name: level.full for level in levels if level.full is not None})

@@ -9,12 +9,10 @@ from typing import Any, Literal
 
 import msgspec
 
-from isorig.rig.acquire.equations import EquationsReport
 from isorig.rig.acquire.notes import Note
 from isorig.rig.acquire.policy import LARGE_SHARE, SMALL_SHARE
 from isorig.rig.view.levels import ChannelLevel
-from isorig.rig.view.messages import Judgement, SessionState
-from isorig.rig.view.run_list import Planned
+from isorig.rig.view.messages import Judgement, Planned, SessionState
 from isorig.rig.view.snapshot import ShownRun, Snapshot
 
 #: Mode of the screen: its own session, a session in another terminal, or playback of a recording.
@@ -54,14 +52,12 @@ def state_of(subject: Subject, picture: Snapshot, standing: SessionState | None)
         "limits": [SMALL_SHARE, LARGE_SHARE], "averaged": picture.averaged, "isolated": picture.isolated,
         "advice": list(picture.advice) if lasting and picture.advice else _advice(picture, judged),
         "verdict": _verdict(subject, {name: judged[name] for name in picture.runs if name in judged}), "runs": runs,
-        "equations": None if told.equations is None else _equations(told.equations),
+        "equations": None if told.equations is None else {
+            "text": told.equations.sentence, "limit": told.equations.limit,
+            "bars": [{"name": name, "residual": value} for name, value in told.equations.residuals.items()],
+        },
         "notes": msgspec.to_builtins(told.notes),
     }  # fmt: skip
-
-
-def _equations(told: EquationsReport) -> dict[str, Any]:
-    bars = [{"name": name, "residual": value} for name, value in told.residuals.items()]
-    return {"text": told.sentence, "limit": told.limit, "bars": bars}
 
 
 def _phase(subject: Subject, picture: Snapshot, age: float | None) -> str:

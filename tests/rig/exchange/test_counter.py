@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from isorig.rig.cli import main
-from isorig.rig.exchange.clock import BREAKS_MOST
-from isorig.rig.exchange.counter import CYCLE_LEAST, sample_counter
+from isorig.rig.exchange.clock import BREAKS_MOST, CYCLE_LEAST, sample_counter
 from isorig.rig.exchange.table import Column
 from isorig.rig.files.recording import read
 

@@ -104,10 +104,10 @@ def test_page_says_what_changed_when_by_how_much_and_why(page: str) -> None:
 
 def test_sparklines_stay_small() -> None:
     many = Sparkline(values=np.arange(500.0), description="rising", marked=[3, 499])
-    assert len(many.points.split()) == MOST
+    assert len(many.places) == MOST
     assert len(many.dots) == 1
-    assert Sparkline(values=np.array([2.0]), description="one", marked=[0]).points == "32,10"
-    assert {p.split(",")[1] for p in Sparkline(values=np.full(5, 1.0), description="level").points.split()} == {"10"}
+    assert Sparkline(values=np.array([2.0]), description="one", marked=[0]).places == [(32.0, 10.0)]
+    assert {y for _, y in Sparkline(values=np.full(5, 1.0), description="level").places} == {10.0}
 
 
 def test_a_cause_that_the_diagnosis_names_is_the_cause_of_the_change(tmp_path: Path) -> None:

@@ -12,9 +12,8 @@ from contextlib import contextmanager
 from typing import Any
 from urllib.parse import urlsplit
 
-from isorig.rig.view.frames import read_frame
 from isorig.rig.view.messages import PageRequest, SessionState
-from isorig.rig.view.screen import ScreenServer
+from isorig.rig.view.server import ScreenServer, read_frame
 from isorig.rig.view.sources import Reading
 from isorig.rig.view.state import Subject
 

@@ -18,11 +18,10 @@ from isorig.analysis.campaign import Campaign, Channel, Gap, Run
 from isorig.analysis.spectra.welch import estimate
 from isorig.rig.acquire.notes import notes_in
 from isorig.rig.files.recording import write
-from isorig.rig.view.frames import frame, read_frame
 from isorig.rig.view.levels import Levels
-from isorig.rig.view.messages import Judgement, SessionState
+from isorig.rig.view.messages import Judgement, Planned, SessionState, planned_as
 from isorig.rig.view.responses import MEMORY, RESOLUTION, AveragedRuns, GrowingSpectra
-from isorig.rig.view.run_list import Planned, planned_as
+from isorig.rig.view.server import frame, read_frame
 from isorig.rig.view.snapshot import Board, Snapshot
 from isorig.rig.view.sources import Reading, beginning_of, replayed, watched
 from isorig.rig.view.state import Subject, state_of

@@ -21,10 +21,9 @@ from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.session import Operator, acquire
 from isorig.rig.acquire.terminal import Terminal
 from isorig.rig.files.recording import read
-from isorig.rig.view.messages import PageRequest, SessionState
+from isorig.rig.view.messages import PageRequest, SessionState, planned_by
+from isorig.rig.view.process import viewed
 from isorig.rig.view.requests import Desk
-from isorig.rig.view.run_list import planned_by
-from isorig.rig.view.with_screen import viewed
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "acquire"))
 from ramps import Watcher, plan_of, ramp_instrument

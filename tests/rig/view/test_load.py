@@ -22,9 +22,9 @@ from plans import plan_text
 from isorig.rig.acquire.session import acquire
 from isorig.rig.cli import main
 from isorig.rig.files.recording import read
-from isorig.rig.view.process import SessionScreen
+from isorig.rig.view.messages import planned_by
+from isorig.rig.view.process import session_screen
 from isorig.rig.view.requests import Desk
-from isorig.rig.view.run_list import planned_by
 from isorig.rig.virtual.demo import virtual_instrument
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "acquire"))
@@ -62,9 +62,9 @@ def test_nothing_is_lost_at_the_full_rate(tmp_path: Path, trouble: str) -> None:
     desk = Desk(planned_by(plan), output, asks=False)
     frames: list[int] = []
     with ramp_instrument(speed=1.0, rows=64, inputs=INPUTS) as (port, instrument):
-        with SessionScreen(desk) as screen:
+        with session_screen(desk) as address:
             beside = screen_process()
-            quick, *still = (Socket(screen.address) for _ in range(6))
+            quick, *still = (Socket(address) for _ in range(6))
             thread = threading.Thread(target=answering, args=(quick, frames), daemon=True)
             thread.start()
             if trouble != "pages that stand still":

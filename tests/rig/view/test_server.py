@@ -49,7 +49,7 @@ def test_only_the_page_itself_is_served() -> None:
             assert request(screen.address, Host=host)[0] in (400, 403)
         assert request(screen.address, Host=f"localhost:{parts.port}")[0] == 200
         assert request(screen.address, Origin="http://evil.example")[0] == 403
-        assert len(screen.screen._server.token) >= 32
+        assert len(screen.screen.token) >= 32
         if sys.platform == "linux":
             # All of 127/8 is this machine; what listens on every address would answer here.
             with pytest.raises(ConnectionRefusedError):
@@ -106,7 +106,7 @@ def test_only_what_has_the_form_of_a_wish_is_handed_on() -> None:
 
 def test_a_page_that_is_slow_gets_the_newest_frame_and_nothing_waits_for_it() -> None:
     with served(growing(8.0), standing=NOW) as screen:
-        screen.screen._server.stalled = 2.0
+        screen.screen.stalled = 2.0
         quick, slow, still = (Socket(screen.address) for _ in range(3))
         still.frame(answer=False)
         first, _ = slow.frame(answer=False)
@@ -119,7 +119,7 @@ def test_a_page_that_is_slow_gets_the_newest_frame_and_nothing_waits_for_it() ->
         latest = max(plot["time"][0].max() for _, plot in seen if "time" in plot)
         assert plots["time"][0].max() >= latest - 0.2
         # A page that stands still is let go, the others go on.
-        tally = screen.screen._server.tally
+        tally = screen.screen.tally
         while tally.dropped < 2:
             assert quick.frame()[0]["state"]["phase"] == "measures"
         assert (slow.ended(), still.ended()) == (1013, 1013)
@@ -137,14 +137,14 @@ def test_a_page_cannot_say_that_it_has_drawn_what_it_was_not_sent() -> None:
         page.say({"say": "drawn", "frame": head["frame"], "values": 10})
         page.say({"say": "drawn", "frame": head["frame"], "values": 10})
         page.frame(answer=False)
-        assert screen.screen._server.tally.values == 10
+        assert screen.screen.tally.values == 10
 
 
 def test_too_many_pages_are_refused() -> None:
     with served(standing=NOW) as screen:
-        screen.screen._server.most_pages = 2
+        screen.screen.most_pages = 2
         pages = [Socket(screen.address) for _ in range(3)]
         assert pages[2].read()[0] == 8
         pages[0].close()
-        until(lambda: len(screen.screen._server.pages) == 1)
+        until(lambda: len(screen.screen.pages) == 1)
         assert Socket(screen.address).frame()[0]["frame"] == 1

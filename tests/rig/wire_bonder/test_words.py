@@ -26,7 +26,7 @@ EXCEPTIONS = {
     "rig/exchange/draft.py": "recognizes its channels by the names of columns",
     "rig/files/parameter_table.py": "names of its parameters in a file format",
     "rig/files/recording.py": "required channels of a recording without a description",
-    "rig/report/advice.py": "advice on its page", "rig/report/first.py": "first screen of its page",
+    "rig/report/first.py": "first screen of its page, and the advice on it",
     "rig/report/frequency.py": "section of its page", "rig/report/measurement.py": "section of its page",
 }  # fmt: skip
 

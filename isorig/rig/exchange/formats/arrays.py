@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from isorig.rig.errors import RecordingError
-from isorig.rig.exchange.missing import completed
+from isorig.rig.exchange.clock import completed
 from isorig.rig.exchange.table import AGAIN, ForeignTable, Format
 from isorig.rig.exchange.tree import NAMES, table_of
 from isorig.rig.files.hdf_walk import EXPANSION, SPARE

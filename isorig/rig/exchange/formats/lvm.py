@@ -10,9 +10,8 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.rig.errors import RecordingError
-from isorig.rig.exchange.clock import column_rate
+from isorig.rig.exchange.clock import column_rate, completed
 from isorig.rig.exchange.formats.text import FILE_MOST, decoded
-from isorig.rig.exchange.missing import completed
 from isorig.rig.exchange.table import Column, ForeignTable, Format
 from isorig.rig.files.inputs import content_of
 from isorig.rig.files.recording import VALUE_MOST

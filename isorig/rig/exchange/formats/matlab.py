@@ -18,42 +18,40 @@ from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.formats.hdf5 import BEGINS
 from isorig.rig.exchange.table import AGAIN, ForeignTable, Format
 from isorig.rig.exchange.tree import table_of
-from isorig.rig.files.hdf import SIGNATURE, opened, survived
+from isorig.rig.files.hdf import opened, survived
 from isorig.rig.files.hdf_walk import EXPANSION, SPARE
 
 #: Header bytes of a version 5 file, and the type of a compressed variable.
 HEAD, COMPRESSED = 128, 15
-#: Bytes that MATLAB writes before the HDF5 content.
-MATLAB_BLOCK = 512
 #: Maximum nesting of structs and cells, and maximum number of their parts.
 DEEP, PARTS_MOST = 16, 20_000
 
 
 def read_matlab(path: Path) -> ForeignTable:
     """All numeric variables of a .mat file; a struct array's elements are called name[0], name[1] ..."""
-    remarks: list[str] = []
-    items = _version73(path) if _is_version73(path) else _version5(path, remarks)
-    return table_of(path, list(items), remarks)
-
-
-def _is_version73(path: Path) -> bool:
-    # HDF5 after a block of 512 bytes by MATLAB; other programs omit that block.
     with path.open("rb") as file:
-        head = file.read(MATLAB_BLOCK + len(SIGNATURE))
-    return head.startswith(SIGNATURE) or head[MATLAB_BLOCK:] == SIGNATURE
+        is_hdf5 = BEGINS.match(file.read(1 << 10))
+    if not is_hdf5:
+        return _version5(path)
+    with opened(path) as hdf:
+        visited = (_visited(hdf, name, hdf[name], 0) for name in hdf if not name.startswith("#"))
+        return table_of(path, list(islice(chain.from_iterable(visited), PARTS_MOST)))
 
 
-def _version5(path: Path, remarks: list[str]) -> Iterator[tuple[str, Any]]:
+def _version5(path: Path) -> ForeignTable:
     from scipy.io import loadmat
 
     _bounded(path)
     # scipy's reader crashes on some damaged files.
     survived(path)
+    items: list[tuple[str, Any]] = []
+    remarks = []
     for name, value in loadmat(path, simplify_cells=True).items():
         if name == "None" or type(value).__name__ == "MatlabOpaque":
             remarks.append("an object of a MATLAB class (timeseries, table ...) is left out; save its values as plain arrays")
         elif not name.startswith("__"):
-            yield from _flattened(name, value)
+            items += _flattened(name, value)
+    return table_of(path, items, remarks)
 
 
 def _bounded(path: Path) -> None:
@@ -89,12 +87,6 @@ def _flattened(name: str, value: Any, depth: int = 0) -> Iterator[tuple[str, Any
             yield from _flattened(f"{name}[{k}]", inner, depth + 1)
     elif isinstance(value, np.ndarray | int | float | complex | str | np.number):
         yield name, value
-
-
-def _version73(path: Path) -> Iterator[tuple[str, Any]]:
-    with opened(path) as file:
-        visited = (_visited(file, name, file[name], 0) for name in file if not name.startswith("#"))
-        yield from islice(chain.from_iterable(visited), PARTS_MOST)
 
 
 def _visited(file: h5py.File, name: str, item: Any, depth: int) -> Iterator[tuple[str, Any]]:

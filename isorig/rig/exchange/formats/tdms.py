@@ -11,6 +11,8 @@ import numpy as np
 from isorig.rig.errors import PlanError, RecordingError
 from isorig.rig.exchange.table import Column, ForeignTable, Format
 
+UNTITLED = re.compile(r"Untitled( \d+)?")
+
 
 def read_tdms(path: Path) -> ForeignTable:
     """Channels as group/name, with rate and unit from their properties; channels without samples are left out."""
@@ -39,9 +41,11 @@ def read_tdms(path: Path) -> ForeignTable:
                     empty.append(name)
                 elif values.dtype.kind in "biuf":
                     step = float(channel.properties.get("wf_increment", 0.0))
+                    # LabVIEW names channels Untitled unless they are given a name; then the group has one.
+                    unnamed = UNTITLED.fullmatch(channel.name) and not UNTITLED.fullmatch(group.name)
                     columns[name] = Column(
                         values=values, sample_rate=1.0 / step if step > 0.0 else None,
-                        unit=str(channel.properties.get("unit_string", "")), label=_tdms_label(group.name, channel.name),
+                        unit=str(channel.properties.get("unit_string", "")), label=group.name if unnamed else "",
                     )  # fmt: skip
         if warnings:
             # It reads the available part of a truncated file; the missing amount is unknown.
@@ -52,11 +56,6 @@ def read_tdms(path: Path) -> ForeignTable:
         text = f"its channels {', '.join(empty)} are empty" if empty else "it has no channel of numbers"
         raise RecordingError(f"{path} has no samples ({text}); record it again, or export the file that the logger wrote them to")
     return ForeignTable(path=path, columns=columns, remarks=tuple(f"channel {name!r} has no samples" for name in empty))
-
-
-def _tdms_label(group: str, channel: str) -> str:
-    # LabVIEW names channels Untitled unless they are given a name; then the group has one.
-    return group if re.fullmatch(r"Untitled( \d+)?", channel) and not re.fullmatch(r"Untitled( \d+)?", group) else ""
 
 
 TDMS = Format(extensions=(".tdms",), name="TDMS", read=read_tdms, begins=re.compile(b"TDSm"))

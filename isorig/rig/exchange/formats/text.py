@@ -14,8 +14,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.rig.errors import RecordingError
-from isorig.rig.exchange.clock import seconds_per
-from isorig.rig.exchange.missing import completed
+from isorig.rig.exchange.clock import completed, seconds_per
 from isorig.rig.exchange.table import Column, ForeignTable, Format
 from isorig.rig.exchange.tree import table_of
 from isorig.rig.exchange.units import known_unit

@@ -61,7 +61,8 @@ def read_uff(path: Path) -> ForeignTable:
     named = zip(_names(functions, "rsp"), _names(functions, "ref"), _labels(functions), strict=True)
     for place, item in enumerate(sets, 1):
         if item["type"] == 164:
-            system = _system(item)
+            length, force = float(item.get("length") or 1.0), float(item.get("force") or 1.0)
+            system = (length, force) if 0.0 < length < np.inf and 0.0 < force < np.inf else SI
             continue
         response, reference, label = next(named)
         here = f"function {place} ({response})"
@@ -78,7 +79,10 @@ def read_uff(path: Path) -> ForeignTable:
             remarks.append(f"{here} {why}; it is left out")
             continue
         if isinstance(found, Column):
-            columns[_unused(response, columns)] = replace(found, label=label)
+            key, number = response, 2
+            while key in columns:
+                key, number = f"{response}#{number}", number + 1
+            columns[key] = replace(found, label=label)
         else:
             spectra.append(replace(found, name=f"{len(spectra):03d}"))
     if not columns and not spectra and remarks:
@@ -94,11 +98,6 @@ def _sets(path: Path) -> list[dict[str, Any]]:
         file = pyuff.UFF(str(path))
         places = [k for k, kind in enumerate(file.get_set_types()) if int(kind) in (58, 164)]
         return [file.read_sets(k) for k in places]
-
-
-def _system(item: Mapping[str, Any]) -> System:
-    length, force = float(item.get("length") or 1.0), float(item.get("force") or 1.0)
-    return (length, force) if 0.0 < length < np.inf and 0.0 < force < np.inf else SI
 
 
 def _function(item: Mapping[str, Any], names: tuple[str, str], x: FloatArray, values: Any, system: System) -> Column | Spectrum:
@@ -178,10 +177,6 @@ def _unit(item: Mapping[str, Any], part: str, system: System) -> tuple[str, floa
         return known, 1.0
     # If the label is the SI unit but the unit system is not SI, the values are in the unit system: labels are for display.
     return (si or label), factor
-
-
-def _unused(name: str, taken: Mapping[str, Column]) -> str:
-    return name if name not in taken else next(f"{name}#{k}" for k in range(2, len(taken) + 3) if f"{name}#{k}" not in taken)
 
 
 def _spectrum(item: Mapping[str, Any], names: tuple[str, str], frequency: FloatArray, values: Any, system: System) -> Spectrum:
