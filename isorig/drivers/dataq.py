@@ -55,15 +55,7 @@ class DataqInstrument:
 
     @property
     def held(self) -> int:
-        """Number of scans received but held until later scans show whether any was lost."""
         return self._alignment.held + self._arrivals.held if self._scanning else 0
-
-    @property
-    def unseen(self) -> float:
-        """The longest undetectable loss in seconds: scans are not numbered, and their zero bits show lost bytes only."""
-        if self._marks is not None:
-            return 0.0
-        return self._arrivals.unseen
 
     def prepare(self, *, sample_rate: float, channels: Sequence[int]) -> float:
         """Set the nearest rate 60 MHz / n and scan the inputs from 0 to the last requested one; returns the actual rate."""
@@ -86,7 +78,6 @@ class DataqInstrument:
         return self._rate
 
     def start(self) -> None:
-        """Start scanning; the first scan has tick 0."""
         self._ready.clear()
         self._tick = 0
         self._began = time.monotonic()
@@ -122,7 +113,6 @@ class DataqInstrument:
         self._owed = max(round((time.monotonic() - self._began) * self._rate) - self._tick, 0)
 
     def close(self) -> None:
-        """Close the port."""
         self._port.close()
 
     def _begin(self) -> None:

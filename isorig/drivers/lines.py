@@ -174,13 +174,12 @@ class LinesInstrument:
 
     @property
     def noticed(self) -> Sequence[str]:
-        """Anomalies since the last start, one clause each."""
         return tuple(self._order.noticed)
 
     @property
     def held(self) -> int:
         """Lines received but held until later ones show whether any was lost."""
-        return self._arrivals.held + len(self._doubtful)
+        return self._arrivals.held + (self._doubtful is not None)
 
     def prepare(self, *, sample_rate: float, channels: Sequence[int]) -> float:
         """Arm the instrument; its rate is part of its own configuration, and the pre-run check compares it with a clock."""
@@ -200,7 +199,6 @@ class LinesInstrument:
         return sample_rate
 
     def start(self) -> None:
-        """Start the instrument; the first line has tick 0."""
         self._quiet()
         self._command(self._settings.start)
         self._reset()
@@ -209,7 +207,6 @@ class LinesInstrument:
         self._open = True
 
     def read(self, timeout: float) -> Block | None:
-        """The next lines, or None."""
         end = time.monotonic() + timeout
         while not self._ready and self._open:
             if not self._settings.read:
@@ -230,7 +227,9 @@ class LinesInstrument:
             while time.monotonic() - heard < REST:
                 heard = time.monotonic() if self._receive() else heard
         if was:
-            self._flush()
+            self.damaged += self._doubtful is not None
+            for item, lost in self._arrivals.finish():
+                self._arrived(item, lost)
         self._quiet()
         return None
 
@@ -254,7 +253,7 @@ class LinesInstrument:
     def _reset(self) -> None:
         self._rest, self._partial = b"", False
         self._ready: deque[Block] = deque()
-        self._doubtful: list[_Line] = []
+        self._doubtful: _Line | None = None
         self._expected: int | None = None
         self._clock = self._elapsed = 0
         self._tick = 0
@@ -374,23 +373,17 @@ class LinesInstrument:
 
     def _counted_line(self, line: _Line) -> None:
         # A count that does not follow is believed when the next line confirms it: one damaged digit is not a loss.
-        count = self._count_of(line)
-        if self._expected is None or count == self._expected:
-            self._discard_doubtful()
-            self._place([line])
-        elif self._doubtful and count == (self._count_of(self._doubtful[-1]) + 1) % self._wrap:
-            doubtful, self._doubtful = self._doubtful, []
-            self._place([*doubtful, line])
-        elif self._doubtful and count == (self._expected + 1) % self._wrap:
-            self._discard_doubtful()
+        count, doubtful = self._count_of(line), self._doubtful
+        self._doubtful = None
+        follows = self._expected is None or count == self._expected
+        if doubtful is not None and not follows and count == (self._count_of(doubtful) + 1) % self._wrap:
+            self._place([doubtful, line])
+            return
+        self.damaged += doubtful is not None
+        if follows or (doubtful is not None and self._expected is not None and count == (self._expected + 1) % self._wrap):
             self._place([line])
         else:
-            self._discard_doubtful()
-            self._doubtful = [line]
-
-    def _discard_doubtful(self) -> None:
-        self.damaged += len(self._doubtful)
-        self._doubtful = []
+            self._doubtful = line
 
     def _count_of(self, line: _Line) -> int:
         if self._counted:
@@ -436,11 +429,6 @@ class LinesInstrument:
             )
             return
         self._ready.append(Block(first_tick=tick, samples=samples, host_time=lines[-1].host, device_time=seconds, status=status))
-
-    def _flush(self) -> None:
-        self._discard_doubtful()
-        for item, lost in self._arrivals.finish():
-            self._arrived(item, lost)
 
 
 EXAMPLE = """

@@ -132,7 +132,6 @@ class MtiInstrument:
 
     @property
     def noticed(self) -> Sequence[str]:
-        """Anomalies since the last start, one clause each."""
         return tuple(self._order.noticed)
 
     def prepare(self, *, sample_rate: float, channels: Sequence[int]) -> float:
@@ -179,7 +178,6 @@ class MtiInstrument:
         return None
 
     def close(self) -> None:
-        """Close the bus."""
         # The adapter may be gone.
         with suppress(can.CanError, OSError, TypeError):
             self._bus.shutdown()

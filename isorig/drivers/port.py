@@ -20,6 +20,8 @@ LONGEST = 256
 SLOWER = 3.0
 #: Bits of a byte on a serial line: start, eight, stop.
 BITS = 10
+#: Message available: the bit of the status byte while an answer waits at a GPIB device (IEEE 488.2).
+WAITING = 1 << 4
 #: Allowed URL schemes; pyserial supports more, and some of those write files or load classes.
 SCHEMES = ("socket", "rfc2217")
 

@@ -271,7 +271,7 @@ def dataq(far: DataqFar) -> str:
                 blocks += [] if block is None else [block]
             instrument.stop()
             blocks += read(instrument, 10**9, 0.1)
-            unseen = instrument.unseen * 4000.0
+            unseen = instrument._arrivals.unseen * 4000.0
         finally:
             instrument.close()
     given = [np.arange(block.first_tick, block.end_tick) for block in blocks]
@@ -499,7 +499,7 @@ def sounding(device: sound_device.Device, gone: bool) -> str:
             blocks = read(instrument, 12_000, 2.5)
             instrument.stop()
             blocks += read(instrument, 10**9, 0.1)
-            unseen, noticed = instrument.unseen * 8000.0, list(instrument.noticed)
+            unseen, noticed = instrument._arrivals.unseen * 8000.0, list(instrument.noticed)
         finally:
             instrument.close()
     wrong = int(device.level != 0)

@@ -20,8 +20,7 @@ from isorig.drivers.frames import MAGIC, Decoder, encode_samples, encode_text
 from isorig.drivers.order import wrapped
 from isorig.drivers.simulated.commanded import Simulation
 from isorig.drivers.simulated.framed import SimulatedFramed
-from isorig.drivers.simulated.served import served
-from isorig.drivers.simulated.wire import PtyWire
+from isorig.drivers.simulated.served import PtyWire, served
 
 
 def frames(count: int, rows: int, columns: int, seed: int) -> tuple[list[bytes], list[np.ndarray]]:

@@ -143,7 +143,7 @@ def test_what_is_missing_is_named(server: Server, monkeypatch: pytest.MonkeyPatc
         instrument.prepare(sample_rate=RATE, channels=[0])
         with pytest.raises(SettingError, match="the drive reaches 1"):
             instrument.load_drive(np.full(10, 101.0))
-    assert ("loop", "ALSA, 32 inputs, 32 outputs") in sound.devices()
+    assert ("loop", "ALSA, 32 inputs, 32 outputs") in [(one.port, one.name) for one in sound.devices()]
     monkeypatch.setitem(sys.modules, "sounddevice", None)
     with pytest.raises(SettingError, match=r"pip install 'isorig\[sound\]'"):
         sound.devices()

@@ -23,8 +23,7 @@ from isorig.drivers.dataq import DataqInstrument, DataqSettings
 from isorig.drivers.errors import ProtocolError, SettingError
 from isorig.drivers.mti600 import MtiInstrument, MtiSettings, decode
 from isorig.drivers.mti600_messages import PER_COUNT
-from isorig.drivers.simulated.commanded import Simulation
-from isorig.drivers.simulated.faults import Faults
+from isorig.drivers.simulated.commanded import Faults, Simulation
 from isorig.drivers.simulated.served import served
 from isorig.drivers.simulated.streams import SimulatedDataq, SimulatedSlcan, groups, slcan
 

@@ -23,7 +23,6 @@ class SimulatedSr785(Commanded):
         self.sourcing, self._level = False, 0
 
     def answer(self, command: str) -> bytes:
-        """The answer to a command."""
         head, _, rest = command.partition("?")
         words = rest.split(",") if rest else []
         if command in ("OUTX0", "OUTX1", "STRT", "SRCO 0", "SRCO 1") or head.startswith("NAMP "):
@@ -73,7 +72,6 @@ class Simulated35670a(Commanded):
         self.sourcing, self._level = False, 0.0
 
     def answer(self, command: str) -> bytes:
-        """The answer to a command."""
         trace, _, about = command.partition(":")
         if command == "ABOR;INIT:IMM;*OPC":
             self._left, self._measuring = self._polls, True

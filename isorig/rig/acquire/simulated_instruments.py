@@ -16,8 +16,7 @@ from isorig.analysis.spectra.welch import estimate
 from isorig.drivers.block import Raw
 from isorig.drivers.errors import SettingError
 from isorig.drivers.kinds import StreamKind, kinds
-from isorig.drivers.simulated.commanded import Simulation
-from isorig.drivers.simulated.faults import Faults
+from isorig.drivers.simulated.commanded import Faults, Simulation
 from isorig.drivers.simulated.served import Peer, served
 from isorig.rig.virtual.levels import BITS, HEAD_PER_GAIN
 from isorig.rig.wire_bonder.description import wire_bonder

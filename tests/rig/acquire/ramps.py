@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from isorig.drivers.simulated.commanded import Simulation
-from isorig.drivers.simulated.faults import Faults
+from isorig.drivers.simulated.commanded import Faults, Simulation
 from isorig.drivers.simulated.framed import SimulatedFramed
 from isorig.drivers.simulated.served import served
 from isorig.drivers.waits import Waits
