@@ -98,7 +98,7 @@ class DataqInstrument:
     def stop(self) -> int | None:
         """Stop the stream; this instrument does not count its samples."""
         self._port.write(b"stop" + END)
-        self._port.drop_input()
+        self._port.clear()
         self._end()
         return None
 
@@ -120,7 +120,7 @@ class DataqInstrument:
         self._alignment = Alignment(inputs, self._settings.bits, self._port.name, counted=self._settings.counter is not None)
         self._marks = None if self._settings.counter is None else Marks(self._rate, self._settings.counter)
         least = 0.0 if self._marks is None else self._marks.reach / self._rate
-        self._arrivals: Arrivals[Stretch] = Arrivals(self._rate, least=least)
+        self._arrivals: Arrivals[Stretch] = Arrivals(self._rate, self._place, least=least)
         self._owed = 0
         self._port.write(b"start" + END)
         self._scanning = True
@@ -131,12 +131,10 @@ class DataqInstrument:
         self._scanning = False
         for stretch in self._alignment.finish():
             self._arrived(stretch)
-        for sure, missing in self._arrivals.finish():
-            self._place(sure, missing)
+        self._arrivals.finish()
 
     def _arrived(self, stretch: Stretch) -> None:
-        for sure, missing in self._arrivals.add(stretch, stretch.lost + len(stretch.scans), stretch.arrived):
-            self._place(sure, missing)
+        self._arrivals.add(stretch, stretch.lost + len(stretch.scans), stretch.arrived)
 
     def _place(self, stretch: Stretch, missing: int) -> None:
         if missing and self._marks is not None:
@@ -157,7 +155,7 @@ class DataqInstrument:
 
     def _quiet(self) -> None:
         self._port.write(b"stop" + END)
-        self._port.drop_input()
+        self._port.clear()
         self._command("encode 0")
 
     def _configure(self) -> None:

@@ -13,7 +13,7 @@ from typing import Any, Literal, Protocol
 import msgspec
 
 from isorig import drivers
-from isorig.drivers.block import FloatArray, Shows
+from isorig.drivers.block import FloatArray
 from isorig.drivers.instrument import Records, Stream
 from isorig.drivers.simulated.commanded import Simulation
 from isorig.drivers.simulated.framed import Plant
@@ -100,12 +100,12 @@ class StreamKind(Kind):
 
 @dataclass(frozen=True, kw_only=True)
 class RecordsKind(Kind):
-    """An instrument that returns records: `open` at a port, with the contents of its traces and timeouts.
+    """An instrument that returns records: `open` at a port, with the names of its traces and timeouts.
 
     `trace` is the pattern of the traces' names, and an example.
     """
 
-    open: Callable[[str, Sequence[Shows], Waits], Records]
+    open: Callable[[str, Sequence[str], Waits], Records]
     trace: tuple[str, str]
     buses: tuple[Bus, ...] = ("serial", "visa")
 

@@ -24,9 +24,9 @@ from isorig.drivers.arrivals import Arrivals
 from isorig.drivers.block import Block, Input, Status
 from isorig.drivers.errors import ConnectionLostError, DriverError, ProtocolError, SettingError
 from isorig.drivers.kinds import CHANNELS, Settings, StreamKind
-from isorig.drivers.link import LineLink, linked
+from isorig.drivers.link import linked
 from isorig.drivers.order import EXACT, LOOSE, BlockHeader, Order
-from isorig.drivers.port import LONGEST
+from isorig.drivers.port import LONGEST, Port
 from isorig.drivers.simulated.streams import SimulatedLines
 from isorig.drivers.waits import WAITS, Waits
 
@@ -168,7 +168,7 @@ class LinesInstrument:
         self.damaged = 0
         self._link = linked(port, baud_rate=settings.baud_rate, waits=waits)
         self._reset()
-        if not settings.read and not isinstance(self._link, LineLink):
+        if not settings.read and not isinstance(self._link, Port):
             self._link.close()
             raise SettingError(f"{port} is asked for each answer; give the command that asks for a line as read in the plan")
 
@@ -228,14 +228,13 @@ class LinesInstrument:
                 heard = time.monotonic() if self._receive() else heard
         if was:
             self.damaged += self._doubtful is not None
-            for item, lost in self._arrivals.finish():
-                self._arrived(item, lost)
+            self._arrivals.finish()
         self._quiet()
         return None
 
     def rejoin(self) -> None:
         """Reopen a lost line; count, clock or the host's clock show how many lines were lost."""
-        if not isinstance(self._link, LineLink):
+        if not isinstance(self._link, Port):
             raise ConnectionLostError(f"{self._link.name} is lost; reconnect it and resume")
         self._link.reopen()
         self._rest, self._partial = b"", True
@@ -261,7 +260,7 @@ class LinesInstrument:
         self._missed = 0
         self._pending = Status.GOOD
         self._began = time.monotonic()
-        self._arrivals: Arrivals[tuple[_Line, int, Status]] = Arrivals(self._rate)
+        self._arrivals: Arrivals[tuple[_Line, int, Status]] = Arrivals(self._rate, self._arrived)
         rate = None if math.isnan(self._rate) else self._rate
         self._order = Order(who=self._link.name, began=self._began, counter_wrap=self._wrap, rate=rate, loose=JITTER)
 
@@ -297,7 +296,7 @@ class LinesInstrument:
         return True
 
     def _receive(self) -> bool:
-        assert isinstance(self._link, LineLink)
+        assert isinstance(self._link, Port)
         data = self._link.read()
         now = time.monotonic()
         *lines, self._rest = (self._rest + data).split(b"\n")
@@ -326,8 +325,7 @@ class LinesInstrument:
             self._put([line], self._tick, self._pending)
         else:
             missing, self._missed = self._missed, 0
-            for item, lost in self._arrivals.add((line, missing, self._pending), 1 + missing, now):
-                self._arrived(item, lost)
+            self._arrivals.add((line, missing, self._pending), 1 + missing, now)
         self._pending = Status.GOOD
 
     def _arrived(self, item: tuple[_Line, int, Status], lost: int) -> None:

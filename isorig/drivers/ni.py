@@ -20,7 +20,7 @@ import numpy as np
 from isorig.drivers.block import Block, FloatArray, Input, Status
 from isorig.drivers.errors import ConnectionLostError, DriverError, InstrumentError, SettingError
 from isorig.drivers.kinds import Connected, StreamKind
-from isorig.drivers.voltage import AnalogOutput, OutputSettings, fade_out
+from isorig.drivers.voltage import AnalogOutput, OutputSettings, fade
 from isorig.drivers.waits import WAITS, Waits
 
 T = TypeVar("T")
@@ -271,7 +271,7 @@ class NiInstrument(AnalogOutput):
         with self._ni.Task() as task:
             self._output_channel(task)
             writer = self._ni.stream_writers.AnalogSingleChannelWriter(task.out_stream, auto_start=True)
-            for value in fade_out(volts, STEPS):
+            for value in volts * fade(np.linspace(1.0, 0.0, STEPS)):
                 writer.write_one_sample(float(value))
                 time.sleep(self._settings.ramp / STEPS)
 

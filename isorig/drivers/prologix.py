@@ -35,11 +35,11 @@ class PrologixLink:
         self._port = Port(port, baud_rate=115200, waits=waits)
         self._reading = False
         try:
-            self._port.drop_input()
+            self._port.clear()
             if not self._ask("++ver", text(100)):
                 raise ProtocolError(f"{name} does not report a version; check that {port} is a Prologix adapter")
             for command in (*SET_UP, f"++addr {address}"):
-                self._port.write(command.encode() + b"\n")
+                self._port.send(command)
         except BaseException:
             self._port.close()
             raise
@@ -51,7 +51,7 @@ class PrologixLink:
 
     def line(self) -> bytes:
         self._request()
-        return self._port.line(b"\n")
+        return self._port.line()
 
     def exactly(self, count: int) -> bytes:
         self._request()
@@ -64,8 +64,8 @@ class PrologixLink:
             raise ProtocolError(f"{self.name} has an answer that was not requested; check that the plan names its kind")
 
     def clear(self) -> None:
-        self._port.write(b"++clr\n")
-        self._port.drop_input()
+        self._port.send("++clr")
+        self._port.clear()
         self._reading = False
 
     def status_byte(self) -> int:
@@ -85,11 +85,11 @@ class PrologixLink:
     def _request(self) -> None:
         # One request reads the answer up to EOI; the rest waits in the port.
         if not self._reading:
-            self._port.write(b"++read eoi\n")
+            self._port.send("++read eoi")
             self._reading = True
 
     def _ask(self, command: str, kind: WordKind) -> Any:
         self._port.expect_nothing()
-        self._port.write(command.encode() + b"\n")
-        answer = self._port.line(b"\n").strip().decode("ascii", "replace")
+        self._port.send(command)
+        answer = self._port.line().strip().decode("ascii", "replace")
         return parse((answer,), (kind,), who=self.name, command=command)[0]

@@ -193,8 +193,7 @@ class SoundInstrument(AnalogOutput):
         was, self._running = self._running, False
         if was:
             self._sort()
-            for item, missing in self._arrivals.finish():
-                self._place(item, missing)
+            self._arrivals.finish()
         return None
 
     def close(self) -> None:
@@ -206,7 +205,7 @@ class SoundInstrument(AnalogOutput):
     def _clear(self) -> None:
         self._heard_blocks: deque[tuple[Raw, float, Status]] = deque()
         self._ready: deque[Block] = deque()
-        self._arrivals: Arrivals[tuple[Raw, float, Status]] = Arrivals(self._rate)
+        self._arrivals: Arrivals[tuple[Raw, float, Status]] = Arrivals(self._rate, self._place)
         self._parts: deque[FloatArray] = deque()
         self._finished, self._silent = threading.Event(), threading.Event()
         self._flags = {"input_overflow": 0, "output_underflow": 0}
@@ -267,8 +266,7 @@ class SoundInstrument(AnalogOutput):
     def _sort(self) -> None:
         while self._heard_blocks:
             item = self._heard_blocks.popleft()
-            for sure, missing in self._arrivals.add(item, len(item[0]), item[1]):
-                self._place(sure, missing)
+            self._arrivals.add(item, len(item[0]), item[1])
 
     def _place(self, item: tuple[Raw, float, Status], missing: int) -> None:
         samples, now, status = item

@@ -18,7 +18,7 @@ from far import CsvFar, DataqFar, FramedFar, LinesFar, PrologixFar, SlcanFar, Tc
 from ni_device import ANSWERED, Device, chassis
 from nidaqmx.errors import DaqError
 
-from isorig.drivers.block import Block, Shows, Status
+from isorig.drivers.block import Block, Status
 from isorig.drivers.dataq import DataqInstrument, DataqSettings
 from isorig.drivers.errors import DriverError
 from isorig.drivers.framed import FramedInstrument, FramedSettings
@@ -583,7 +583,7 @@ def analyzer_answer(
 
     def attempt() -> str:
         with far:
-            instrument = kind(name(), [Shows(trace=trace, kind="time", unit="V")], waits=SHORT)
+            instrument = kind(name(), [trace], waits=SHORT)
             try:
                 instrument.measure(1.0)
                 (record,) = instrument.records()

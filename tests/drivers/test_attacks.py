@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from isorig.drivers import mti600
 from isorig.drivers.alignment import Alignment
-from isorig.drivers.block import Block, Shows, Status
+from isorig.drivers.block import Block, Status
 from isorig.drivers.dataq import DataqInstrument, DataqSettings
 from isorig.drivers.errors import ConnectionLostError, DriverError, InstrumentError, ProtocolError, SettingError
 from isorig.drivers.framed import FramedInstrument, FramedSettings
@@ -478,7 +478,7 @@ HP = {
 def analyzed(kind: type, answers: dict) -> object:
     """A measurement of an analyzer with one display."""
     trace = "0" if kind is Sr785Instrument else "XTIM:VOLT 1"
-    with LinesFar(answers) as far, closing(kind(far.port, [Shows(trace=trace, kind="time", unit="V")], SHORT)) as instrument:
+    with LinesFar(answers) as far, closing(kind(far.port, [trace], SHORT)) as instrument:
         instrument.measure(0.5)
         (record,) = instrument.records()
         return record
@@ -538,7 +538,7 @@ def test_the_level_of_a_source_is_set_and_read_back() -> None:
         (Hp35670aInstrument, hp, ["SOUR:VOLT 0.5 VPK", "OUTP ON", "OUTP OFF"]),
     ):
         with LinesFar(answers) as far:
-            with closing(kind(far.port, [Shows(trace="0", kind="time", unit="V")], SHORT)) as instrument:
+            with closing(kind(far.port, ["0"], SHORT)) as instrument:
                 instrument.set_source(0.5)
                 with pytest.raises(SettingError, match=r"was set to 0\.25 V and answers"):
                     instrument.set_source(0.25)

@@ -113,8 +113,7 @@ def test_what_portaudio_reports_is_handed_on() -> None:
     instrument._heard(block, 10, None, fine)
     instrument._heard(block, 10, None, SimpleNamespace(input_overflow=True, output_underflow=True))
     instrument._sort()
-    for item, missing in instrument._arrivals.finish():
-        instrument._place(item, missing)
+    instrument._arrivals.finish()
     assert [bool(one.status & Status.LOST) for one in instrument._ready] == [False, True]
     assert instrument.noticed == ("PortAudio lost samples of the inputs 1 times", "the drive was interrupted 1 times")
 

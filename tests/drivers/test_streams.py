@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from contextlib import AbstractContextManager
 from itertools import pairwise
 from pathlib import Path
@@ -110,24 +109,24 @@ def arrive(
     rate: float, *, clock: float, gone: int, when: float, seconds: float, jitter: float, seed: int
 ) -> tuple[list[tuple[int, int]], int]:
     """Blocks on their way through a host that reads late now and then: where loss was told, and the samples that came."""
-    random, arrivals = np.random.default_rng(seed), Arrivals[int](rate)
+    random = np.random.default_rng(seed)
     told, place, came, now = [], 0, 0, 0.0
 
-    def handed(sure: Iterator[tuple[int, int]]) -> None:
+    def handed(count: int, missing: int) -> None:
         nonlocal place
-        for count, missing in sure:
-            if missing:
-                told.append((place, missing))
-            place += count
+        if missing:
+            told.append((place, missing))
+        place += count
 
+    arrivals = Arrivals[int](rate, handed)
     while now < seconds:
         now += 0.01 * (1.0 + 3.0 * random.random() * (random.random() < 0.3))
         taken = int(now * rate * clock)
         taken -= min(max(0, taken - int(when * rate * clock)), gone)
         if taken > came:
-            handed(arrivals.add(taken - came, taken - came, now + abs(random.normal(0.0, jitter))))
+            arrivals.add(taken - came, taken - came, now + abs(random.normal(0.0, jitter)))
             came = taken
-    handed(arrivals.finish())
+    arrivals.finish()
     assert place == came
     return told, came
 
@@ -155,12 +154,15 @@ def test_without_loss_a_clock_that_runs_otherwise_is_never_loss(clock: float) ->
 
 @pytest.mark.parametrize("late", [0.02, 0.035, 0.06, 0.1, 0.2])
 def test_a_loss_with_a_late_arrival_before_it_is_told_once(late: float) -> None:
-    arrivals = Arrivals[int](2000.0)
+    handed: list[tuple[int, int]] = []
+    arrivals = Arrivals[int](2000.0, lambda count, missing: handed.append((count, missing)))
     told, place = [], 0
     items = [(20, 0.01 * k) for k in range(1, 100)] + [(19, 0.9995), (1, 1.0 + late)]
     items += [(20, 1.26 + 0.01 * k) for k in range(100)]
-    handed = [one for count, now in items for one in arrivals.add(count, count, now)]
-    for count, missing in [*handed, *arrivals.finish()]:
+    for count, now in items:
+        arrivals.add(count, count, now)
+    arrivals.finish()
+    for count, missing in handed:
         if missing:
             told.append((place, missing))
         place += count

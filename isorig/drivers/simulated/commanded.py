@@ -122,8 +122,12 @@ class Commanded:
     """Answers commands; `heard` are those that arrived."""
 
     END = b"\n"
+    #: The faults that it has, and its name in a refusal of others.
+    FAULTS: frozenset[str] = frozenset()
+    NAME = ""
 
-    def __init__(self) -> None:
+    def __init__(self, asked: Simulation) -> None:
+        self._faults = asked.faults.only(self.FAULTS, self.NAME)
         self._waiting = b""
         self.heard: list[str] = []
 
@@ -151,14 +155,11 @@ class Commanded:
 class Streaming(Commanded):
     """Streams samples at a rate in Hz while it is running, with faults on request; `sent` ticks were due so far."""
 
-    #: The faults that it has, and its name in a refusal of others.
     FAULTS = frozenset({"drop", "duplicate", "corrupt", "stall", "overload", "unplug_after", "first_tick", "ppm"})
-    NAME = ""
 
     def __init__(self, rate: float, asked: Simulation) -> None:
-        super().__init__()
+        super().__init__(asked)
         self._rate, self._asked = rate, asked
-        self._faults = asked.faults.only(self.FAULTS, self.NAME)
         self._speed = asked.speed * (1.0 + 1e-6 * self._faults.ppm)
         self.mishaps = Mishaps(self._faults)
         self.running = False

@@ -145,7 +145,7 @@ def instrument(
     from isorig.drivers.simulated.served import PtyWire, TcpWire, exchange
     from isorig.rig.acquire.simulated_instruments import far_end
     from isorig.rig.errors import RigError
-    from isorig.rig.files.models import read_model
+    from isorig.rig.files.rigfile import read_model
     from isorig.rig.wire_bonder.description import wire_bonder
     from isorig.rig.wire_bonder.effects import hidden_in
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import msgspec
 
-from isorig.rig.acquire.equations import EquationsReport
+from isorig.rig.acquire.live import EquationsReport
 from isorig.rig.acquire.session import Decision, Operator
 from isorig.rig.process.interpreter import python
 

@@ -6,7 +6,7 @@ from typing import Literal
 
 import msgspec
 
-from isorig.rig.acquire.equations import EquationsReport
+from isorig.rig.acquire.live import EquationsReport
 from isorig.rig.acquire.notes import Note
 from isorig.rig.view.run_list import Planned
 

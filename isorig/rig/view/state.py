@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from isorig.rig.acquire.equations import EquationsReport
+from isorig.rig.acquire.live import EquationsReport
 from isorig.rig.acquire.notes import Note
 from isorig.rig.acquire.policy import LARGE_SHARE, SMALL_SHARE
 from isorig.rig.view.levels import ChannelLevel
