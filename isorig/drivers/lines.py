@@ -256,8 +256,8 @@ class LinesInstrument:
         self._expected: int | None = None
         self._clock = self._elapsed = 0
         self._tick = 0
+        # Lines since the last one that was a scan.
         self._wrong = 0
-        self._missed = 0
         self._pending = Status.GOOD
         self._began = time.monotonic()
         self._arrivals: Arrivals[tuple[_Line, int, Status]] = Arrivals(self._rate, self._arrived)
@@ -302,7 +302,7 @@ class LinesInstrument:
         *lines, self._rest = (self._rest + data).split(b"\n")
         if len(self._rest) > LONGEST:
             self._rest, self._partial = b"", True
-            self._bad(now)
+            self._bad()
         for line in lines:
             if self._partial:
                 self._partial = False
@@ -316,15 +316,14 @@ class LinesInstrument:
             return
         line = self._parsed(text, now)
         if line is None:
-            self._bad(now)
+            self._bad()
             return
-        self._wrong = 0
+        missing, self._wrong = self._wrong, 0
         if self._counted or self._clocked:
             self._counted_line(line)
         elif self._settings.read:
             self._put([line], self._tick, self._pending)
         else:
-            missing, self._missed = self._missed, 0
             self._arrivals.add((line, missing, self._pending), 1 + missing, now)
         self._pending = Status.GOOD
 
@@ -332,7 +331,7 @@ class LinesInstrument:
         line, missing, status = item
         self._put([line], self._tick + missing + lost, status | (Status.CLOCKED if lost else Status.GOOD))
 
-    def _bad(self, now: float) -> None:
+    def _bad(self) -> None:
         # A line that is no scan is a lost sample.
         self.damaged += 1
         self._wrong += 1
@@ -342,7 +341,6 @@ class LinesInstrument:
                 "separator, or check the baud rate"
             )
         self._pending |= Status.RESYNCED
-        self._missed += 1
         if self._settings.read and not (self._counted or self._clocked):
             self._tick += 1
 

@@ -49,7 +49,7 @@ LONGEST = 4096
 
 
 @dataclass
-class Group:
+class FrameGroup:
     """A sample as its frames give it: counter as sent, acceleration in counts, device time in microseconds, whether it clipped.
 
     What has not arrived is None; of frames of one kind, the first counts.
@@ -164,8 +164,8 @@ class MtiInstrument:
 
     def _forget(self) -> None:
         # Whole groups whose counters follow each other, the group that is received, and the last frame.
-        self._stretches: deque[list[Group]] = deque()
-        self._group: Group | None = None
+        self._stretches: deque[list[FrameGroup]] = deque()
+        self._group: FrameGroup | None = None
         self._last: tuple[int, bytes] | None = None
 
     def _receive(self, timeout: float) -> can.Message | None:
@@ -210,14 +210,14 @@ class MtiInstrument:
     def _next_group(self, counter: int) -> None:
         # If the counter steps, the lost counter may have been anywhere after the last one received, and the acceleration there
         # may belong to a later sample: the group before a step is discarded.
-        group, self._group = self._group, Group(counter)
+        group, self._group = self._group, FrameGroup(counter)
         if group is None or group.acceleration is None or (counter - group.counter) % WRAP != 1:
             return
         if not self._stretches or (group.counter - self._stretches[-1][-1].counter) % WRAP != 1:
             self._stretches.append([])
         self._stretches[-1].append(group)
 
-    def _block(self, groups: Sequence[Group]) -> Block | None:
+    def _block(self, groups: Sequence[FrameGroup]) -> Block | None:
         acceleration, now = np.array([group.acceleration for group in groups], np.int16), time.monotonic()
         reading = BlockHeader(
             counter=groups[0].counter, rows=len(groups), host=now, clock=self._clock(groups), mark=crc32(acceleration.tobytes()),
@@ -229,7 +229,7 @@ class MtiInstrument:
         self._status = Status.GOOD
         return Block(first_tick=place.tick, samples=acceleration, host_time=now, device_time=place.seconds, status=status)
 
-    def _clock(self, groups: Sequence[Group]) -> int | None:
+    def _clock(self, groups: Sequence[FrameGroup]) -> int | None:
         # Time at the first group in microseconds, by majority of the groups: damaged digits are outvoted.
         known = [(k, group.micros) for k, group in enumerate(groups) if group.micros is not None]
         if not known:

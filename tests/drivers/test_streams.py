@@ -20,7 +20,7 @@ from isorig.drivers.arrivals import Arrivals
 from isorig.drivers.block import Block, Status
 from isorig.drivers.dataq import DataqInstrument, DataqSettings
 from isorig.drivers.errors import ProtocolError, SettingError
-from isorig.drivers.mti600 import Group, MtiInstrument, MtiSettings
+from isorig.drivers.mti600 import FrameGroup, MtiInstrument, MtiSettings
 from isorig.drivers.mti600_messages import GROUP_COUNTER, PER_COUNT
 from isorig.drivers.simulated.commanded import Faults, Simulation
 from isorig.drivers.simulated.served import served
@@ -177,10 +177,10 @@ def test_decoded_groups_agree_with_cantools(seed: int, count: int, counter: int)
     frames = [frame for group in groups(samples, rate=100.0, counter=counter) for frame in group]
     database = cantools.database.load_file(Path(__file__).with_name("mti600.dbc"))
     told = [(identifier, database.decode_message(identifier, data)) for identifier, data in frames]
-    found: list[Group] = []
+    found: list[FrameGroup] = []
     for identifier, data in frames:
         if identifier == GROUP_COUNTER:
-            found.append(Group(int.from_bytes(data, "big")))
+            found.append(FrameGroup(int.from_bytes(data, "big")))
         found[-1].add(identifier, data)
     assert [group.counter for group in found] == [values["Counter"] for identifier, values in told if identifier == 6]
     expected = [[values[f"Acc{axis}"] for axis in "XYZ"] for identifier, values in told if identifier == 0x34]

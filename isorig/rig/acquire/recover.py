@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
@@ -35,7 +36,8 @@ from isorig.rig.errors import RecordingError
 
 T = TypeVar("T")
 #: Index entry of each block of samples: its number, its offset, its first tick, its size.
-ENTRY = np.dtype([("number", "i8"), ("place", "i8"), ("first", "i8"), ("rows", "i8"), ("blocks", "i8")])
+ENTRY = np.dtype([(name, "<i8") for name in ("number", "place", "first", "rows", "blocks")])
+PACKED = struct.Struct("<5q")
 
 
 class Saved:
@@ -157,13 +159,12 @@ class _StartedRun:
         self.logs: dict[str, list[NDArray[np.float64]]] = {}
         # Numbers of the blocks with rows of loggers, between those with samples.
         self.logged: list[int] = []
-        self._entries = np.zeros(64, ENTRY)
-        self._count = 0
+        self._index = bytearray()
 
     @property
     def entries(self) -> NDArray[Any]:
         """Its blocks, in the order of their ticks."""
-        return self._entries[: self._count]
+        return np.frombuffer(bytes(self._index), ENTRY)
 
     def add(self, block: JournalBlock, first: int, rows: int, timing: NDArray[Any]) -> None:
         """Add a block of samples to the index; one that goes back in time is omitted."""
@@ -174,10 +175,7 @@ class _StartedRun:
         self.gains += zip(
             (self.stored + np.clip(changed["tick"] - first, 0, rows)).tolist(), changed["gain"].tolist(), strict=True
         )
-        if self._count == len(self._entries):
-            self._entries = np.concatenate([self._entries, np.zeros_like(self._entries)])
-        self._entries[self._count] = (block.number, block.place, first, rows, len(timing))
-        self._count += 1
+        self._index += PACKED.pack(block.number, block.place, first, rows, len(timing))
         self.next = first + rows
         self.stored += rows
         self.overloads += int((timing["status"] & Status.OVERLOAD).astype(bool).sum())
@@ -288,7 +286,7 @@ class WorkingFileReader:
 
     def _measured(self, planned: RunLayout, take: _StartedRun, gaps: tuple[Gap, ...]) -> Run:
         channels = {}
-        entries = take.entries.copy()
+        entries = take.entries
         offset = SAMPLES.size + TIMING.itemsize * entries["blocks"]
         for name, about in self._layout.channels.items():
             channels[name] = Channel(
@@ -314,7 +312,7 @@ class WorkingFileReader:
         )  # fmt: skip
 
     def _timing(self, take: _StartedRun) -> Saved:
-        entries = take.entries.copy()
+        entries = take.entries
         return Saved(self._reader, entries["blocks"], entries["place"] + SAMPLES.size, TIMING)
 
 

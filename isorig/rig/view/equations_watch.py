@@ -13,7 +13,7 @@ import msgspec
 
 from isorig.rig.acquire.live import EquationsReport
 from isorig.rig.acquire.session import Decision, Operator
-from isorig.rig.process.interpreter import python
+from isorig.rig.process import python
 
 #: Seconds that the process has to end.
 END = 5.0

@@ -16,7 +16,7 @@ from types import TracebackType
 import msgspec
 
 from isorig.rig.errors import OutputError
-from isorig.rig.process.interpreter import python
+from isorig.rig.process import python
 from isorig.rig.view.messages import PageRequest, SessionBegin, SessionState
 from isorig.rig.view.requests import Desk
 
