@@ -20,8 +20,7 @@ from table import Row, keep, options
 
 from isorig.drivers.simulated.commanded import Simulation
 from isorig.drivers.simulated.framed import SimulatedFramed
-from isorig.drivers.simulated.served import exchange
-from isorig.drivers.simulated.wire import PtyWire
+from isorig.drivers.simulated.served import PtyWire, exchange
 from isorig.rig.acquire.plan import plan_of
 from isorig.rig.acquire.session import Operator, acquire
 

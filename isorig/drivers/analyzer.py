@@ -10,7 +10,6 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from isorig.drivers.answers import WordKind, parse
-from isorig.drivers.block import Shows
 from isorig.drivers.errors import DriverError, InstrumentError, ProtocolError, SettingError
 from isorig.drivers.kinds import CHANNELS, DrivenRig
 from isorig.drivers.link import linked
@@ -18,6 +17,7 @@ from isorig.drivers.simulated.analyzers import Curve
 from isorig.drivers.waits import WAITS, Waits
 
 T = TypeVar("T")
+K = TypeVar("K")
 #: Points and rate (Hz) of a simulated time record, and number of averages of a coherence.
 RECORD, RECORD_RATE, RECORDS = 2048, 256.0, 16
 #: Maximum level of the source, V, and allowed relative difference of the level read back.
@@ -25,15 +25,15 @@ LOUDEST, STEP = 5.0, 0.01
 
 
 class Analyzer:
-    """An analyzer at a link; each kind adds its own commands."""
+    """An analyzer at a link, with its names of the traces that are read; each kind adds its own commands."""
 
     #: Valid answers to each query, and the command that switches the source off.
     ANSWERS: ClassVar[Mapping[str, WordKind]]
     SOURCE_OFF: ClassVar[str]
 
-    def __init__(self, port: str, shows: Sequence[Shows], waits: Waits = WAITS) -> None:
+    def __init__(self, port: str, traces: Sequence[str], waits: Waits = WAITS) -> None:
         self._link, self._waits = linked(port, baud_rate=9600, waits=waits), waits
-        self._shows = tuple(shows)
+        self._traces = tuple(traces)
         self._sourcing = False
         try:
             self._link.clear()
@@ -98,10 +98,10 @@ class Analyzer:
         return first
 
 
-def displayed(rig: DrivenRig) -> tuple[Curve, Curve]:
-    """Traces of a simulated analyzer: a coherence of the last channel with the drive, and a time record of it in V."""
+def displayed(rig: DrivenRig, coherence: K, record: K) -> dict[K, Curve]:
+    """Traces of a simulated analyzer by name: a coherence of the last channel with the drive, and a time record of it in V."""
     volts = rig.volts(RECORD, RECORD_RATE)[:, -1]
-    return rig.coherence(RECORDS * RECORD, RECORD_RATE), (np.arange(RECORD) / RECORD_RATE, volts)
+    return {coherence: rig.coherence(RECORDS * RECORD, RECORD_RATE), record: (np.arange(RECORD) / RECORD_RATE, volts)}
 
 
 def example(coherence: str, record: str) -> str:

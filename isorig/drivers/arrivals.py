@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
@@ -38,14 +38,16 @@ class _Bin(Generic[T]):
 class Arrivals(Generic[T]):
     """Compares the number of samples received with the elapsed time, and locates missing samples; the rate is in Hz.
 
+    Each item is handed to `place`, with the number of samples missing before it.
+
     Samples arrive late, never early, so the smallest delay in each tenth of a second measures the difference between sample count
     and clock. A smallest delay that steps up and remains there is a loss at that place; one that grows steadily is clock drift.
     To detect steps that remain, items are returned two seconds late. The smallest loss to search for is `least` seconds, if
     shorter ones are detected by other means.
     """
 
-    def __init__(self, rate: float, *, least: float = 0.0) -> None:
-        self._rate, self._least = rate, least
+    def __init__(self, rate: float, place: Callable[[T, int], None], *, least: float = 0.0) -> None:
+        self._rate, self._place, self._least = rate, place, least
         self._began: float | None = None
         self._count = 0
         self._before: deque[tuple[float, float]] = deque(maxlen=BEFORE)
@@ -63,12 +65,12 @@ class Arrivals(Generic[T]):
         """The longest undetectable loss, in seconds."""
         return max(JUMP, self._least, SCATTER * self._scatter)
 
-    def add(self, item: T, count: int, now: float) -> Iterator[tuple[T, int]]:
-        """Add an item of `count` samples that arrived at `now` (s); returns released items with the samples missing before."""
+    def add(self, item: T, count: int, now: float) -> None:
+        """Add an item of `count` samples that arrived at `now` (s)."""
         self._began = now - count / self._rate if self._began is None else self._began
         if not self._bins or now >= self._bins[-1].begin + BIN:
             while len(self._bins) > BEHIND:
-                yield from self._release(BEHIND - 1)
+                self._release(BEHIND - 1)
             self._bins.append(_Bin(begin=now))
         self._count += count
         one, delay = self._bins[-1], now - self._began - self._count / self._rate
@@ -76,12 +78,12 @@ class Arrivals(Generic[T]):
         if delay < one.least:
             one.least, one.at = delay, now
 
-    def finish(self) -> Iterator[tuple[T, int]]:
-        """The remaining items, at the end of the run."""
+    def finish(self) -> None:
+        """Hand over the remaining items, at the end of the run."""
         while self._bins:
-            yield from self._release(LAST)
+            self._release(LAST)
 
-    def _release(self, behind: int) -> Iterator[tuple[T, int]]:
+    def _release(self, behind: int) -> None:
         # Before the first bin is released: is everything from some place within it on later than what came before?
         one = self._bins[0]
         missing, first = 0, 0
@@ -96,8 +98,8 @@ class Arrivals(Generic[T]):
         self._before.append((one.at, one.least))
         for k, (item, _, _) in enumerate(one.items):
             self._owed += missing if k == first else 0
-            yield item, self._owed
-            self._owed = 0
+            owed, self._owed = self._owed, 0
+            self._place(item, owed)
         # If even its last item arrived in time, the loss is before the first item of the next bin.
         self._owed += missing if first == len(one.items) else 0
 

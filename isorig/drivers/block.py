@@ -1,4 +1,4 @@
-"""Data returned by instruments: blocks of a stream, and finished records with the contents of the displays they are from."""
+"""Data returned by instruments: blocks of a stream, and finished records."""
 
 from __future__ import annotations
 
@@ -91,38 +91,17 @@ class InstrumentRecord:
 
     Parameters
     ----------
-    kind
-        "time" or "spectrum".
     x
         Seconds or Hz, shape (n,).
     values
-        Values in `unit`, shape (n,), real or complex.
-    unit
-        Unit of the values according to the instrument or the plan.
-    source
-        The instrument's name for the source: a display, a trace.
+        Values, shape (n,), real or complex.
     averages
         Number of averages; None if the instrument does not report it.
-    window
-        Window of a spectrum; None if unknown.
     status
         Status that the instrument reports for it.
     """
 
-    kind: Literal["time", "spectrum"]
     x: FloatArray
     values: NDArray[Any]
-    unit: str
-    source: str
     averages: int | None = None
-    window: str | None = None
     status: Status = Status.GOOD
-
-
-@dataclass(frozen=True, kw_only=True)
-class Shows:
-    """What an analyzer's trace shows, which it does not report; `trace` is its name for it (a display's number, a feed)."""
-
-    trace: str
-    kind: Literal["time", "spectrum"]
-    unit: str

@@ -3,50 +3,21 @@
 from __future__ import annotations
 
 import logging
-import re
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import replace
 
 from isorig.drivers.errors import DriverError, SettingError
-from isorig.drivers.kinds import Bus, RecordsKind, StreamKind, kinds
+from isorig.drivers.kinds import Connected
+from isorig.drivers.ni import devices as ni_devices
+from isorig.drivers.sound import devices as sound_devices
 
 #: Interfaces of python-can that are no hardware, serial ports, or servers on the network that are awaited for seconds.
 NO_HARDWARE = ("virtual", "udp_multicast", "serial", "slcan", "socketcand")
 #: Resources that are also listed as serial ports, or are adapters.
 LISTED_ELSEWHERE = ("ASRL", "PRLGX")
-#: Longest name that is printed.
-NAME = 80
-
-
-@dataclass(frozen=True, kw_only=True)
-class Connected:
-    """Something connected: its port in plans, its description by the system, and settings of a plan that it determines."""
-
-    bus: Bus
-    port: str
-    name: str
-    settings: Mapping[str, Any] = field(default_factory=dict)
-
-    @property
-    def recognized(self) -> tuple[str, ...]:
-        """The kinds of instruments whose name or USB number its description contains."""
-        return tuple(
-            kind.name
-            for kind in self._possible()
-            if kind.recognized and re.search(kind.recognized, f"{self.name} {self.port}", re.IGNORECASE)
-        )
-
-    @property
-    def possible(self) -> tuple[str, ...]:
-        """The kinds of instruments that are reached in the same way."""
-        return tuple(kind.name for kind in self._possible())
-
-    def _possible(self) -> Iterator[StreamKind | RecordsKind]:
-        return (kind for kind in kinds().values() if self.bus in kind.buses)
 
 
 def connected() -> tuple[list[Connected], list[str]]:
@@ -74,7 +45,7 @@ def with_identity(one: Connected) -> Connected:
             name = link.line().strip().decode("ascii", "replace")
     except DriverError:
         return one
-    return replace(one, name=_printable(name)) if name else one
+    return replace(one, name=name) if name else one
 
 
 def serial_ports() -> list[Connected]:
@@ -86,7 +57,7 @@ def serial_ports() -> list[Connected]:
         usb = "" if port.vid is None else f"USB {port.vid:04x}:{port.pid:04x}"
         number = f"serial number {port.serial_number}" if port.serial_number else ""
         about = [port.manufacturer or "", port.description if port.description != "n/a" else "", usb, number]
-        found.append(Connected(bus="serial", port=port.device, name=_printable(" ".join(part for part in about if part))))
+        found.append(Connected(bus="serial", port=port.device, name=" ".join(part for part in about if part)))
     return found
 
 
@@ -100,7 +71,8 @@ def visa_resources() -> list[Connected]:
     except Exception as error:
         if "RSRC_NFOUND" in str(error):
             return []
-        raise SettingError(f"VISA resources cannot be listed ({_printable(str(error))}); check the backend of PyVISA") from None
+        why = " ".join(str(error).split())
+        raise SettingError(f"VISA resources cannot be listed ({why}); check the backend of PyVISA") from None
     finally:
         opened.close()
     return [Connected(bus="visa", port=name, name="") for name in names if not name.upper().startswith(LISTED_ELSEWHERE)]
@@ -113,30 +85,11 @@ def can_interfaces() -> list[Connected]:
     found = can.detect_available_configs(sorted(can.VALID_INTERFACES - set(NO_HARDWARE)))
     return [
         Connected(
-            bus="can", port=str(one["channel"]), name=_printable(f"CAN interface {one['interface']}"),
+            bus="can", port=str(one["channel"]), name=f"CAN interface {one['interface']}",
             settings={"bus": one["interface"]},
         )
         for one in found
     ]  # fmt: skip
-
-
-def ni_devices() -> list[Connected]:
-    """NI devices with inputs; the modules of a chassis belong to it."""
-    from isorig.drivers.ni import devices
-
-    return [
-        Connected(
-            bus="ni", port=port, name=_printable(name), settings={"inputs": inputs} | ({"output": outputs[0]} if outputs else {})
-        )
-        for port, (name, inputs, outputs) in devices().items()
-    ]
-
-
-def sound_devices() -> list[Connected]:
-    """Sound interfaces with inputs."""
-    from isorig.drivers.sound import devices
-
-    return [Connected(bus="sound", port=name, name=_printable(about)) for name, about in devices()]
 
 
 @contextmanager
@@ -150,7 +103,3 @@ def _quiet() -> Iterator[None]:
             yield
     finally:
         logging.disable(before)
-
-
-def _printable(text: str) -> str:
-    return "".join(letter for letter in " ".join(text.split()) if letter.isprintable())[:NAME]

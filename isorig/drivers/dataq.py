@@ -55,15 +55,7 @@ class DataqInstrument:
 
     @property
     def held(self) -> int:
-        """Number of scans received but held until later scans show whether any was lost."""
         return self._alignment.held + self._arrivals.held if self._scanning else 0
-
-    @property
-    def unseen(self) -> float:
-        """The longest undetectable loss in seconds: scans are not numbered, and their zero bits show lost bytes only."""
-        if self._marks is not None:
-            return 0.0
-        return self._arrivals.unseen
 
     def prepare(self, *, sample_rate: float, channels: Sequence[int]) -> float:
         """Set the nearest rate 60 MHz / n and scan the inputs from 0 to the last requested one; returns the actual rate."""
@@ -86,7 +78,6 @@ class DataqInstrument:
         return self._rate
 
     def start(self) -> None:
-        """Start scanning; the first scan has tick 0."""
         self._ready.clear()
         self._tick = 0
         self._began = time.monotonic()
@@ -107,7 +98,7 @@ class DataqInstrument:
     def stop(self) -> int | None:
         """Stop the stream; this instrument does not count its samples."""
         self._port.write(b"stop" + END)
-        self._port.drop_input()
+        self._port.clear()
         self._end()
         return None
 
@@ -122,7 +113,6 @@ class DataqInstrument:
         self._owed = max(round((time.monotonic() - self._began) * self._rate) - self._tick, 0)
 
     def close(self) -> None:
-        """Close the port."""
         self._port.close()
 
     def _begin(self) -> None:
@@ -130,7 +120,7 @@ class DataqInstrument:
         self._alignment = Alignment(inputs, self._settings.bits, self._port.name, counted=self._settings.counter is not None)
         self._marks = None if self._settings.counter is None else Marks(self._rate, self._settings.counter)
         least = 0.0 if self._marks is None else self._marks.reach / self._rate
-        self._arrivals: Arrivals[Stretch] = Arrivals(self._rate, least=least)
+        self._arrivals: Arrivals[Stretch] = Arrivals(self._rate, self._place, least=least)
         self._owed = 0
         self._port.write(b"start" + END)
         self._scanning = True
@@ -141,12 +131,10 @@ class DataqInstrument:
         self._scanning = False
         for stretch in self._alignment.finish():
             self._arrived(stretch)
-        for sure, missing in self._arrivals.finish():
-            self._place(sure, missing)
+        self._arrivals.finish()
 
     def _arrived(self, stretch: Stretch) -> None:
-        for sure, missing in self._arrivals.add(stretch, stretch.lost + len(stretch.scans), stretch.arrived):
-            self._place(sure, missing)
+        self._arrivals.add(stretch, stretch.lost + len(stretch.scans), stretch.arrived)
 
     def _place(self, stretch: Stretch, missing: int) -> None:
         if missing and self._marks is not None:
@@ -167,7 +155,7 @@ class DataqInstrument:
 
     def _quiet(self) -> None:
         self._port.write(b"stop" + END)
-        self._port.drop_input()
+        self._port.clear()
         self._command("encode 0")
 
     def _configure(self) -> None:

@@ -93,7 +93,6 @@ class FramedInstrument:
 
     @property
     def noticed(self) -> Sequence[str]:
-        """Anomalies since the last start, one clause each."""
         return (*self._order.noticed, *self._warnings)
 
     def prepare(self, *, sample_rate: float, channels: Sequence[int]) -> float:
@@ -113,7 +112,6 @@ class FramedInstrument:
             )
 
     def set_configuration(self, name: str) -> bool:
-        """Lock or unlock the rig; False if the operator has to do it."""
         words = self._exchange(f"CONF {name}")
         (answer,) = parse((" ".join(words),), (one_of(name, "manual"),), who=self._name, command="CONF")
         return bool(answer != "manual")
@@ -125,14 +123,12 @@ class FramedInstrument:
         return bool(answer != "none")
 
     def start(self) -> None:
-        """Start streaming; the first sample has tick 0."""
         self._warnings, self._counted = [], None
         began = time.monotonic()
         (first,) = self._ask("START", patience=self._waits.start, tries=1)
         self._order = Order(who=self._name, began=began, first=first, rate=self._rate, real_time=in_real_time(self))
 
     def read(self, timeout: float) -> Block | None:
-        """The next block, or None if none arrives within `timeout` seconds."""
         end = time.monotonic() + timeout
         while True:
             if not self._frames:
@@ -164,7 +160,6 @@ class FramedInstrument:
             )
 
     def close(self) -> None:
-        """Close the port."""
         self._port.close()
 
     def _inputs(self) -> tuple[Input, ...]:

@@ -111,17 +111,11 @@ def _frame(*fields: object) -> bytes:
 class Decoder:
     """Finds the frames in a stream of bytes, and skips everything else.
 
-    Attributes
-    ----------
-    skipped
-        Number of bytes outside valid frames.
-    damaged
-        Number of frames with a valid header and an invalid payload.
+    `damaged` is the number of frames with a valid header and an invalid payload.
     """
 
     def __init__(self) -> None:
         self._buffer = bytearray()
-        self.skipped = 0
         self.damaged = 0
 
     def feed(self, data: bytes) -> list[Frame]:
@@ -129,26 +123,17 @@ class Decoder:
         self._buffer += data
         frames: list[Frame] = []
         at = 0
-        while True:
-            start = self._buffer.find(MAGIC, at)
-            if start < 0:
-                # The buffer may end with the first bytes of a magic.
-                start = len(self._buffer) - next((k for k in (3, 2, 1) if self._buffer.endswith(MAGIC[:k])), 0)
-                self.skipped += max(start - at, 0)
-                at = max(start, at)
-                break
-            self.skipped += start - at
+        while (start := self._buffer.find(MAGIC, at)) >= 0:
             at = start
             size = self._size(at)
             if size is None or len(self._buffer) - at < size:
                 break
             frame = self._frame(at, size) if size else None
-            if frame is None:
-                self.skipped += 1
-                at += 1
-            else:
-                frames.append(frame)
-                at += size
+            frames += [] if frame is None else [frame]
+            at += 1 if frame is None else size
+        else:
+            # The buffer may end with the first bytes of a magic.
+            at = max(at, len(self._buffer) - next((k for k in (3, 2, 1) if self._buffer.endswith(MAGIC[:k])), 0))
         del self._buffer[:at]
         return frames
 
@@ -156,7 +141,6 @@ class Decoder:
         """Stop waiting for the rest of an incomplete frame; returns the valid frames after its start."""
         if len(self._buffer) < len(MAGIC):
             return []
-        self.skipped += 1
         del self._buffer[:1]
         return self.feed(b"")
 

@@ -15,12 +15,10 @@ import numpy as np
 
 from isorig.drivers.analyzer import Analyzer, displayed, example
 from isorig.drivers.answers import number, text, whole
-from isorig.drivers.block import FloatArray, InstrumentRecord, Shows, Status
+from isorig.drivers.block import FloatArray, InstrumentRecord, Status
 from isorig.drivers.errors import InstrumentError, ProtocolError
-from isorig.drivers.kinds import DrivenRig, RecordsKind
+from isorig.drivers.kinds import RecordsKind
 from isorig.drivers.simulated.analyzers import Simulated35670a
-from isorig.drivers.simulated.commanded import Simulation
-from isorig.drivers.simulated.served import Peer
 
 DONE = 1 << 5
 BAD = -1e37
@@ -31,7 +29,7 @@ LARGEST = 1 << 16
 
 
 class Hp35670aInstrument(Analyzer):
-    """A 35670A; the first of its shows is trace 1. Its own serial port serves printers and plotters only."""
+    """A 35670A; the first of its feeds is trace 1. Its own serial port serves printers and plotters only."""
 
     ANSWERS: ClassVar = {"*STB": whole(0, 255), "SYST:ERR": text(200), "SOUR:VOLT": number(), "OUTP": whole(0, 1)}
     SOURCE_OFF = "OUTP OFF"
@@ -54,13 +52,13 @@ class Hp35670aInstrument(Analyzer):
 
     def records(self) -> tuple[InstrumentRecord, ...]:
         """The records of the traces."""
-        return tuple(self._record(trace, shown) for trace, shown in enumerate(self._shows, 1))
+        return tuple(self._record(trace) for trace in range(1, len(self._traces) + 1))
 
     def _set_up(self) -> None:
         self._send("*ESE 1;*SRE 32")
         self._send("FORM:DATA REAL,32")
-        for trace, shown in enumerate(self._shows, 1):
-            self._send(f"CALC{trace}:FEED '{shown.trace}'")
+        for trace, feed in enumerate(self._traces, 1):
+            self._send(f"CALC{trace}:FEED '{feed}'")
 
     def _play(self, level: float) -> tuple[float, bool]:
         self._sourcing = True
@@ -69,7 +67,7 @@ class Hp35670aInstrument(Analyzer):
         self._check()
         return self._ask("SOUR:VOLT?"), bool(self._ask("OUTP?"))
 
-    def _record(self, trace: int, shown: Shows) -> InstrumentRecord:
+    def _record(self, trace: int) -> InstrumentRecord:
         x, values = (self._values(f"CALC{trace}:{what}?") for what in ("X:DATA", "DATA"))
         if x.shape != values.shape:
             raise ProtocolError(
@@ -84,10 +82,7 @@ class Hp35670aInstrument(Analyzer):
         if not good.all():
             bad = int((~good).sum())
             self.noticed += (f"trace {trace} has no value at {bad} of {len(good)} points, which are left out",)
-        return InstrumentRecord(
-            kind=shown.kind, x=x[good], values=values[good], unit=shown.unit, source=shown.trace,
-            status=Status.GOOD if good.all() else Status.LOST,
-        )  # fmt: skip
+        return InstrumentRecord(x=x[good], values=values[good], status=Status.GOOD if good.all() else Status.LOST)
 
     def _values(self, command: str) -> FloatArray:
         return np.frombuffer(self._twice(command, self._block), ">f4").astype(np.float64)
@@ -126,17 +121,11 @@ class Hp35670aInstrument(Analyzer):
         return answer.replace(" ", "").lstrip("+").startswith("0,")
 
 
-def _far_end(rig: DrivenRig, asked: Simulation) -> Peer:
-    asked.faults.only((), "a 35670a")
-    coherence, time_record = displayed(rig)
-    return Simulated35670a({"XFR:POW:COH 1,2": coherence, "XTIM:VOLT 1": time_record})
-
-
 KIND = RecordsKind(
     name="35670a",
     open=Hp35670aInstrument,
     trace=(r"[A-Z0-9:]+( \d(,\d)?)?", "a feed, for example XTIM:VOLT 1"),
     example=example("XFR:POW:COH 1,2", "XTIM:VOLT 1"),
-    far_end=_far_end,
+    far_end=lambda rig, asked: Simulated35670a(displayed(rig, "XFR:POW:COH 1,2", "XTIM:VOLT 1"), asked),
     recognized="35670A",
 )

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, Literal, Protocol
 
 import msgspec
 
 from isorig import drivers
-from isorig.drivers.block import FloatArray, Shows
+from isorig.drivers.block import FloatArray
 from isorig.drivers.instrument import Records, Stream
 from isorig.drivers.simulated.commanded import Simulation
 from isorig.drivers.simulated.framed import Plant
@@ -44,6 +45,8 @@ class DrivenRig(Plant, Protocol):
         """Frequency in Hz and coherence of the last channel with the drive, each shape (bins,)."""
 
 
+#: Longest name of a device that is printed.
+NAME = 80
 #: How an instrument is connected.
 Bus = Literal["serial", "visa", "can", "ni", "sound"]
 #: Channels of the examples of instruments that measure voltages, with those of the simulated rig.
@@ -97,12 +100,12 @@ class StreamKind(Kind):
 
 @dataclass(frozen=True, kw_only=True)
 class RecordsKind(Kind):
-    """An instrument that returns records: `open` at a port, with the contents of its traces and timeouts.
+    """An instrument that returns records: `open` at a port, with the names of its traces and timeouts.
 
     `trace` is the pattern of the traces' names, and an example.
     """
 
-    open: Callable[[str, Sequence[Shows], Waits], Records]
+    open: Callable[[str, Sequence[str], Waits], Records]
     trace: tuple[str, str]
     buses: tuple[Bus, ...] = ("serial", "visa")
 
@@ -113,3 +116,34 @@ def kinds() -> Mapping[str, StreamKind | RecordsKind]:
     names = [module.name for module in pkgutil.iter_modules(drivers.__path__) if not module.ispkg]
     found = [getattr(importlib.import_module(f"isorig.drivers.{name}"), "KIND", None) for name in names]
     return {kind.name: kind for kind in found if kind is not None}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Connected:
+    """Something connected: its port in plans, its description by the system, and settings of a plan that it determines."""
+
+    bus: Bus
+    port: str
+    name: str
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        shown = "".join(letter for letter in " ".join(self.name.split()) if letter.isprintable())
+        object.__setattr__(self, "name", shown[:NAME])
+
+    @property
+    def recognized(self) -> tuple[str, ...]:
+        """The kinds of instruments whose name or USB number its description contains."""
+        return tuple(
+            kind.name
+            for kind in self._possible()
+            if kind.recognized and re.search(kind.recognized, f"{self.name} {self.port}", re.IGNORECASE)
+        )
+
+    @property
+    def possible(self) -> tuple[str, ...]:
+        """The kinds of instruments that are reached in the same way."""
+        return tuple(kind.name for kind in self._possible())
+
+    def _possible(self) -> Iterator[StreamKind | RecordsKind]:
+        return (kind for kind in kinds().values() if self.bus in kind.buses)

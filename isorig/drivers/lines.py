@@ -24,9 +24,9 @@ from isorig.drivers.arrivals import Arrivals
 from isorig.drivers.block import Block, Input, Status
 from isorig.drivers.errors import ConnectionLostError, DriverError, ProtocolError, SettingError
 from isorig.drivers.kinds import CHANNELS, Settings, StreamKind
-from isorig.drivers.link import LineLink, linked
+from isorig.drivers.link import linked
 from isorig.drivers.order import EXACT, LOOSE, BlockHeader, Order
-from isorig.drivers.port import LONGEST
+from isorig.drivers.port import LONGEST, Port
 from isorig.drivers.simulated.streams import SimulatedLines
 from isorig.drivers.waits import WAITS, Waits
 
@@ -168,19 +168,18 @@ class LinesInstrument:
         self.damaged = 0
         self._link = linked(port, baud_rate=settings.baud_rate, waits=waits)
         self._reset()
-        if not settings.read and not isinstance(self._link, LineLink):
+        if not settings.read and not isinstance(self._link, Port):
             self._link.close()
             raise SettingError(f"{port} is asked for each answer; give the command that asks for a line as read in the plan")
 
     @property
     def noticed(self) -> Sequence[str]:
-        """Anomalies since the last start, one clause each."""
         return tuple(self._order.noticed)
 
     @property
     def held(self) -> int:
         """Lines received but held until later ones show whether any was lost."""
-        return self._arrivals.held + len(self._doubtful)
+        return self._arrivals.held + (self._doubtful is not None)
 
     def prepare(self, *, sample_rate: float, channels: Sequence[int]) -> float:
         """Arm the instrument; its rate is part of its own configuration, and the pre-run check compares it with a clock."""
@@ -200,7 +199,6 @@ class LinesInstrument:
         return sample_rate
 
     def start(self) -> None:
-        """Start the instrument; the first line has tick 0."""
         self._quiet()
         self._command(self._settings.start)
         self._reset()
@@ -209,7 +207,6 @@ class LinesInstrument:
         self._open = True
 
     def read(self, timeout: float) -> Block | None:
-        """The next lines, or None."""
         end = time.monotonic() + timeout
         while not self._ready and self._open:
             if not self._settings.read:
@@ -230,13 +227,14 @@ class LinesInstrument:
             while time.monotonic() - heard < REST:
                 heard = time.monotonic() if self._receive() else heard
         if was:
-            self._flush()
+            self.damaged += self._doubtful is not None
+            self._arrivals.finish()
         self._quiet()
         return None
 
     def rejoin(self) -> None:
         """Reopen a lost line; count, clock or the host's clock show how many lines were lost."""
-        if not isinstance(self._link, LineLink):
+        if not isinstance(self._link, Port):
             raise ConnectionLostError(f"{self._link.name} is lost; reconnect it and resume")
         self._link.reopen()
         self._rest, self._partial = b"", True
@@ -254,15 +252,15 @@ class LinesInstrument:
     def _reset(self) -> None:
         self._rest, self._partial = b"", False
         self._ready: deque[Block] = deque()
-        self._doubtful: list[_Line] = []
+        self._doubtful: _Line | None = None
         self._expected: int | None = None
         self._clock = self._elapsed = 0
         self._tick = 0
+        # Lines since the last one that was a scan.
         self._wrong = 0
-        self._missed = 0
         self._pending = Status.GOOD
         self._began = time.monotonic()
-        self._arrivals: Arrivals[tuple[_Line, int, Status]] = Arrivals(self._rate)
+        self._arrivals: Arrivals[tuple[_Line, int, Status]] = Arrivals(self._rate, self._arrived)
         rate = None if math.isnan(self._rate) else self._rate
         self._order = Order(who=self._link.name, began=self._began, counter_wrap=self._wrap, rate=rate, loose=JITTER)
 
@@ -298,13 +296,13 @@ class LinesInstrument:
         return True
 
     def _receive(self) -> bool:
-        assert isinstance(self._link, LineLink)
+        assert isinstance(self._link, Port)
         data = self._link.read()
         now = time.monotonic()
         *lines, self._rest = (self._rest + data).split(b"\n")
         if len(self._rest) > LONGEST:
             self._rest, self._partial = b"", True
-            self._bad(now)
+            self._bad()
         for line in lines:
             if self._partial:
                 self._partial = False
@@ -318,24 +316,22 @@ class LinesInstrument:
             return
         line = self._parsed(text, now)
         if line is None:
-            self._bad(now)
+            self._bad()
             return
-        self._wrong = 0
+        missing, self._wrong = self._wrong, 0
         if self._counted or self._clocked:
             self._counted_line(line)
         elif self._settings.read:
             self._put([line], self._tick, self._pending)
         else:
-            missing, self._missed = self._missed, 0
-            for item, lost in self._arrivals.add((line, missing, self._pending), 1 + missing, now):
-                self._arrived(item, lost)
+            self._arrivals.add((line, missing, self._pending), 1 + missing, now)
         self._pending = Status.GOOD
 
     def _arrived(self, item: tuple[_Line, int, Status], lost: int) -> None:
         line, missing, status = item
         self._put([line], self._tick + missing + lost, status | (Status.CLOCKED if lost else Status.GOOD))
 
-    def _bad(self, now: float) -> None:
+    def _bad(self) -> None:
         # A line that is no scan is a lost sample.
         self.damaged += 1
         self._wrong += 1
@@ -345,7 +341,6 @@ class LinesInstrument:
                 "separator, or check the baud rate"
             )
         self._pending |= Status.RESYNCED
-        self._missed += 1
         if self._settings.read and not (self._counted or self._clocked):
             self._tick += 1
 
@@ -374,23 +369,17 @@ class LinesInstrument:
 
     def _counted_line(self, line: _Line) -> None:
         # A count that does not follow is believed when the next line confirms it: one damaged digit is not a loss.
-        count = self._count_of(line)
-        if self._expected is None or count == self._expected:
-            self._discard_doubtful()
-            self._place([line])
-        elif self._doubtful and count == (self._count_of(self._doubtful[-1]) + 1) % self._wrap:
-            doubtful, self._doubtful = self._doubtful, []
-            self._place([*doubtful, line])
-        elif self._doubtful and count == (self._expected + 1) % self._wrap:
-            self._discard_doubtful()
+        count, doubtful = self._count_of(line), self._doubtful
+        self._doubtful = None
+        follows = self._expected is None or count == self._expected
+        if doubtful is not None and not follows and count == (self._count_of(doubtful) + 1) % self._wrap:
+            self._place([doubtful, line])
+            return
+        self.damaged += doubtful is not None
+        if follows or (doubtful is not None and self._expected is not None and count == (self._expected + 1) % self._wrap):
             self._place([line])
         else:
-            self._discard_doubtful()
-            self._doubtful = [line]
-
-    def _discard_doubtful(self) -> None:
-        self.damaged += len(self._doubtful)
-        self._doubtful = []
+            self._doubtful = line
 
     def _count_of(self, line: _Line) -> int:
         if self._counted:
@@ -436,11 +425,6 @@ class LinesInstrument:
             )
             return
         self._ready.append(Block(first_tick=tick, samples=samples, host_time=lines[-1].host, device_time=seconds, status=status))
-
-    def _flush(self) -> None:
-        self._discard_doubtful()
-        for item, lost in self._arrivals.finish():
-            self._arrived(item, lost)
 
 
 EXAMPLE = """

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import time
 from typing import TYPE_CHECKING
 
 from isorig.drivers.port import Port
@@ -18,31 +17,8 @@ RESOURCE = re.compile(r"(GPIB|TCPIP|USB|ASRL|PXI|VXI)[^@]*::[^@]+", re.IGNORECAS
 ADAPTED = re.compile(r"GPIB\d*::(\d{1,2})(::INSTR)?@(.+)", re.IGNORECASE)
 
 
-class LineLink(Port):
-    """A line: any port that pyserial opens."""
-
-    #: Whether it transfers messages with an end, as GPIB does.
-    bus = False
-
-    def send(self, command: str) -> None:
-        """Send a command with LF."""
-        self.write(command.encode("ascii") + b"\n")
-
-    def clear(self) -> None:
-        """Device clear: the instrument forgets unfinished commands and unread answers; a line is read until it is silent."""
-        self.drop_input()
-
-    def status_byte(self) -> int | None:
-        """The status byte by serial poll; None if this link has none, as a line: then `*STB?` asks for it."""
-        return None
-
-    def wait(self, seconds: float) -> None:
-        """Wait until the instrument requests service, at most for `seconds`; a line just waits."""
-        time.sleep(seconds)
-
-
-def linked(name: str, *, baud_rate: int, waits: Waits = WAITS) -> LineLink | PrologixLink | VisaLink:
-    """Open the link that a name in a plan denotes; every kind has the methods of `LineLink`.
+def linked(name: str, *, baud_rate: int, waits: Waits = WAITS) -> Port | PrologixLink | VisaLink:
+    """Open the link that a name in a plan denotes; every kind has the methods of a `Port` for commands.
 
     They raise ConnectionLostError if the instrument is gone or late, ProtocolError if it sends what was not requested.
 
@@ -72,4 +48,4 @@ def linked(name: str, *, baud_rate: int, waits: Waits = WAITS) -> LineLink | Pro
         from isorig.drivers.visa import VisaLink
 
         return VisaLink(name, baud_rate=baud_rate, waits=waits)
-    return LineLink(name, baud_rate=baud_rate, waits=waits)
+    return Port(name, baud_rate=baud_rate, waits=waits)

@@ -1,13 +1,15 @@
 """Xsens MTi-600 on CAN: an accelerometer on the bus, with any adapter that python-can supports (slcan over a serial port).
 
-Each sample is a group of frames that starts with its counter. Frames are stored as received and decoded in batches. Values are
-big-endian. A frame has a checksum on the bus, but none between a serial adapter and the host: a byte damaged there is detected
-only if it invalidates a frame's form, its length or the counter.
+Each sample is a group of frames that starts with its counter. Values are big-endian. A frame has a checksum on the bus, but none
+between a serial adapter and the host: a byte damaged there is detected only if it invalidates a frame's form, its length or the
+counter.
 """
 
 from __future__ import annotations
 
+import struct
 import time
+from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -16,9 +18,8 @@ from zlib import crc32
 
 import can
 import numpy as np
-from numpy.typing import NDArray
 
-from isorig.drivers.block import Block, Input, Raw, Status
+from isorig.drivers.block import Block, Input, Status
 from isorig.drivers.errors import ConnectionLostError, SettingError
 from isorig.drivers.kinds import Settings, StreamKind
 from isorig.drivers.mti600_messages import (
@@ -32,7 +33,7 @@ from isorig.drivers.mti600_messages import (
     STATUS_WORD,
     WRAP,
 )
-from isorig.drivers.order import EXACT, BlockHeader, Order
+from isorig.drivers.order import EXACT, BlockHeader, Order, wrapped
 from isorig.drivers.port import check_name
 from isorig.drivers.simulated.streams import SimulatedSlcan, axes
 from isorig.drivers.waits import WAITS, Waits
@@ -40,68 +41,33 @@ from isorig.drivers.waits import WAITS, Waits
 BITRATE = 250_000
 #: The error message that reports messages dropped inside the instrument; any other one is a fault.
 DROPPED = b"\x01"
-#: Groups in a block, and maximum number of frames waiting before a run.
+#: Groups in a block, at most, and maximum number of frames waiting before a run.
 GROUPS = 16
 BACKLOG = 1000
 #: Maximum number of characters without an end of line from an adapter: a frame of eight bytes has 22.
 LONGEST = 4096
 
 
-@dataclass(frozen=True, kw_only=True)
-class DecodedGroups:
-    """Decoded groups: counters as sent, accelerations as counts (shape (n, 3)), device time in seconds, clip flags."""
+@dataclass
+class FrameGroup:
+    """A sample as its frames give it: counter as sent, acceleration in counts, device time in microseconds, whether it clipped.
 
-    counter: NDArray[np.int64]
-    acceleration: Raw
-    seconds: NDArray[np.float64]
-    clipped: NDArray[np.bool_]
-
-
-def decode(identifiers: NDArray[np.int64], data: NDArray[np.uint8], *, following: int | None) -> DecodedGroups:
-    """Converts frames to groups with both counter and acceleration.
-
-    If the counter steps, the lost counter may have been anywhere after the last one received, and the acceleration there may
-    belong to a later sample: the group before a step is discarded.
-
-    Parameters
-    ----------
-    identifiers
-        Arbitration identifiers in the order of arrival, shape (n,).
-    data
-        Their bytes, padded with zeros, shape (n, 8).
-    following
-        The counter received after these frames; None if there is none, so that the last group cannot be trusted.
+    What has not arrived is None; of frames of one kind, the first counts.
     """
-    # A frame received twice is adjacent to its copy.
-    again = np.zeros(len(identifiers), bool)
-    again[1:] = (identifiers[1:] == identifiers[:-1]) & (data[1:] == data[:-1]).all(axis=1)
-    identifiers, data = identifiers[~again], data[~again]
-    group = np.cumsum(identifiers == GROUP_COUNTER) - 1
-    found = int(group[-1]) + 1 if len(group) else 0
-    counter = _big(data[identifiers == GROUP_COUNTER], ">u2").astype(np.int64)
-    acceleration = np.zeros((found, 3), np.int16)
-    has = np.zeros(found, bool)
-    seconds = np.full(found, np.nan)
-    clipped = np.zeros(found, bool)
-    for identifier in (ACCELERATION, SAMPLE_TIME, STATUS_WORD):
-        here = np.flatnonzero((identifiers == identifier) & (group >= 0))
-        own, first = np.unique(group[here], return_index=True)
-        rows = data[here[first]]
-        if identifier == ACCELERATION:
-            acceleration[own] = np.ascontiguousarray(rows[:, :6]).view(">i2").astype(np.int16)
-            has[own] = True
-        elif identifier == SAMPLE_TIME:
-            seconds[own] = _big(rows, ">u4") * 1e-6
-        else:
-            clipped[own] = (_big(rows, ">u4") & CLIPPED) != 0
-    has[:-1] &= np.diff(counter) % WRAP == 1
-    has[-1:] &= following is not None and (following - counter[-1:]) % WRAP == 1
-    return DecodedGroups(counter=counter[has], acceleration=acceleration[has], seconds=seconds[has], clipped=clipped[has])
 
+    counter: int
+    acceleration: tuple[int, ...] | None = None
+    micros: int | None = None
+    clipped: bool | None = None
 
-def _big(rows: NDArray[np.uint8], kind: str) -> NDArray[Any]:
-    size = np.dtype(kind).itemsize
-    return np.ascontiguousarray(rows[:, :size]).view(kind).ravel()
+    def add(self, identifier: int, payload: bytes) -> None:
+        """Add a frame by its arbitration identifier."""
+        if identifier == ACCELERATION and self.acceleration is None:
+            self.acceleration = struct.unpack(">hhh", payload)
+        elif identifier == SAMPLE_TIME and self.micros is None:
+            self.micros = int.from_bytes(payload, "big")
+        elif identifier == STATUS_WORD and self.clipped is None:
+            self.clipped = bool(int.from_bytes(payload, "big") & CLIPPED)
 
 
 class MtiSettings(Settings, frozen=True):
@@ -123,16 +89,13 @@ class MtiInstrument:
         self._name, self._interface, self._waits = port, settings.bus, waits
         check_name(port)
         self._bus = self._opened()
-        self._frames: list[tuple[int, bytes]] = []
         self._rate: float | None = None
-        self._status = Status.GOOD
         self._open = True
-        self._order = self._begun()
+        self._begin()
         self.damaged = 0
 
     @property
     def noticed(self) -> Sequence[str]:
-        """Anomalies since the last start, one clause each."""
         return tuple(self._order.noticed)
 
     def prepare(self, *, sample_rate: float, channels: Sequence[int]) -> float:
@@ -145,32 +108,30 @@ class MtiInstrument:
     def start(self) -> None:
         """Discard data in transit; the first group from now on has tick 0."""
         for _ in range(BACKLOG):
-            if not self._receive(0.0):
+            if self._receive(0.0) is None:
                 break
-        self._frames, self._order, self._status = [], self._begun(), Status.GOOD
+        self._begin()
         self._open = True
 
     def read(self, timeout: float) -> Block | None:
         """The next block of whole groups, or None."""
         end = time.monotonic() + timeout
         while True:
-            groups = sum(identifier == GROUP_COUNTER for identifier, _ in self._frames)
-            while self._open and groups <= GROUPS:
-                messages = self._receive(max(end - time.monotonic(), 0.0))
-                if not messages and time.monotonic() >= end:
+            begun = 0
+            while self._open and begun <= GROUPS and len(self._stretches) < 2:
+                message = self._receive(max(end - time.monotonic(), 0.0))
+                if message is None and time.monotonic() >= end:
                     break
-                for message in messages:
-                    groups += self._accept(message)
-            before = len(self._frames)
-            block = self._block()
+                begun += message is not None and self._accept(message)
+            block = self._block(self._stretches.popleft()) if self._stretches else None
             # A block received before is discarded; the data after it may be new.
-            if block is not None or len(self._frames) == before or time.monotonic() >= end:
+            if block is not None or time.monotonic() >= end or not (self._open or self._stretches):
                 return block
 
     def rejoin(self) -> None:
         """Reopen the adapter after a lost connection; the instrument keeps sending, and its counter and clock show the loss."""
         self.close()
-        self._frames = []
+        self._forget()
         self._bus = self._opened()
 
     def stop(self) -> int | None:
@@ -179,7 +140,6 @@ class MtiInstrument:
         return None
 
     def close(self) -> None:
-        """Close the bus."""
         # The adapter may be gone.
         with suppress(can.CanError, OSError, TypeError):
             self._bus.shutdown()
@@ -197,10 +157,18 @@ class MtiInstrument:
                 f"the CAN adapter at {self._name} cannot be opened ({error}); check the cable and the name"
             ) from None
 
-    def _begun(self) -> Order:
-        return Order(who=self._name, began=time.monotonic(), counter_wrap=WRAP, rate=self._rate, loose=EXACT)
+    def _begin(self) -> None:
+        self._order = Order(who=self._name, began=time.monotonic(), counter_wrap=WRAP, rate=self._rate, loose=EXACT)
+        self._status = Status.GOOD
+        self._forget()
 
-    def _receive(self, timeout: float) -> list[can.Message]:
+    def _forget(self) -> None:
+        # Whole groups whose counters follow each other, the group that is received, and the last frame.
+        self._stretches: deque[list[FrameGroup]] = deque()
+        self._group: FrameGroup | None = None
+        self._last: tuple[int, bytes] | None = None
+
+    def _receive(self, timeout: float) -> can.Message | None:
         try:
             message = self._bus.recv(timeout)
             if len(getattr(self._bus, "_buffer", b"")) > LONGEST:
@@ -213,73 +181,64 @@ class MtiInstrument:
             # The library keeps an undecodable line, and would fail on it forever.
             self._bus.flush()  # type: ignore[attr-defined]
             self.damaged += 1
-            return []
+            return None
         except (ValueError, IndexError):
             # The adapter sent an invalid frame.
             self.damaged += 1
-            return []
-        return [] if message is None else [message]
+            return None
+        return message
 
     def _accept(self, message: can.Message) -> bool:
-        # Store a frame of this instrument; returns whether a group starts.
+        # Sorts a frame of this instrument into the group of its sample; returns whether a group begins.
         identifier, payload = message.arbitration_id, bytes(message.data)
         if message.is_extended_id or identifier not in LENGTHS:
             return False
         if len(payload) != LENGTHS[identifier]:
             self.damaged += 1
-            return False
-        if identifier == ERROR:
+        elif identifier == ERROR:
             self._status |= Status.LOST if payload == DROPPED else Status.FAULT
-            return False
-        self._frames.append((identifier, payload))
-        return identifier == GROUP_COUNTER
+        elif (identifier, payload) != self._last:
+            # A frame received twice is adjacent to its copy.
+            self._last = identifier, payload
+            if identifier == GROUP_COUNTER:
+                self._next_group(int.from_bytes(payload, "big"))
+                return True
+            if self._group is not None:
+                self._group.add(identifier, payload)
+        return False
 
-    def _block(self) -> Block | None:
-        # The last group may still be incomplete; it stays until the next one starts. A block ends at a step of the counter.
-        starts = [k for k, (identifier, _) in enumerate(self._frames) if identifier == GROUP_COUNTER]
-        end = starts[-1] if self._open and starts else len(self._frames)
-        whole = self._frames[:end]
-        if not whole:
-            return None
-        identifiers = np.array([identifier for identifier, _ in whole], np.int64)
-        data = np.frombuffer(b"".join(payload.ljust(8, b"\0") for _, payload in whole), np.uint8).reshape(-1, 8)
-        following = int.from_bytes(self._frames[end][1][:2], "big") if end < len(self._frames) else None
-        groups = decode(identifiers, data, following=following)
-        straight = int(np.argmax(np.append(np.diff(groups.counter) % WRAP != 1, True))) + 1
-        if straight < len(groups.counter):
-            wanted = int(groups.counter[straight])
-            end = next(k for k in starts if int.from_bytes(whole[k][1][:2], "big") == wanted)
-        self._frames = self._frames[end:]
-        return self._as_block(groups, straight) if len(groups.counter) else None
+    def _next_group(self, counter: int) -> None:
+        # If the counter steps, the lost counter may have been anywhere after the last one received, and the acceleration there
+        # may belong to a later sample: the group before a step is discarded.
+        group, self._group = self._group, FrameGroup(counter)
+        if group is None or group.acceleration is None or (counter - group.counter) % WRAP != 1:
+            return
+        if not self._stretches or (group.counter - self._stretches[-1][-1].counter) % WRAP != 1:
+            self._stretches.append([])
+        self._stretches[-1].append(group)
 
-    def _as_block(self, groups: DecodedGroups, count: int) -> Block | None:
-        acceleration = groups.acceleration[:count]
-        now = time.monotonic()
+    def _block(self, groups: Sequence[FrameGroup]) -> Block | None:
+        acceleration, now = np.array([group.acceleration for group in groups], np.int16), time.monotonic()
         reading = BlockHeader(
-            counter=int(groups.counter[0]), rows=count, host=now, clock=self._clock(groups.seconds[:count]),
-            mark=crc32(acceleration.tobytes()),
+            counter=groups[0].counter, rows=len(groups), host=now, clock=self._clock(groups), mark=crc32(acceleration.tobytes()),
         )  # fmt: skip
         place = self._order.place(reading)
         if place is None:
             return None
-        status = self._status | place.status
+        status = self._status | place.status | (Status.OVERLOAD if any(group.clipped for group in groups) else Status.GOOD)
         self._status = Status.GOOD
-        if groups.clipped[:count].any():
-            status |= Status.OVERLOAD
         return Block(first_tick=place.tick, samples=acceleration, host_time=now, device_time=place.seconds, status=status)
 
-    def _clock(self, seconds: NDArray[np.float64]) -> int | None:
+    def _clock(self, groups: Sequence[FrameGroup]) -> int | None:
         # Time at the first group in microseconds, by majority of the groups: damaged digits are outvoted.
-        known = np.flatnonzero(np.isfinite(seconds))
-        if not len(known):
+        known = [(k, group.micros) for k, group in enumerate(groups) if group.micros is not None]
+        if not known:
             return None
-        wrap = Order.WRAP * 1e-6
-        first = float(seconds[known[0]])
-        steps = (seconds[known] - first + wrap / 2.0) % wrap - wrap / 2.0
+        place, first = known[0]
         if self._rate is None:
-            return round(first * 1e6) if known[0] == 0 else None
-        steps = steps - known / self._rate
-        return round((first + float(np.median(steps))) * 1e6) % Order.WRAP
+            return first if place == 0 else None
+        steps = [wrapped(micros, first, Order.WRAP) - first - 1e6 * k / self._rate for k, micros in known]
+        return round(first + float(np.median(steps))) % Order.WRAP
 
 
 EXAMPLE = """

@@ -17,11 +17,10 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 
-from isorig.drivers.block import Block, Input, Status
+from isorig.drivers.block import Block, FloatArray, Input, Status
 from isorig.drivers.errors import ConnectionLostError, DriverError, InstrumentError, SettingError
-from isorig.drivers.kinds import StreamKind
-from isorig.drivers.tachometer import Tachometer
-from isorig.drivers.voltage import AnalogOutput, OutputSettings, fade_out
+from isorig.drivers.kinds import Connected, StreamKind
+from isorig.drivers.voltage import AnalogOutput, OutputSettings, fade
 from isorig.drivers.waits import WAITS, Waits
 
 T = TypeVar("T")
@@ -272,7 +271,7 @@ class NiInstrument(AnalogOutput):
         with self._ni.Task() as task:
             self._output_channel(task)
             writer = self._ni.stream_writers.AnalogSingleChannelWriter(task.out_stream, auto_start=True)
-            for value in fade_out(volts, STEPS):
+            for value in volts * fade(np.linspace(1.0, 0.0, STEPS)):
                 writer.write_one_sample(float(value))
                 time.sleep(self._settings.ramp / STEPS)
 
@@ -366,9 +365,60 @@ class NiInstrument(AnalogOutput):
         return InstrumentError(f"{self._name} reports NI error {code} ({brief}); correct the plan or the device's set-up")
 
 
-def devices() -> dict[str, tuple[str, list[str], list[str]]]:
-    """Devices of this computer with analog inputs: by port the name, the inputs and the outputs; modules belong to their chassis.
-    Raises SettingError if the package or NI's runtime is missing."""
+class Tachometer:
+    """Counts rising edges on the clock of the inputs: its sample k belongs to their sample k.
+
+    The pulses arrive at a terminal, that of the counter by default. The inputs have a rate in Hz, and `buffer` samples are kept
+    for the host.
+    """
+
+    def __init__(self, package: Any, counter: str, terminal: str, *, rate: float, clock: str, buffer: int) -> None:
+        self._package, self._task = package, package.Task()
+        self._total = self._last = 0
+        try:
+            channel = self._task.ci_channels.add_ci_count_edges_chan(counter)
+            if terminal:
+                channel.ci_count_edges_term = terminal
+            self._task.timing.cfg_samp_clk_timing(
+                rate, source=clock, sample_mode=package.constants.AcquisitionType.CONTINUOUS, samps_per_chan=buffer
+            )
+            self._task.in_stream.overwrite = package.constants.OverwriteMode.OVERWRITE_UNREAD_SAMPLES
+        except BaseException:
+            self.close()
+            raise
+
+    def start(self) -> None:
+        """Count from zero; before the inputs, whose first sample clocks the first count."""
+        self._total = self._last = 0
+        self._task.start()
+
+    def stop(self) -> None:
+        """Stop counting."""
+        self._task.stop()
+
+    def edges(self, first: int, count: int) -> FloatArray:
+        """Edges since the start at the samples from `first` on, shape (count,)."""
+        stream = self._task.in_stream
+        # Not zero after samples that the host did not fetch.
+        stream.offset = first - int(stream.curr_read_pos)
+        counts = np.zeros(count, np.uint32)
+        reader = self._package.stream_readers.CounterReader(stream)
+        reader.read_many_sample_uint32(counts, number_of_samples_per_channel=count, timeout=1.0)
+        # The counter has 32 bits: differences remain right when it returns to zero.
+        steps = np.diff(counts, prepend=np.uint32(self._last))
+        edges = self._total + np.cumsum(steps, dtype=np.int64)
+        self._total, self._last = int(edges[-1]), int(counts[-1])
+        return edges.astype(np.float64)
+
+    def close(self) -> None:
+        """Release the counter."""
+        with suppress(Exception):
+            self._task.close()
+
+
+def devices() -> list[Connected]:
+    """Devices of this computer with analog inputs; the modules of a chassis belong to it. Raises SettingError if the package or
+    NI's runtime is missing."""
     package, errors = _package()
     found: dict[str, tuple[str, list[str], list[str]]] = {}
     try:
@@ -384,7 +434,11 @@ def devices() -> dict[str, tuple[str, list[str], list[str]]]:
         raise SettingError(f"NI devices cannot be listed ({_brief(error)}); check them in NI's own tool") from None
     except (errors.Error, OSError) as error:
         raise SettingError(_not_installed(error)) from None
-    return {port: about for port, about in found.items() if about[1]}
+    return [
+        Connected(bus="ni", port=port, name=name, settings={"inputs": inputs} | ({"output": outputs[0]} if outputs else {}))
+        for port, (name, inputs, outputs) in found.items()
+        if inputs
+    ]
 
 
 def _package() -> tuple[Any, Any]:

@@ -20,6 +20,8 @@ LONGEST = 256
 SLOWER = 3.0
 #: Bits of a byte on a serial line: start, eight, stop.
 BITS = 10
+#: Message available: the bit of the status byte while an answer waits at a GPIB device (IEEE 488.2).
+WAITING = 1 << 4
 #: Allowed URL schemes; pyserial supports more, and some of those write files or load classes.
 SCHEMES = ("socket", "rfc2217")
 
@@ -27,9 +29,12 @@ SCHEMES = ("socket", "rfc2217")
 class Port:
     """One end of a serial line: a path like /dev/ttyACM0 with a baud rate, or a URL like socket://127.0.0.1:4000.
 
+    Other links (`isorig.drivers.link`) have the same methods, those for single commands; a `bus` transfers messages with an end.
     Its methods raise ConnectionLostError if the instrument is gone or late, or accepts no bytes; ProtocolError if it sends what
     was not requested. Raises SettingError if the name is not a port; ConnectionLostError if the port cannot be opened.
     """
+
+    bus = False
 
     def __init__(self, name: str, *, baud_rate: int, waits: Waits = WAITS) -> None:
         check_name(name)
@@ -57,6 +62,10 @@ class Port:
             ) from None
         except (serial.SerialException, OSError, TypeError) as error:
             raise self._gone(error) from None
+
+    def send(self, command: str) -> None:
+        """Send a command with LF."""
+        self.write(command.encode("ascii") + b"\n")
 
     def read(self) -> bytes:
         """The bytes that arrived, after at most 0.05 s of waiting."""
@@ -99,8 +108,8 @@ class Port:
         if waiting:
             raise ProtocolError(f"{self.name} sent more than was requested; check the cable, then measure again")
 
-    def drop_input(self) -> None:
-        """Discard input until nothing more arrives, which is refused after a while."""
+    def clear(self) -> None:
+        """Device clear: the instrument forgets unfinished commands and unread answers; a line is read until it is silent."""
         end = time.monotonic() + self.waits.silence
         while self.read():
             if time.monotonic() > end:
@@ -108,6 +117,14 @@ class Port:
                     f"{self.name} keeps sending after the stop command; switch the instrument off and on, and check "
                     "that the plan names its kind"
                 )
+
+    def status_byte(self) -> int | None:
+        """The status byte by serial poll; None if this link has none, as a line: then `*STB?` asks for it."""
+        return None
+
+    def wait(self, seconds: float) -> None:
+        """Wait until the instrument requests service, at most for `seconds`; a line just waits."""
+        time.sleep(seconds)
 
     def close(self) -> None:
         """Close the port; may be called twice."""

@@ -7,7 +7,7 @@ from typing import Any
 
 from isorig.drivers.answers import WordKind, parse, text, whole
 from isorig.drivers.errors import ProtocolError, SettingError
-from isorig.drivers.port import Port
+from isorig.drivers.port import WAITING, Port
 from isorig.drivers.waits import WAITS, Waits
 
 #: Characters that the adapter would take for its own: sent after ESC.
@@ -18,8 +18,6 @@ SPECIAL = b"\x1b\r\n+"
 SET_UP = ("++savecfg 0", "++mode 1", "++auto 0", "++eos 2", "++eoi 1", "++eot_enable 0", "++read_tmo_ms 3000", "++ifc")
 #: Highest primary address of a GPIB device (IEEE 488.1).
 HIGHEST = 30
-#: Message available: the bit of the status byte while an answer waits (IEEE 488.2).
-WAITING = 1 << 4
 #: Seconds between two queries of the service request line.
 POLL = 0.05
 
@@ -37,28 +35,25 @@ class PrologixLink:
         self._port = Port(port, baud_rate=115200, waits=waits)
         self._reading = False
         try:
-            self._port.drop_input()
+            self._port.clear()
             if not self._ask("++ver", text(100)):
                 raise ProtocolError(f"{name} does not report a version; check that {port} is a Prologix adapter")
             for command in (*SET_UP, f"++addr {address}"):
-                self._port.write(command.encode() + b"\n")
+                self._port.send(command)
         except BaseException:
             self._port.close()
             raise
 
     def send(self, command: str) -> None:
-        """Send a command."""
         escaped = b"".join(ESCAPE + bytes([c]) if c in SPECIAL else bytes([c]) for c in command.encode("ascii"))
         self._port.write(escaped + b"\n")
         self._reading = False
 
     def line(self) -> bytes:
-        """The next line of the answer."""
         self._request()
-        return self._port.line(b"\n")
+        return self._port.line()
 
     def exactly(self, count: int) -> bytes:
-        """The next `count` bytes of the answer."""
         self._request()
         return self._port.exactly(count)
 
@@ -69,13 +64,11 @@ class PrologixLink:
             raise ProtocolError(f"{self.name} has an answer that was not requested; check that the plan names its kind")
 
     def clear(self) -> None:
-        """Device clear."""
-        self._port.write(b"++clr\n")
-        self._port.drop_input()
+        self._port.send("++clr")
+        self._port.clear()
         self._reading = False
 
     def status_byte(self) -> int:
-        """The status byte by serial poll."""
         return int(self._ask("++spoll", whole(0, 255)))
 
     def wait(self, seconds: float) -> None:
@@ -87,17 +80,16 @@ class PrologixLink:
             time.sleep(min(POLL, seconds))
 
     def close(self) -> None:
-        """Close the port."""
         self._port.close()
 
     def _request(self) -> None:
         # One request reads the answer up to EOI; the rest waits in the port.
         if not self._reading:
-            self._port.write(b"++read eoi\n")
+            self._port.send("++read eoi")
             self._reading = True
 
     def _ask(self, command: str, kind: WordKind) -> Any:
         self._port.expect_nothing()
-        self._port.write(command.encode() + b"\n")
-        answer = self._port.line(b"\n").strip().decode("ascii", "replace")
+        self._port.send(command)
+        answer = self._port.line().strip().decode("ascii", "replace")
         return parse((answer,), (kind,), who=self.name, command=command)[0]

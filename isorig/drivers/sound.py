@@ -20,7 +20,7 @@ import numpy as np
 from isorig.drivers.arrivals import Arrivals
 from isorig.drivers.block import Block, FloatArray, Input, Raw, Status
 from isorig.drivers.errors import ConnectionLostError, SettingError
-from isorig.drivers.kinds import StreamKind
+from isorig.drivers.kinds import Connected, StreamKind
 from isorig.drivers.voltage import AnalogOutput, OutputSettings, fade
 from isorig.drivers.waits import WAITS, Waits
 
@@ -109,19 +109,12 @@ class SoundInstrument(AnalogOutput):
 
     @property
     def noticed(self) -> Sequence[str]:
-        """Anomalies since the last start, one clause each."""
         said = {"input_overflow": "PortAudio lost samples of the inputs", "output_underflow": "the drive was interrupted"}
         return tuple(f"{text} {self._flags[name]} times" for name, text in said.items() if self._flags[name])
 
     @property
     def held(self) -> int:
-        """Samples received but held until later ones show whether any was lost."""
         return self._arrivals.held
-
-    @property
-    def unseen(self) -> float:
-        """The longest undetectable loss, in seconds."""
-        return self._arrivals.unseen
 
     def prepare(self, *, sample_rate: float, channels: Sequence[int]) -> float:
         """Open the stream; returns the rate that the interface has."""
@@ -149,7 +142,6 @@ class SoundInstrument(AnalogOutput):
         return self._rate
 
     def start(self) -> None:
-        """Start the stream."""
         self._clear()
         self._prepare_drive()
         try:
@@ -201,8 +193,7 @@ class SoundInstrument(AnalogOutput):
         was, self._running = self._running, False
         if was:
             self._sort()
-            for item, missing in self._arrivals.finish():
-                self._place(item, missing)
+            self._arrivals.finish()
         return None
 
     def close(self) -> None:
@@ -214,7 +205,7 @@ class SoundInstrument(AnalogOutput):
     def _clear(self) -> None:
         self._heard_blocks: deque[tuple[Raw, float, Status]] = deque()
         self._ready: deque[Block] = deque()
-        self._arrivals: Arrivals[tuple[Raw, float, Status]] = Arrivals(self._rate)
+        self._arrivals: Arrivals[tuple[Raw, float, Status]] = Arrivals(self._rate, self._place)
         self._parts: deque[FloatArray] = deque()
         self._finished, self._silent = threading.Event(), threading.Event()
         self._flags = {"input_overflow": 0, "output_underflow": 0}
@@ -275,8 +266,7 @@ class SoundInstrument(AnalogOutput):
     def _sort(self) -> None:
         while self._heard_blocks:
             item = self._heard_blocks.popleft()
-            for sure, missing in self._arrivals.add(item, len(item[0]), item[1]):
-                self._place(sure, missing)
+            self._arrivals.add(item, len(item[0]), item[1])
 
     def _place(self, item: tuple[Raw, float, Status], missing: int) -> None:
         samples, now, status = item
@@ -292,18 +282,18 @@ class SoundInstrument(AnalogOutput):
                 stream.close()
 
 
-def devices() -> list[tuple[str, str]]:
-    """Sound interfaces with inputs: name and description. Raises SettingError if the package or PortAudio is missing."""
+def devices() -> list[Connected]:
+    """Sound interfaces with inputs. Raises SettingError if the package or PortAudio is missing."""
     package = _package()
     hosts = package.query_hostapis()
     return [
-        (
-            str(one["name"]),
-            f"{hosts[one['hostapi']]['name']}, {one['max_input_channels']} inputs, {one['max_output_channels']} outputs",
+        Connected(
+            bus="sound", port=str(one["name"]),
+            name=f"{hosts[one['hostapi']]['name']}, {one['max_input_channels']} inputs, {one['max_output_channels']} outputs",
         )
         for one in package.query_devices()
         if one["max_input_channels"] > 0
-    ]
+    ]  # fmt: skip
 
 
 def _package() -> Any:

@@ -14,12 +14,10 @@ import numpy as np
 
 from isorig.drivers.analyzer import Analyzer, displayed, example
 from isorig.drivers.answers import number, parse, text, whole
-from isorig.drivers.block import FloatArray, InstrumentRecord, Shows, Status
+from isorig.drivers.block import FloatArray, InstrumentRecord, Status
 from isorig.drivers.errors import InstrumentError, ProtocolError, SettingError
-from isorig.drivers.kinds import DrivenRig, RecordsKind
+from isorig.drivers.kinds import RecordsKind
 from isorig.drivers.simulated.analyzers import SimulatedSr785
-from isorig.drivers.simulated.commanded import Simulation
-from isorig.drivers.simulated.served import Peer
 
 #: Bits of the standard event register: syntax error, execution error, output overflow.
 EVENTS = {5: "a command is unknown", 4: "a command could not be executed", 2: "its output overflowed"}
@@ -54,7 +52,7 @@ class Sr785Instrument(Analyzer):
 
     def records(self) -> tuple[InstrumentRecord, ...]:
         """The contents of its displays."""
-        return tuple(self._record(int(shown.trace), shown) for shown in self._shows)
+        return tuple(self._record(int(display)) for display in self._traces)
 
     def _set_up(self) -> None:
         # Answers go to the interface that this names: 0 is GPIB, 1 RS-232.
@@ -72,7 +70,7 @@ class Sr785Instrument(Analyzer):
         (value,) = parse((answer,), (number(),), who=self._link.name, command=LEVELS[kind])
         return value * UNITS.get(unit, np.nan), bool(self._ask("SRCO?"))
 
-    def _record(self, display: int, shown: Shows) -> InstrumentRecord:
+    def _record(self, display: int) -> InstrumentRecord:
         points = int(self._twice(f"DSPN?{display}", self._ask))
         first, middle, last = (self._ask(f"DBIN?{display},{j}") for j in (0, points // 2, points - 1))
         x = np.linspace(first, last, points)
@@ -81,10 +79,7 @@ class Sr785Instrument(Analyzer):
                 f"{self._link.name} reports x values {first:g}, {middle:g} and {last:g} for display {display}, not equal steps; "
                 "measure again"
             )
-        return InstrumentRecord(
-            kind=shown.kind, x=x, values=self._floats(display, points), unit=shown.unit, source=f"display {display}",
-            averages=self._averages, window=None, status=self._status,
-        )  # fmt: skip
+        return InstrumentRecord(x=x, values=self._floats(display, points), averages=self._averages, status=self._status)
 
     def _floats(self, display: int, points: int) -> FloatArray:
         data = self._twice(f"DSPB?{display}", lambda command: self._dump(command, points))
@@ -110,17 +105,11 @@ class Sr785Instrument(Analyzer):
                 raise InstrumentError(f"{self._link.name} reports that {what}; check that the plan names the right instrument")
 
 
-def _far_end(rig: DrivenRig, asked: Simulation) -> Peer:
-    faults = asked.faults.only(("overload",), "an sr785")
-    coherence, time_record = displayed(rig)
-    return SimulatedSr785({0: coherence, 1: time_record}, overload=faults.overload > 0.0)
-
-
 KIND = RecordsKind(
     name="sr785",
     open=Sr785Instrument,
     trace=(r"[01]", "a display, 0 or 1"),
     example=example("0", "1"),
-    far_end=_far_end,
+    far_end=lambda rig, asked: SimulatedSr785(displayed(rig, 0, 1), asked),
     recognized="SR78[05]",
 )

@@ -26,8 +26,6 @@ class Teds:
 
     Parameters
     ----------
-    manufacturer, model, version
-        Numbers of the manufacturer and of the model, version as in "B1".
     serial_number
         Serial number.
     quantity
@@ -38,9 +36,6 @@ class Teds:
         Dates of the calibration and of the next one; None if they are not given.
     """
 
-    manufacturer: int
-    model: int
-    version: str
     serial_number: int
     quantity: str = ""
     sensitivity: float | None = None
@@ -73,11 +68,9 @@ def decode(data: bytes) -> Teds:
     if len(data) > LARGEST or 8 * len(data) < BASIC or not any(data) or set(data) == {0xFF}:
         raise ProtocolError(f"the sensor's memory of {len(data)} bytes holds no data sheet; give the sensor's values by hand")
     bits = _Bits(data)
-    manufacturer, model, letter, version, serial = (bits.read(count) for count in (14, 15, 5, 6, 24))
-    basic = Teds(
-        manufacturer=manufacturer, model=model, version=f"{chr(ord('@') + letter) if 1 <= letter <= 26 else ''}{version}",
-        serial_number=serial,
-    )  # fmt: skip
+    # Numbers of the manufacturer and of the model, letter and number of the version.
+    bits.read(14 + 15 + 5 + 6)
+    basic = Teds(serial_number=bits.read(24))
     if 8 * len(data) < BASIC + 12 or bits.read(2) != 0 or bits.read(8) != TEMPLATE:
         return basic
     basic = replace(basic, quantity="force" if bits.read(1) else "acceleration")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from isorig.drivers.answers import parse, whole
 from isorig.drivers.errors import ConnectionLostError, ProtocolError, SettingError
-from isorig.drivers.port import BITS, LONGEST, SLOWER
+from isorig.drivers.port import BITS, LONGEST, SLOWER, WAITING
 from isorig.drivers.waits import WAITS, Waits
 
 if TYPE_CHECKING:
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 BACKEND = "@py"
-#: Message available: the bit of the status byte while an answer waits (IEEE 488.2).
-WAITING = 1 << 4
 #: Timeout of the search for bytes that nobody requested, milliseconds; and seconds that a bus may take to open a resource.
 GLANCE = 1
 OPENING = 5.0
@@ -58,26 +56,26 @@ class VisaLink:
         self._baud_rate = baud_rate
         self._polls, self._events = True, True
         try:
-            self._resource: Any = manager().open_resource(name, open_timeout=round(1e3 * OPENING))
+            resource: Any = manager().open_resource(name, open_timeout=round(1e3 * OPENING))
         except SettingError:
             raise
         except Exception as error:
             raise ConnectionLostError(
                 f"the VISA resource {name} cannot be opened ({_brief(error)}); check the cable, the name and the backend"
             ) from None
-        try:
-            self._call(self._set_up)
-        except BaseException:
-            self.close()
-            raise
+        self._resource = resource
+        if name.upper().startswith("ASRL"):
+            try:
+                self._resource.baud_rate = baud_rate
+            except Exception as error:
+                self.close()
+                raise self._failure(error) from None
 
     def send(self, command: str) -> None:
-        """Send a command with LF."""
         self._resource.timeout = _milliseconds(self._waits.sending)
         self._call(lambda: self._resource.write_raw(command.encode("ascii") + b"\n"))
 
     def line(self) -> bytes:
-        """The next line of the answer."""
         line = self._read(LONGEST + 1, self._waits.answer, lines=True)
         if not line.endswith(b"\n"):
             # The end of a message on a bus is as good as LF.
@@ -89,7 +87,6 @@ class VisaLink:
         return line[:-1]
 
     def exactly(self, count: int) -> bytes:
-        """The next `count` bytes of the answer."""
         data = self._read(count, self._waits.answer + SLOWER * BITS * count / self._baud_rate, lines=False)
         if len(data) != count:
             raise ProtocolError(
@@ -120,7 +117,6 @@ class VisaLink:
                 raise ProtocolError(f"{self.name} keeps sending; check that the plan names its kind")
 
     def status_byte(self) -> int | None:
-        """The status byte by serial poll; None if the resource has none."""
         if not (self.bus and self._polls):
             return None
         try:
@@ -149,13 +145,8 @@ class VisaLink:
             time.sleep(seconds)
 
     def close(self) -> None:
-        """Close the resource."""
         with suppress(Exception):
             self._resource.close()
-
-    def _set_up(self) -> None:
-        if self.name.upper().startswith("ASRL"):
-            self._resource.baud_rate = self._baud_rate
 
     def _read(self, count: int, seconds: float, *, lines: bool) -> bytes:
         data = self._received(count, _milliseconds(seconds), lines=lines)

@@ -123,8 +123,3 @@ class Voltage:
 def fade(share: FloatArray) -> FloatArray:
     """Rises from 0 to 1 with zero slope at both ends (half a cosine)."""
     return np.asarray(0.5 - 0.5 * np.cos(np.pi * share))
-
-
-def fade_out(start: float, count: int) -> FloatArray:
-    """`count` values from `start` to zero, to stop an output softly."""
-    return start * fade(np.linspace(1.0, 0.0, max(count, 2)))

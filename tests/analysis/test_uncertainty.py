@@ -20,7 +20,7 @@ from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.fitting.uncertainty import Known
 from isorig.analysis.model.rig_model import RigModel
 from isorig.rig.cli import main
-from isorig.rig.files.rigtext import description_text
+from isorig.rig.files.rigfile import description_text
 from isorig.rig.wire_bonder.description import wire_bonder
 
 ONE = np.ones(1)

@@ -24,7 +24,7 @@ from isorig.analysis.simulate import Excitation
 from isorig.rig.acquire.drive import drive_of
 from isorig.rig.acquire.plan import ChannelPlan, InstrumentPlan, Plan, RunPlan
 from isorig.rig.files.recording import read, write
-from isorig.rig.files.rigtext import description_text
+from isorig.rig.files.rigfile import description_text
 from isorig.rig.next.investigation import Measured
 from isorig.rig.virtual.levels import BEGIN, BITS, FULL_SCALE, HEAD_PER_GAIN, VIRTUAL
 from isorig.rig.wire_bonder.effects import Hidden, amplitudes_of, drawing, drawn_effect

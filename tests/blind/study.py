@@ -21,8 +21,8 @@ from decisions import keep, recorded_files
 from envelopes import CAUSES, OUTSIDE, Envelope, draw_envelope, is_right
 from study_table import append, done
 
-from isorig.rig.files.models import read_model
 from isorig.rig.files.recording import write
+from isorig.rig.files.rigfile import read_model
 from isorig.rig.model.prediction import predicted
 
 ROOT = Path(__file__).parents[2]

@@ -29,8 +29,8 @@ from other_envelopes import OtherEnvelope, answer_of, draw_other
 from study_table import append, done
 from unlike_bonders import draw_bonder
 
-from isorig.rig.files.models import read_model
 from isorig.rig.files.recording import write
+from isorig.rig.files.rigfile import read_model
 from isorig.rig.model.prediction import predicted
 
 STUDY = Path(__file__).parents[2] / "docs" / "study"

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from isorig.rig.cli import main
-from isorig.rig.files.models import read_model
 from isorig.rig.files.recording import read
+from isorig.rig.files.rigfile import read_model
 from isorig.rig.model.prediction import predicted
 
 ROOT = Path(__file__).parents[2]

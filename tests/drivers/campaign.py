@@ -18,7 +18,7 @@ from far import CsvFar, DataqFar, FramedFar, LinesFar, PrologixFar, SlcanFar, Tc
 from ni_device import ANSWERED, Device, chassis
 from nidaqmx.errors import DaqError
 
-from isorig.drivers.block import Block, Shows, Status
+from isorig.drivers.block import Block, Status
 from isorig.drivers.dataq import DataqInstrument, DataqSettings
 from isorig.drivers.errors import DriverError
 from isorig.drivers.framed import FramedInstrument, FramedSettings
@@ -271,7 +271,7 @@ def dataq(far: DataqFar) -> str:
                 blocks += [] if block is None else [block]
             instrument.stop()
             blocks += read(instrument, 10**9, 0.1)
-            unseen = instrument.unseen * 4000.0
+            unseen = instrument._arrivals.unseen * 4000.0
         finally:
             instrument.close()
     given = [np.arange(block.first_tick, block.end_tick) for block in blocks]
@@ -499,7 +499,7 @@ def sounding(device: sound_device.Device, gone: bool) -> str:
             blocks = read(instrument, 12_000, 2.5)
             instrument.stop()
             blocks += read(instrument, 10**9, 0.1)
-            unseen, noticed = instrument.unseen * 8000.0, list(instrument.noticed)
+            unseen, noticed = instrument._arrivals.unseen * 8000.0, list(instrument.noticed)
         finally:
             instrument.close()
     wrong = int(device.level != 0)
@@ -583,7 +583,7 @@ def analyzer_answer(
 
     def attempt() -> str:
         with far:
-            instrument = kind(name(), [Shows(trace=trace, kind="time", unit="V")], waits=SHORT)
+            instrument = kind(name(), [trace], waits=SHORT)
             try:
                 instrument.measure(1.0)
                 (record,) = instrument.records()

@@ -11,24 +11,25 @@ from campaign import SHORT
 from contract import Case, Served, Situation
 from far import LinesFar
 
-from isorig.drivers.block import Shows, Status
+from isorig.drivers.block import Status
 from isorig.drivers.errors import ConnectionLostError, InstrumentError, ProtocolError
 from isorig.drivers.hp35670a import Hp35670aInstrument
 from isorig.drivers.link import linked
 from isorig.drivers.simulated.analyzers import Simulated35670a, SimulatedSr785
+from isorig.drivers.simulated.commanded import Faults, Simulation
 from isorig.drivers.simulated.served import TcpWire, served
 from isorig.drivers.sr785 import Sr785Instrument
 
 SPECTRUM = (np.linspace(0.0, 800.0, 801), 1.0 / (1.0 + np.arange(801.0)))
 RECORD = (np.arange(1024) / 1024.0, np.sin(np.arange(1024.0)))
-SHOWS = (Shows(trace="0", kind="spectrum", unit="1"), Shows(trace="1", kind="time", unit="V"))
-FEEDS = (Shows(trace="XTIM:VOLT 1", kind="time", unit="V"), Shows(trace="XFR:POW:COH 1,2", kind="spectrum", unit="1"))
+SHOWS = ("0", "1")
+FEEDS = ("XTIM:VOLT 1", "XFR:POW:COH 1,2")
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
 @pytest.mark.parametrize("wire", ["pty", "tcp"])
 def test_sr785_dialogue(order: str, wire: str) -> None:
-    peer = SimulatedSr785({0: SPECTRUM, 1: RECORD}, order=order)
+    peer = SimulatedSr785({0: SPECTRUM, 1: RECORD}, Simulation(), order=order)
     with served(peer, TcpWire() if wire == "tcp" else None) as port:
         instrument = Sr785Instrument(port, SHOWS, waits=SHORT)
         instrument.measure(5.0)
@@ -42,11 +43,11 @@ def test_sr785_dialogue(order: str, wire: str) -> None:
     np.testing.assert_allclose(spectrum.x, SPECTRUM[0], rtol=1e-9)
     np.testing.assert_array_equal(spectrum.values, SPECTRUM[1].astype(np.float32))
     np.testing.assert_array_equal(record.values, RECORD[1].astype(np.float32))
-    assert (spectrum.kind, spectrum.averages, spectrum.status, record.kind) == ("spectrum", 10, Status.GOOD, "time")
+    assert (spectrum.averages, spectrum.status) == (10, Status.GOOD)
 
 
 def test_sr785_reports_an_overload_and_an_unknown_command() -> None:
-    with served(SimulatedSr785({0: SPECTRUM}, overload=True)) as port:
+    with served(SimulatedSr785({0: SPECTRUM}, Simulation(faults=Faults(overload=1.0)))) as port:
         instrument = Sr785Instrument(port, SHOWS[:1], waits=SHORT)
         instrument.measure(5.0)
         assert instrument.records()[0].status == Status.OVERLOAD
@@ -57,7 +58,7 @@ def test_sr785_reports_an_overload_and_an_unknown_command() -> None:
 
 
 def test_hp35670a_dialogue() -> None:
-    peer = Simulated35670a({"XTIM:VOLT 1": RECORD, "XFR:POW:COH 1,2": SPECTRUM})
+    peer = Simulated35670a({"XTIM:VOLT 1": RECORD, "XFR:POW:COH 1,2": SPECTRUM}, Simulation())
     with served(peer) as port:
         instrument = Hp35670aInstrument(port, FEEDS, waits=SHORT)
         instrument.measure(5.0)
@@ -77,7 +78,7 @@ def test_hp35670a_block_bytes_and_bad_values() -> None:
     holes = RECORD[1].copy()
     holes[5] = -9.9e37
     assert Simulated35670a._block(np.array([1.0])).hex() == "2331" + "34" + "3f800000" + "0a"
-    with served(Simulated35670a({"XTIM:VOLT 1": (RECORD[0], holes)})) as port:
+    with served(Simulated35670a({"XTIM:VOLT 1": (RECORD[0], holes)}, Simulation())) as port:
         instrument = Hp35670aInstrument(port, FEEDS[:1], waits=SHORT)
         instrument.measure(5.0)
         record = instrument.records()[0]
@@ -87,7 +88,7 @@ def test_hp35670a_block_bytes_and_bad_values() -> None:
 
 
 def test_hp35670a_refuses_a_feed_it_does_not_have() -> None:
-    with served(Simulated35670a({})) as port, pytest.raises(InstrumentError, match="Undefined header"):
+    with served(Simulated35670a({}, Simulation())) as port, pytest.raises(InstrumentError, match="Undefined header"):
         Hp35670aInstrument(port, FEEDS, waits=SHORT)
 
 

@@ -14,10 +14,11 @@ from campaign import SHORT
 from far import Far, LinesFar, PrologixFar, TcpLines, TcpPrologix, within
 
 from isorig.drivers import visa
-from isorig.drivers.block import InstrumentRecord, Shows
+from isorig.drivers.block import InstrumentRecord
 from isorig.drivers.errors import ConnectionLostError, DriverError, InstrumentError, ProtocolError, SettingError
 from isorig.drivers.hp35670a import Hp35670aInstrument
-from isorig.drivers.link import LineLink, linked
+from isorig.drivers.link import linked
+from isorig.drivers.port import Port
 from isorig.drivers.prologix import PrologixLink
 from isorig.drivers.sr785 import Sr785Instrument
 
@@ -117,7 +118,7 @@ def wired(wire: str, answers: Answers, monkeypatch: pytest.MonkeyPatch, folder: 
 
 def measured(kind: type, name: str) -> InstrumentRecord:
     """A measurement with one display."""
-    with closing(kind(name, [Shows(trace=KINDS[kind][1], kind="time", unit="V")], SHORT)) as instrument:
+    with closing(kind(name, [KINDS[kind][1]], SHORT)) as instrument:
         instrument.measure(0.5)
         (record,) = instrument.records()
         return record  # type: ignore[no-any-return]
@@ -211,9 +212,7 @@ def test_a_measurement_does_not_end_with_the_event_of_the_one_before() -> None:
 
     with (
         PrologixFar(hp_answers() | {"*CLS": obey, "ABOR": obey}, status=lambda: 32 * done[0]) as far,
-        closing(
-            Hp35670aInstrument(f"GPIB::11@{far.port}", [Shows(trace="XTIM:VOLT 1", kind="time", unit="V")], waits=SHORT)
-        ) as analyzer,
+        closing(Hp35670aInstrument(f"GPIB::11@{far.port}", ["XTIM:VOLT 1"], waits=SHORT)) as analyzer,
     ):
         analyzer.measure(0.5)
         stuck.append(True)
@@ -261,7 +260,7 @@ def test_a_missing_package_and_a_missing_backend_are_named(monkeypatch: pytest.M
 def test_a_line_needs_no_package(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyvisa", None)
     with LinesFar(sr785_answers()) as far, closing(linked(far.port, baud_rate=9600, waits=SHORT)) as link:
-        assert isinstance(link, LineLink)
+        assert isinstance(link, Port)
         assert link.status_byte() is None
     with PrologixFar({}) as adapter, closing(linked(f"GPIB::11@{adapter.port}", baud_rate=9600, waits=SHORT)) as link:
         assert isinstance(link, PrologixLink)

@@ -113,8 +113,7 @@ def test_what_portaudio_reports_is_handed_on() -> None:
     instrument._heard(block, 10, None, fine)
     instrument._heard(block, 10, None, SimpleNamespace(input_overflow=True, output_underflow=True))
     instrument._sort()
-    for item, missing in instrument._arrivals.finish():
-        instrument._place(item, missing)
+    instrument._arrivals.finish()
     assert [bool(one.status & Status.LOST) for one in instrument._ready] == [False, True]
     assert instrument.noticed == ("PortAudio lost samples of the inputs 1 times", "the drive was interrupted 1 times")
 
@@ -143,7 +142,7 @@ def test_what_is_missing_is_named(server: Server, monkeypatch: pytest.MonkeyPatc
         instrument.prepare(sample_rate=RATE, channels=[0])
         with pytest.raises(SettingError, match="the drive reaches 1"):
             instrument.load_drive(np.full(10, 101.0))
-    assert ("loop", "ALSA, 32 inputs, 32 outputs") in sound.devices()
+    assert ("loop", "ALSA, 32 inputs, 32 outputs") in [(one.port, one.name) for one in sound.devices()]
     monkeypatch.setitem(sys.modules, "sounddevice", None)
     with pytest.raises(SettingError, match=r"pip install 'isorig\[sound\]'"):
         sound.devices()

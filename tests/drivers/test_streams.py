@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from contextlib import AbstractContextManager
 from itertools import pairwise
 from pathlib import Path
@@ -21,10 +20,9 @@ from isorig.drivers.arrivals import Arrivals
 from isorig.drivers.block import Block, Status
 from isorig.drivers.dataq import DataqInstrument, DataqSettings
 from isorig.drivers.errors import ProtocolError, SettingError
-from isorig.drivers.mti600 import MtiInstrument, MtiSettings, decode
-from isorig.drivers.mti600_messages import PER_COUNT
-from isorig.drivers.simulated.commanded import Simulation
-from isorig.drivers.simulated.faults import Faults
+from isorig.drivers.mti600 import FrameGroup, MtiInstrument, MtiSettings
+from isorig.drivers.mti600_messages import GROUP_COUNTER, PER_COUNT
+from isorig.drivers.simulated.commanded import Faults, Simulation
 from isorig.drivers.simulated.served import served
 from isorig.drivers.simulated.streams import SimulatedDataq, SimulatedSlcan, groups, slcan
 
@@ -111,24 +109,24 @@ def arrive(
     rate: float, *, clock: float, gone: int, when: float, seconds: float, jitter: float, seed: int
 ) -> tuple[list[tuple[int, int]], int]:
     """Blocks on their way through a host that reads late now and then: where loss was told, and the samples that came."""
-    random, arrivals = np.random.default_rng(seed), Arrivals[int](rate)
+    random = np.random.default_rng(seed)
     told, place, came, now = [], 0, 0, 0.0
 
-    def handed(sure: Iterator[tuple[int, int]]) -> None:
+    def handed(count: int, missing: int) -> None:
         nonlocal place
-        for count, missing in sure:
-            if missing:
-                told.append((place, missing))
-            place += count
+        if missing:
+            told.append((place, missing))
+        place += count
 
+    arrivals = Arrivals[int](rate, handed)
     while now < seconds:
         now += 0.01 * (1.0 + 3.0 * random.random() * (random.random() < 0.3))
         taken = int(now * rate * clock)
         taken -= min(max(0, taken - int(when * rate * clock)), gone)
         if taken > came:
-            handed(arrivals.add(taken - came, taken - came, now + abs(random.normal(0.0, jitter))))
+            arrivals.add(taken - came, taken - came, now + abs(random.normal(0.0, jitter)))
             came = taken
-    handed(arrivals.finish())
+    arrivals.finish()
     assert place == came
     return told, came
 
@@ -156,12 +154,15 @@ def test_without_loss_a_clock_that_runs_otherwise_is_never_loss(clock: float) ->
 
 @pytest.mark.parametrize("late", [0.02, 0.035, 0.06, 0.1, 0.2])
 def test_a_loss_with_a_late_arrival_before_it_is_told_once(late: float) -> None:
-    arrivals = Arrivals[int](2000.0)
+    handed: list[tuple[int, int]] = []
+    arrivals = Arrivals[int](2000.0, lambda count, missing: handed.append((count, missing)))
     told, place = [], 0
     items = [(20, 0.01 * k) for k in range(1, 100)] + [(19, 0.9995), (1, 1.0 + late)]
     items += [(20, 1.26 + 0.01 * k) for k in range(100)]
-    handed = [one for count, now in items for one in arrivals.add(count, count, now)]
-    for count, missing in [*handed, *arrivals.finish()]:
+    for count, now in items:
+        arrivals.add(count, count, now)
+    arrivals.finish()
+    for count, missing in handed:
         if missing:
             told.append((place, missing))
         place += count
@@ -170,23 +171,24 @@ def test_a_loss_with_a_late_arrival_before_it_is_told_once(late: float) -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 60), counter=st.integers(0, 65535))
-def test_the_batch_decoder_agrees_with_cantools(seed: int, count: int, counter: int) -> None:
+def test_decoded_groups_agree_with_cantools(seed: int, count: int, counter: int) -> None:
     random = np.random.default_rng(seed)
     samples = random.integers(-(2**15), 2**15, (count, 3), dtype=np.int16)
     frames = [frame for group in groups(samples, rate=100.0, counter=counter) for frame in group]
     database = cantools.database.load_file(Path(__file__).with_name("mti600.dbc"))
     told = [(identifier, database.decode_message(identifier, data)) for identifier, data in frames]
-    found = decode(
-        np.array([identifier for identifier, _ in frames]),
-        np.frombuffer(b"".join(data.ljust(8, b"\0") for _, data in frames), np.uint8).reshape(-1, 8),
-        following=(counter + count) % 65536,
-    )
-    np.testing.assert_array_equal(found.counter, [values["Counter"] for identifier, values in told if identifier == 6])
+    found: list[FrameGroup] = []
+    for identifier, data in frames:
+        if identifier == GROUP_COUNTER:
+            found.append(FrameGroup(int.from_bytes(data, "big")))
+        found[-1].add(identifier, data)
+    assert [group.counter for group in found] == [values["Counter"] for identifier, values in told if identifier == 6]
     expected = [[values[f"Acc{axis}"] for axis in "XYZ"] for identifier, values in told if identifier == 0x34]
-    np.testing.assert_array_equal(found.acceleration * PER_COUNT, expected)
-    np.testing.assert_allclose(found.seconds, [values["Time"] for identifier, values in told if identifier == 5], rtol=1e-12)
+    np.testing.assert_array_equal(np.array([group.acceleration for group in found]) * PER_COUNT, expected)
+    seconds = [values["Time"] for identifier, values in told if identifier == 5]
+    np.testing.assert_allclose([1e-6 * group.micros for group in found], seconds, rtol=1e-12)
     clipped = [bool(int(values["Flags"]) & 0x700) for identifier, values in told if identifier == 0x11]
-    np.testing.assert_array_equal(found.clipped, clipped)
+    assert [group.clipped for group in found] == clipped
 
 
 def ramp(samples: int, rate: float) -> np.ndarray:

@@ -52,8 +52,8 @@ from isorig.rig.commands import check, design, export, frf, import_, isolation, 
 from isorig.rig.exchange import draft, exporting, importing
 from isorig.rig.exchange.formats import matlab, tdms, text, uff, wav
 from isorig.rig.files import rigfile
-from isorig.rig.files.models import write_model
 from isorig.rig.files.recording import read, write
+from isorig.rig.files.rigfile import write_model
 from isorig.rig.frf import figures, transfer
 from isorig.rig.model import prediction
 from isorig.rig.wire_bonder.description import wire_bonder

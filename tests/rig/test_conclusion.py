@@ -18,9 +18,8 @@ from isorig.analysis.wording import SIZED, in_per_cent, noise_alone, sized
 from isorig.rig.cli import main
 from isorig.rig.diagnose.answer import PERIODS, missing
 from isorig.rig.files.findings import NamedCause, read_findings
-from isorig.rig.files.models import write_model
 from isorig.rig.files.recording import write
-from isorig.rig.files.rigfile import read_rig
+from isorig.rig.files.rigfile import read_rig, write_model
 from isorig.rig.frf.transfer import transfer_functions
 from isorig.rig.model.prediction import predicted
 from isorig.rig.report.conclusion import cause_in_words, conclude

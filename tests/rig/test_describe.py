@@ -32,8 +32,7 @@ from isorig.rig.cli import main
 from isorig.rig.describe.questions import asked
 from isorig.rig.errors import PlanError
 from isorig.rig.files.recording import read
-from isorig.rig.files.rigfile import SHIPPED, read_rig
-from isorig.rig.files.rigtext import description_text
+from isorig.rig.files.rigfile import SHIPPED, description_text, read_rig
 from isorig.rig.wire_bonder.description import wire_bonder
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "describe.md").read_text(encoding="utf-8")

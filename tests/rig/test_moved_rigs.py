@@ -22,7 +22,7 @@ import isorig as iso
 from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, FloatArray, Quantity, Run
 from isorig.analysis.model.rig_model import from_tree
 from isorig.rig.cli import main
-from isorig.rig.files.rigtext import description_text
+from isorig.rig.files.rigfile import description_text
 
 #: Rate of the carts' records in Hz, their encoder's step in m, and the force in N of each run.
 RATE, COUNT, LEVELS = 400.0, 2.27e-5, (4.0, 7.0, 5.5)

@@ -13,9 +13,8 @@ from isorig.analysis.errors import ModelError
 from isorig.analysis.model.rig_model import RigModel, from_tree, to_tree
 from isorig.rig.cli import main
 from isorig.rig.errors import PlanError
-from isorig.rig.files.models import write_model
 from isorig.rig.files.recording import read
-from isorig.rig.files.rigfile import read_rig
+from isorig.rig.files.rigfile import read_rig, write_model
 from isorig.rig.wire_bonder.description import BUILT_IN, three_mass
 
 TOML = """

@@ -20,7 +20,7 @@ from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
 from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.model.rig_model import Body, Drive, Link, RigModel, Sensor
 from isorig.rig.cli import main
-from isorig.rig.files.rigtext import description_text
+from isorig.rig.files.rigfile import description_text
 
 #: kg m^2 of both, shaft in N m/rad and N m s/rad, both bearings in N m s/rad; with the described values of the free ones.
 MOTOR, LOAD, SHAFT, DAMPING, BEARINGS = 0.006, 0.04, 250.0, 0.1, (0.015, 0.03)

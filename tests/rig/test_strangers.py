@@ -18,7 +18,7 @@ from strange_rigs import Law, StrangeRig, cubic, dry, noise, play
 import isorig as iso
 from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, FloatArray, Run
 from isorig.rig.cli import main
-from isorig.rig.files.rigtext import description_text
+from isorig.rig.files.rigfile import description_text
 
 #: Rates of the simulation and of the record, Hz (scipy joins the drive's samples by straight lines, which at 12 Hz of 4096 Hz
 #: takes 3e-5 of it away); seconds of a run; noise of every channel as a share of its rms.

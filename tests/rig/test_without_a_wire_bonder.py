@@ -14,7 +14,7 @@ from strange_rigs import StrangeRig, campaign
 import isorig as iso
 from isorig.analysis.campaign import Campaign
 from isorig.rig.cli import main
-from isorig.rig.files.rigtext import description_text
+from isorig.rig.files.rigfile import description_text
 from isorig.rig.view.snapshot import Board, Snapshot
 from isorig.rig.view.sources import Reading
 

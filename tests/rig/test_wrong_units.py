@@ -16,7 +16,7 @@ from isorig.analysis.model.rig_model import from_tree
 from isorig.analysis.simulate import Excitation, simulate
 from isorig.analysis.simulate.excitation import random
 from isorig.rig.cli import main
-from isorig.rig.files.rigtext import description_text
+from isorig.rig.files.rigfile import description_text
 
 RIG = """
 name = "chain"

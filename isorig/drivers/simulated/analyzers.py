@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from isorig.drivers.block import FloatArray
-from isorig.drivers.simulated.commanded import Commanded
+from isorig.drivers.simulated.commanded import Commanded, Simulation
 
 #: x and values of a trace.
 Curve = tuple[FloatArray, FloatArray]
@@ -16,14 +16,15 @@ Curve = tuple[FloatArray, FloatArray]
 class SimulatedSr785(Commanded):
     """Two displays with given curves; a measurement takes `polls` status queries."""
 
-    def __init__(self, displays: Mapping[int, Curve], *, polls: int = 2, overload: bool = False, order: str = "<") -> None:
-        super().__init__()
-        self._displays, self._polls, self._overload, self._order = displays, polls, overload, order
+    FAULTS, NAME = frozenset({"overload"}), "an sr785"
+
+    def __init__(self, displays: Mapping[int, Curve], asked: Simulation, *, polls: int = 2, order: str = "<") -> None:
+        super().__init__(asked)
+        self._displays, self._polls, self._order = displays, polls, order
         self._left, self._events = 0, 0
         self.sourcing, self._level = False, 0
 
     def answer(self, command: str) -> bytes:
-        """The answer to a command."""
         head, _, rest = command.partition("?")
         words = rest.split(",") if rest else []
         if command in ("OUTX0", "OUTX1", "STRT", "SRCO 0", "SRCO 1") or head.startswith("NAMP "):
@@ -40,7 +41,7 @@ class SimulatedSr785(Commanded):
             "*ESR?": self._events,
             "DSPS?1": int(self._left <= 1),
             "NAVG?0": 10,
-            "INPS?": int(self._overload),
+            "INPS?": int(self._faults.overload > 0.0),
         }
         if command not in numbers:
             self._events |= 1 << 5
@@ -64,8 +65,10 @@ class SimulatedSr785(Commanded):
 class Simulated35670a(Commanded):
     """Traces by feed; a measurement takes `polls` status queries."""
 
-    def __init__(self, feeds: Mapping[str, Curve], *, polls: int = 2) -> None:
-        super().__init__()
+    NAME = "a 35670a"
+
+    def __init__(self, feeds: Mapping[str, Curve], asked: Simulation, *, polls: int = 2) -> None:
+        super().__init__(asked)
         self._feeds, self._polls = feeds, polls
         self._left, self._measuring, self._complete, self._enabled = 0, False, False, False
         self._traces: dict[str, Curve] = {}
@@ -73,7 +76,6 @@ class Simulated35670a(Commanded):
         self.sourcing, self._level = False, 0.0
 
     def answer(self, command: str) -> bytes:
-        """The answer to a command."""
         trace, _, about = command.partition(":")
         if command == "ABOR;INIT:IMM;*OPC":
             self._left, self._measuring = self._polls, True

@@ -11,8 +11,7 @@ import numpy as np
 
 from isorig.drivers.block import FloatArray, Raw
 from isorig.drivers.frames import encode_samples, encode_text
-from isorig.drivers.simulated.commanded import Simulation, Streaming
-from isorig.drivers.simulated.faults import TURN
+from isorig.drivers.simulated.commanded import TURN, Simulation, Streaming
 
 #: Speed relative to real time without a drive and without a given speed.
 ENDLESS = 10.0

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import select
 import socket
+import sys
+import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Protocol
 
-from isorig.drivers.simulated.wire import PtyWire
+from isorig.drivers.errors import SettingError
 
 #: Bytes that may wait for the connection before a peer is asked for more.
 BACKLOG = 1 << 12
@@ -26,6 +30,50 @@ class Peer(Protocol):
         """Bytes received, bytes to send; called frequently, also without input."""
 
 
+class PtyWire:
+    """The instrument's end of a pseudo-terminal; `port` is a link to the other end, which pyserial opens.
+
+    The system gives the number of a closed pseudo-terminal to the next one that is opened. The link goes first, so a driver that
+    opens its port again after an unplug never reaches somebody else's terminal.
+    """
+
+    def __init__(self) -> None:
+        if sys.platform == "win32":
+            raise SettingError("Windows has no pseudo-terminals; run the simulated instrument on Linux or macOS")
+        import pty
+        import tty
+
+        self._own, self._other = pty.openpty()
+        tty.setraw(self._other)
+        os.set_blocking(self._own, False)
+        self._folder = tempfile.TemporaryDirectory(prefix="rig-pty-")
+        link = Path(self._folder.name) / "port"
+        link.symlink_to(os.ttyname(self._other))
+        self.port = str(link)
+
+    def read(self, timeout: float) -> bytes:
+        """Bytes that arrived within `timeout` seconds, or empty."""
+        try:
+            return os.read(self._own, 65536) if select.select([self._own], [], [], timeout)[0] else b""
+        except (OSError, ValueError):
+            return b""
+
+    def write(self, data: bytes, timeout: float) -> int:
+        """Send what fits within `timeout` seconds; returns the number of bytes sent."""
+        try:
+            return os.write(self._own, data) if select.select([], [self._own], [], timeout)[1] else 0
+        except (OSError, ValueError):
+            return 0
+
+    def close(self) -> None:
+        """Disconnect."""
+        self._folder.cleanup()
+        for end in (self._own, self._other):
+            if end >= 0:
+                os.close(end)
+        self._own = self._other = -1
+
+
 class TcpWire:
     """The instrument's end of a TCP connection on the loopback interface, for systems without pseudo-terminals."""
 
@@ -35,7 +83,6 @@ class TcpWire:
         self._link: socket.socket | None = None
 
     def read(self, timeout: float) -> bytes:
-        """Bytes that arrived within `timeout` seconds, or empty."""
         ends = [self._link or self._listening]
         if not select.select(ends, [], [], timeout)[0]:
             return b""
@@ -52,7 +99,6 @@ class TcpWire:
         return data
 
     def write(self, data: bytes, timeout: float) -> int:
-        """Send what fits within `timeout` seconds; returns the number of bytes sent."""
         if self._link is None or not select.select([], [self._link], [], timeout)[1]:
             return 0
         try:
@@ -61,7 +107,6 @@ class TcpWire:
             return 0
 
     def close(self) -> None:
-        """Disconnect."""
         if self._link is not None:
             self._link.close()
         self._listening.close()

@@ -28,7 +28,7 @@ def measure_with_analyzer(instrument: Records, plan: Plan, run: RunPlan, name: s
     spectra = tuple(
         Spectrum(
             name=f"{s.channel}-{s.kind}", kind=s.kind, response=s.channel, reference=s.reference, frequency=r.x, values=r.values,
-            unit=s.unit, averages=r.averages or 1, window=r.window or "",
+            unit=s.unit, averages=r.averages or 1,
         )
         for s, r in shown
         if s.kind != "time"

@@ -18,13 +18,31 @@ class BlockStream:
         self._instrument, self._ticks, self._rate, self._stopped = instrument, ticks, rate, stopped
         self._waits = waits
         self._end = 0
-        self._counted: int | None = None
+        self._asked: int | None = None
+        #: The ticks that the instrument counted when it was stopped; None if it does not count.
+        self.counted: int | None = None
         #: Number of times the connection was lost and restored.
         self.returned = 0
 
-    def blocks(self) -> Iterator[Block]:
-        """Blocks until all ticks were read, the run was stopped, or nothing arrives any more. Raises DriverError if the
-        connection remains lost, or the instrument cannot continue."""
+    def run(self, keep: Callable[[Block], None]) -> None:
+        """Start the instrument, hand over its blocks until all ticks were read, the run was stopped, or nothing arrives any more,
+        and stop it. Raises DriverError if the connection remains lost, the instrument cannot continue, or it keeps sending after
+        the stop."""
+        self._instrument.start()
+        for block in self._blocks():
+            keep(block)
+        self.counted = self._instrument.stop()
+        # What was in transit.
+        end = time.monotonic() + self._waits.transit
+        while (rest := self._instrument.read(0.1)) is not None:
+            keep(rest)
+            if time.monotonic() > end:
+                raise InstrumentError(
+                    f"{self._instrument.identity} keeps sending {self._waits.transit:g} s after the stop command; switch it off "
+                    "and on"
+                )
+
+    def _blocks(self) -> Iterator[Block]:
         moved = asked = time.monotonic()
         reached = 0
         while reached < self._ticks and not self._stopped():
@@ -49,17 +67,6 @@ class BlockStream:
             if now - moved > self._waits.reconnection:
                 return
 
-    def rest(self) -> Iterator[Block]:
-        """Blocks in transit when the instrument was stopped. Raises InstrumentError if the instrument keeps sending."""
-        end = time.monotonic() + self._waits.transit
-        while (block := self._instrument.read(0.1)) is not None:
-            yield block
-            if time.monotonic() > end:
-                raise InstrumentError(
-                    f"{self._instrument.identity} keeps sending {self._waits.transit:g} s after the stop command; switch it off "
-                    "and on"
-                )
-
     def _held(self) -> int:
         return self._instrument.held if isinstance(self._instrument, Holding) else 0
 
@@ -67,15 +74,14 @@ class BlockStream:
         # An instrument that counts knows whether more samples will come.
         if not isinstance(self._instrument, Counting):
             return False
-        before = self._counted
+        before = self._asked
         try:
-            self._counted = self._instrument.count()
+            self._asked = self._instrument.count()
         except ConnectionLostError:
             return False
         # All ticks were counted, and almost none is missing: the end was lost. If many are missing they may still arrive.
         few = self._ticks - self._end <= self._waits.missing * self._rate
-        whole = self._counted is not None and self._counted >= self._ticks and few
-        return self._counted is None or whole or self._counted == before
+        return self._asked is None or (self._asked >= self._ticks and few) or self._asked == before
 
     def _rejoin(self, lost: ConnectionLostError) -> None:
         if not isinstance(self._instrument, Rejoining):

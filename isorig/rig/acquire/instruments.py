@@ -1,25 +1,36 @@
-"""The instrument of a plan, with an open connection."""
+"""Instruments with an open connection: those of a plan, and its loggers."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import closing, contextmanager, suppress
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import ExitStack, closing, contextmanager, suppress
+from typing import Any
 
-from isorig.drivers.block import Shows
 from isorig.drivers.errors import DriverError
 from isorig.drivers.instrument import Records, Stream
-from isorig.drivers.kinds import RecordsKind, StreamKind
+from isorig.drivers.kinds import kinds
+from isorig.drivers.simulated.served import served
 from isorig.drivers.waits import WAITS, Waits
+from isorig.rig.acquire.locks import port_locked
 from isorig.rig.acquire.plan import Plan
-from isorig.rig.acquire.simulated_instruments import reached_port
+from isorig.rig.acquire.simulated_instruments import far_end
+from isorig.rig.errors import PlanError
+from isorig.rig.wire_bonder.description import wire_bonder
+
+
+@contextmanager
+def _reached(kind: str, port: str, about: Any, waits: Waits) -> Iterator[Any]:
+    # An instrument of that kind; at the port "virtual" a simulated one in a thread of this process, with the thesis's rig.
+    with ExitStack() as stack:
+        if port == "virtual":
+            port = stack.enter_context(served(far_end(kind, wire_bonder())))
+        yield stack.enter_context(closing(kinds()[kind].open(port, about, waits)))
 
 
 @contextmanager
 def opened(plan: Plan, port: str, waits: Waits = WAITS) -> Iterator[Stream]:
-    """The plan's streaming instrument; for the port "virtual" see `reached_port`."""
-    kind = plan.instrument.about
-    assert isinstance(kind, StreamKind)  # checked by the session
-    with reached_port(kind.name, port) as end, closing(kind.open(end, plan.instrument.settings, waits)) as instrument:
+    """The plan's streaming instrument; the port "virtual" is a simulated one."""
+    with _reached(plan.instrument.kind, port, plan.instrument.settings, waits) as instrument:
         try:
             yield instrument
         finally:
@@ -30,9 +41,29 @@ def opened(plan: Plan, port: str, waits: Waits = WAITS) -> Iterator[Stream]:
 
 @contextmanager
 def opened_analyzer(plan: Plan, port: str, waits: Waits = WAITS) -> Iterator[Records]:
-    """The plan's analyzer; for the port "virtual" see `reached_port`."""
-    kind = plan.instrument.about
-    assert isinstance(kind, RecordsKind)  # checked by the session
-    shows = [Shows(trace=s.trace, kind="time" if s.kind == "time" else "spectrum", unit=s.unit) for s in plan.instrument.shows]
-    with reached_port(kind.name, port) as end, closing(kind.open(end, shows, waits)) as instrument:
+    """The plan's analyzer; the port "virtual" is a simulated one."""
+    with _reached(plan.instrument.kind, port, [shown.trace for shown in plan.instrument.shows], waits) as instrument:
         yield instrument
+
+
+@contextmanager
+def opened_loggers(plan: Plan, waits: Waits = WAITS) -> Iterator[Mapping[str, Stream]]:
+    """The loggers of a plan by name, prepared; the port "virtual" is a simulated one. Raises DriverError if one of them cannot be
+    opened or prepared; PlanError if a channel is not among its inputs."""
+    streams: dict[str, Stream] = {}
+    with ExitStack() as stack:
+        for name, logger in plan.loggers.items():
+            stack.enter_context(port_locked(logger.port))
+            streams[name] = stack.enter_context(_reached(logger.kind, logger.port, logger.settings, waits))
+            inputs = [channel.input for channel in logger.channels.values()]
+            prepare(streams[name], logger.sample_rate, inputs, f"the logger {name!r}")
+        yield streams
+
+
+def prepare(stream: Stream, sample_rate: float, inputs: Collection[int], who: str) -> float:
+    """Set the rate (Hz) and the inputs of a stream, which messages call `who`; returns the actual rate. Raises DriverError if it
+    refuses them; PlanError if an input is not among its own."""
+    rate = stream.prepare(sample_rate=sample_rate, channels=list(inputs))
+    if max(inputs) >= len(stream.inputs):
+        raise PlanError(f"{who} has {len(stream.inputs)} inputs but the plan uses input {max(inputs)}; correct it")
+    return rate

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
@@ -22,6 +21,7 @@ TIMING = np.dtype([("tick", "<i8"), ("host_time", "<f8"), ("device_time", "<f8")
 SAMPLES = struct.Struct("<QII")
 #: Number of the logger; its rows follow, float64: arrival by the host's clock in s, and values.
 LOG = struct.Struct("<Q")
+Rate = Annotated[float, msgspec.Meta(gt=0.0)]
 
 
 class BlockKind(IntEnum):
@@ -78,10 +78,10 @@ class Layout(msgspec.Struct, frozen=True, kw_only=True):
     `real_time` is False for a simulated instrument that may run faster: its rate is not compared with the host's clock.
     """
 
-    sample_rate: float
+    sample_rate: Rate
     known: dict[str, float | str]
     runs: list[RunLayout]
-    channels: dict[str, ChannelLayout]
+    channels: Annotated[dict[str, ChannelLayout], msgspec.Meta(min_length=1)]
     usable_to: float | None = None
     real_time: bool = True
     logs: dict[str, LogLayout] = {}
@@ -97,9 +97,9 @@ class Layout(msgspec.Struct, frozen=True, kw_only=True):
 class RunBegin(msgspec.Struct, frozen=True, kw_only=True):
     """Start of a run, with a copy of the layout: one of the two suffices to read the file."""
 
-    started_ns: int
+    started_ns: Annotated[int, msgspec.Meta(ge=0, lt=1 << 62)]
     period: int | None
-    sample_rate: float
+    sample_rate: Rate
     layout: Layout
 
 
@@ -142,20 +142,6 @@ def layout_of(plan: Plan, inputs: Sequence[Input], *, real_time: bool = True) ->
     )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class BlockShape:
-    """Size of a block of samples, and the offsets of its parts."""
-
-    first_tick: int
-    rows: int
-    blocks: int
-
-    @property
-    def samples(self) -> int:
-        """Offset of the first channel."""
-        return SAMPLES.size + self.blocks * TIMING.itemsize
-
-
 def pack(layout: Layout, first_tick: int, timing: Sequence[tuple[float, ...]], samples: NDArray[Any]) -> bytes:
     """The content of a block of samples; `timing` as rows of `TIMING`, `samples` of all inputs, shape (n, inputs)."""
     parts = [SAMPLES.pack(first_tick, len(samples), len(timing)), np.array(timing, TIMING).tobytes()]
@@ -163,18 +149,13 @@ def pack(layout: Layout, first_tick: int, timing: Sequence[tuple[float, ...]], s
     return b"".join(parts)
 
 
-def shape_of(layout: Layout, content: bytes) -> BlockShape | None:
-    """The size stated in a content; None if it contradicts the content's length."""
+def samples_of(layout: Layout, content: bytes) -> tuple[int, int, NDArray[Any]] | None:
+    """First tick, number of samples, and timing of a block of samples; None if they contradict the content's length."""
     if len(content) < SAMPLES.size:
         return None
-    shape = BlockShape(*SAMPLES.unpack_from(content))
-    whole = shape.samples + shape.rows * layout.row == len(content)
-    return shape if whole and shape.rows > 0 and shape.first_tick < 1 << 62 else None
-
-
-def timing_of(shape: BlockShape, content: bytes) -> NDArray[Any]:
-    """The timing rows of a content."""
-    return np.frombuffer(content, TIMING, shape.blocks, SAMPLES.size)
+    first, rows, blocks = SAMPLES.unpack_from(content)
+    whole = SAMPLES.size + blocks * TIMING.itemsize + rows * layout.row == len(content)
+    return (first, rows, np.frombuffer(content, TIMING, blocks, SAMPLES.size)) if whole and rows > 0 and first < 1 << 62 else None
 
 
 def pack_log(number: int, rows: NDArray[np.float64]) -> bytes:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -12,36 +11,10 @@ from isorig.analysis.campaign import FloatArray
 from isorig.drivers.block import Block
 from isorig.drivers.errors import DriverError
 from isorig.drivers.instrument import Stream
-from isorig.drivers.kinds import StreamKind, kinds
-from isorig.drivers.waits import WAITS, Waits
-from isorig.rig.acquire.locks import port_locked
 from isorig.rig.acquire.plan import LoggerPlan, Plan
-from isorig.rig.acquire.simulated_instruments import reached_port
-from isorig.rig.errors import PlanError
 
 #: Seconds of a read, after which the end of the run is noticed.
 TURN = 0.1
-
-
-@contextmanager
-def opened_loggers(plan: Plan, waits: Waits = WAITS) -> Iterator[Mapping[str, Stream]]:
-    """The loggers of a plan by name, prepared; the port "virtual" is a simulated one. Raises DriverError if one of them cannot be
-    opened or prepared; PlanError if a channel is not among its inputs."""
-    with ExitStack() as stack:
-        yield {name: _opened(stack, name, logger, waits) for name, logger in plan.loggers.items()}
-
-
-def _opened(stack: ExitStack, name: str, logger: LoggerPlan, waits: Waits) -> Stream:
-    kind = kinds()[logger.kind]
-    assert isinstance(kind, StreamKind)  # the plan was checked
-    stack.enter_context(port_locked(logger.port))
-    port = stack.enter_context(reached_port(logger.kind, logger.port))
-    stream = stack.enter_context(closing(kind.open(port, logger.settings, waits)))
-    stream.prepare(sample_rate=logger.sample_rate, channels=[channel.input for channel in logger.channels.values()])
-    highest = max(channel.input for channel in logger.channels.values())
-    if highest >= len(stream.inputs):
-        raise PlanError(f"the logger {name!r} has {len(stream.inputs)} inputs but the plan uses input {highest}; correct it")
-    return stream
 
 
 class RunLoggers:

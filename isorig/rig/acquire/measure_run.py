@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 
-import msgspec
 import numpy as np
 
 from isorig.drivers.block import Block
@@ -14,8 +12,7 @@ from isorig.drivers.errors import DriverError, InstrumentError
 from isorig.drivers.instrument import Stream, in_real_time
 from isorig.rig.acquire.block_stream import BlockStream
 from isorig.rig.acquire.drive import drive_of, load
-from isorig.rig.acquire.layout import Layout
-from isorig.rig.acquire.live_coherence import RunningCoherence
+from isorig.rig.acquire.live import BlockSummary, LiveState
 from isorig.rig.acquire.loggers import RunLoggers
 from isorig.rig.acquire.pace import Pace
 from isorig.rig.acquire.plan import Plan, RunPlan
@@ -24,76 +21,6 @@ from isorig.rig.acquire.recorder import RunWriter, Tally, WorkingFileWriter
 from isorig.rig.acquire.remarks import Remarks
 from isorig.rig.acquire.response_limits import Guard
 from isorig.rig.acquire.waits import SESSION_WAITS, SessionWaits
-
-#: Seconds between two updates of the levels.
-LOOK = 0.25
-
-
-class LiveState(msgspec.Struct, frozen=True, kw_only=True):
-    """The live state of a run.
-
-    rms and peak of each channel in its unit since the last update, its highest peak so far, its full scale if known, and the
-    median coherence with the drive within its band so far. Then the number of the run, the number of runs, and the remaining
-    seconds of the session.
-    """
-
-    run: str
-    seconds: float
-    of: float
-    rms: dict[str, float]
-    peak: dict[str, float]
-    full_scale: dict[str, float]
-    coherence: dict[str, float]
-    overloads: int
-    lost: int
-    damaged: int
-    highest: dict[str, float] = {}
-    number: int = 1
-    runs: int = 1
-    left: float = 0.0
-
-
-class BlockSummary:
-    """Summarizes the blocks between two updates."""
-
-    def __init__(self, layout: Layout, run: RunPlan, instrument: Stream, drive: str) -> None:
-        self._instrument, self._run, self._layout = instrument, run, layout
-        channels, rate = layout.channels, layout.sample_rate
-        self._full = {name: about.full_scale for name, about in channels.items() if about.full_scale is not None}
-        self._coherence = None if run.band is None else RunningCoherence(tuple(channels), drive=drive, band=run.band, rate=rate)
-        self._blocks: list[Block] = []
-        self._seconds = 0.0
-        self._highest = dict.fromkeys(channels, 0.0)
-        self._at = time.monotonic()
-
-    def add(self, block: Block) -> None:
-        """Add a block."""
-        self._blocks.append(block)
-
-    def due(self) -> bool:
-        """Whether an update is due."""
-        return time.monotonic() - self._at > LOOK
-
-    def state(self, name: str, tally: Tally) -> LiveState:
-        """The state since the last update."""
-        values = {}
-        if any(len(block.samples) for block in self._blocks):
-            raw = np.concatenate([block.samples for block in self._blocks])
-            values = {key: raw[:, about.input] * about.scale + about.offset for key, about in self._layout.channels.items()}
-            if self._coherence is not None:
-                self._coherence.add(values)
-            self._seconds = self._blocks[-1].end_tick / self._layout.sample_rate
-            for key, v in values.items():
-                self._highest[key] = max(self._highest[key], float(np.abs(v).max()))
-        self._blocks, self._at = [], time.monotonic()
-        return LiveState(
-            run=name, seconds=min(self._seconds, self._run.seconds), of=self._run.seconds,
-            rms={key: float(np.sqrt(np.mean(v**2))) for key, v in values.items()},
-            peak={key: float(np.abs(v).max()) for key, v in values.items()}, full_scale=self._full,
-            coherence={} if self._coherence is None else self._coherence.medians(),
-            overloads=tally.overloads, lost=tally.lost, damaged=getattr(self._instrument, "damaged", 0),
-            highest=dict(self._highest),
-        )  # fmt: skip
 
 
 class PaceCheck:
@@ -150,26 +77,20 @@ def measure_run(
     guard = Guard(plan, instrument)
     pace = None if force or not in_real_time(instrument) else PaceCheck(instrument.identity, rate)
     along = RunLoggers(plan, loggers or {}, writer.log)
-    counted, whole = None, False
+    whole = False
 
     def keep(block: Block) -> None:
         writer.put(block)
-        summary.add(block)
         remarks.add(block)
         guard.check(block)
         if pace is not None:
             pace.add(block)
-        if summary.due():
+        if summary.add(block):
             watch(summary.state(name, writer.tally))
 
     try:
         along.start()
-        instrument.start()
-        for block in incoming.blocks():
-            keep(block)
-        counted = instrument.stop()
-        for block in incoming.rest():
-            keep(block)
+        incoming.run(keep)
         whole = True
     except BaseException:
         # Ended by the operator, the disk or the connection: the drive must stop.
@@ -178,6 +99,6 @@ def measure_run(
         raise
     finally:
         remarks.end(instrument, incoming.returned, along.stop())
-        tally = writer.finish(counted, whole=whole, enough=answered())
+        tally = writer.finish(incoming.counted, whole=whole, enough=answered())
     watch(summary.state(name, tally))
     return tally

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import tomllib
 
-from isorig.drivers.connected import Connected
-from isorig.drivers.kinds import StreamKind, kinds
+from isorig.drivers.kinds import Connected, StreamKind, kinds
 from isorig.drivers.voltage import OutputSettings
 from isorig.rig.acquire.plan import plan_of
 from isorig.rig.acquire.plan_check import check_plan

@@ -108,14 +108,12 @@ def _measured(instrument: Stream, ticks: int, rate: float, guard: Guard) -> list
     incoming = BlockStream(
         instrument, ENDLESS if watched else ticks, rate, waits=IMPATIENT, stopped=lambda: watched and _known(blocks, ticks, rate)
     )
-    instrument.start()
-    for block in incoming.blocks():
+
+    def keep(block: Block) -> None:
         guard.check(block)
         blocks.append(block)
-    instrument.stop()
-    for block in incoming.rest():
-        guard.check(block)
-        blocks.append(block)
+
+    incoming.run(keep)
     return blocks
 
 

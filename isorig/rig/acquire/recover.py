@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import struct
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -22,49 +22,63 @@ from isorig.rig.acquire.layout import (
     SAMPLES,
     TIMING,
     BlockKind,
-    BlockShape,
     Layout,
     LogLayout,
     RunBegin,
     RunEnd,
     RunLayout,
     log_of,
-    shape_of,
-    timing_of,
+    samples_of,
 )
 from isorig.rig.acquire.pace import ClockDrift, Pace
 from isorig.rig.acquire.policy import RATE_REPORTED
 from isorig.rig.errors import RecordingError
 
 T = TypeVar("T")
-#: Index entry of each block of samples: its offset, its size, the range of the streamed gain in it.
-ENTRY = np.dtype(
-    [("number", "i8"), ("place", "i8"), ("first", "i8"), ("rows", "i8"), ("blocks", "i8"), ("low", "f8"), ("high", "f8")]
-)
+#: Index entry of each block of samples: its number, its offset, its first tick, its size.
+ENTRY = np.dtype([(name, "<i8") for name in ("number", "place", "first", "rows", "blocks")])
+PACKED = struct.Struct("<5q")
 
 
 class Saved:
-    """A sequence stored in the blocks of the file, read from disk by slice.
+    """A sequence stored in the blocks of a file and read by slice: `counts` items at the offsets `places`, shape (blocks,)."""
 
-    The blocks have `counts` items, shape (blocks,); `part` returns items `start` to `stop` of block `k`.
-    """
-
-    def __init__(self, counts: NDArray[np.int64], part: Callable[[int, int, int], NDArray[Any]], dtype: np.dtype[Any]) -> None:
-        self._ends, self._part, self._dtype = np.cumsum(counts), part, dtype
+    def __init__(self, reader: Reader, counts: NDArray[np.int64], places: NDArray[np.int64], dtype: np.dtype[Any]) -> None:
+        self._reader, self._ends, self._places, self._dtype = reader, np.cumsum(counts), places, dtype
         self.shape = (int(self._ends[-1]) if len(counts) else 0,)
 
     def __getitem__(self, key: slice, /) -> NDArray[Any]:
         start, stop, step = key.indices(self.shape[0])
         if step != 1:
             return self[:][key]
-        items = np.empty(max(stop - start, 0), self._dtype)
+        items, size = np.empty(max(stop - start, 0), self._dtype), self._dtype.itemsize
         done, k = start, int(np.searchsorted(self._ends, start, side="right"))
         while done < stop:
             begin = int(self._ends[k - 1]) if k else 0
             upto = min(int(self._ends[k]), stop)
-            items[done - start : upto - start] = self._part(k, done - begin, upto - begin)
+            part = self._reader.read(int(self._places[k]) + (done - begin) * size, (upto - done) * size)
+            items[done - start : upto - start] = np.frombuffer(part, self._dtype)
             done, k = upto, k + 1
         return items
+
+
+class _Steps:
+    """A value that changes at some of the samples: `changes` has the index of the first sample of each value, and the value."""
+
+    def __init__(self, changes: Sequence[tuple[int, float]], samples: int) -> None:
+        self._starts, self._values = (np.array(column) for column in zip(*changes, strict=True))
+        self._starts[0] = 0
+        self.shape = (samples,)
+
+    def __getitem__(self, key: slice, /) -> NDArray[np.float64]:
+        at = np.arange(*key.indices(self.shape[0]))
+        return np.asarray(self._values[np.searchsorted(self._starts, at, side="right") - 1], np.float64)
+
+    def median(self) -> float:
+        """Median over all samples."""
+        order = np.argsort(self._values)
+        passed = np.cumsum(np.diff(self._starts, append=self.shape[0])[order])
+        return float(self._values[order][np.searchsorted(passed, passed[-1] / 2)])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,30 +154,30 @@ class _StartedRun:
         self.end: tuple[int, RunEnd] | None = None
         self.overloads = self.stored = 0
         self.next = 0
+        # The streamed gain where it changes, with the number of samples before.
+        self.gains: list[tuple[int, float]] = []
         self.logs: dict[str, list[NDArray[np.float64]]] = {}
         # Numbers of the blocks with rows of loggers, between those with samples.
         self.logged: list[int] = []
-        self._entries = np.zeros(64, ENTRY)
-        self._count = 0
+        self._index = bytearray()
 
     @property
     def entries(self) -> NDArray[Any]:
         """Its blocks, in the order of their ticks."""
-        return self._entries[: self._count]
+        return np.frombuffer(bytes(self._index), ENTRY)
 
-    def add(self, shape: BlockShape, block: JournalBlock) -> None:
+    def add(self, block: JournalBlock, first: int, rows: int, timing: NDArray[Any]) -> None:
         """Add a block of samples to the index; one that goes back in time is omitted."""
-        if shape.first_tick < self.next:
+        if first < self.next:
             return
-        timing = timing_of(shape, block.content)
-        gains = timing["gain"][np.isfinite(timing["gain"])]
-        if self._count == len(self._entries):
-            self._entries = np.concatenate([self._entries, np.zeros_like(self._entries)])
-        low, high = (gains.min(), gains.max()) if len(gains) else (np.nan, np.nan)
-        self._entries[self._count] = (block.number, block.place, shape.first_tick, shape.rows, shape.blocks, low, high)
-        self._count += 1
-        self.next = shape.first_tick + shape.rows
-        self.stored += shape.rows
+        known = timing[np.isfinite(timing["gain"])]
+        changed = known[np.diff(known["gain"], prepend=self.gains[-1][1] if self.gains else np.nan) != 0.0]
+        self.gains += zip(
+            (self.stored + np.clip(changed["tick"] - first, 0, rows)).tolist(), changed["gain"].tolist(), strict=True
+        )
+        self._index += PACKED.pack(block.number, block.place, first, rows, len(timing))
+        self.next = first + rows
+        self.stored += rows
         self.overloads += int((timing["status"] & Status.OVERLOAD).astype(bool).sum())
         sound = np.isfinite(timing["host_time"])
         ends = np.append(timing["tick"], self.next)[1:]
@@ -213,7 +227,7 @@ class WorkingFileReader:
             if take.run != block.run:
                 # Blocks of one take are of one run; what names another one is not filed, and counts as damaged.
                 continue
-            if block.kind == BlockKind.BEGIN and (begin := _begin(block)) is not None:
+            if block.kind == BlockKind.BEGIN and (begin := _decoded(block, RunBegin)) is not None:
                 take.begin = block.number, begin
                 take.pace = Pace(begin.sample_rate)
             elif block.kind == BlockKind.END and (end := _decoded(block, RunEnd)) is not None:
@@ -221,8 +235,8 @@ class WorkingFileReader:
             elif block.kind == BlockKind.LOG and (logged := log_of(layout, block.content)) is not None:
                 take.logs.setdefault(logged[0], []).append(logged[1])
                 take.logged.append(block.number)
-            elif block.kind == BlockKind.SAMPLES and (shape := shape_of(layout, block.content)) is not None:
-                take.add(shape, block)
+            elif block.kind == BlockKind.SAMPLES and (samples := samples_of(layout, block.content)) is not None:
+                take.add(block, *samples)
 
     def runs(self) -> list[Recovered]:
         """Every planned run as far as it was measured, in the plan's order."""
@@ -245,12 +259,11 @@ class WorkingFileReader:
         # Of a repeated run, the last complete take; if there is none, the longest.
         best = next((take for take in reversed(takes) if _finished(take)), max(takes, key=lambda take: take.stored))
         gaps, damaged = _gaps(best)
-        timing = self._timing(best)
         return Recovered(
             id=planned.id, finished=_finished(best), begun=True,
-            run=self._measured(planned, best, gaps, timing) if best.stored else None,
+            run=self._measured(planned, best, gaps) if best.stored else None,
             stored=best.stored, lost=sum(gap.count for gap in gaps), damaged=damaged, planned=planned.planned,
-            overloads=best.overloads, planned_gain=planned.gain, timing=timing,
+            overloads=best.overloads, planned_gain=planned.gain, timing=self._timing(best),
             drift=best.pace.drift() if self._layout.real_time else None,
             sensors={name: channel.description for name, channel in self._layout.channels.items()},
             logs=self._logs(best), log_layouts=self._layout.logs,
@@ -271,25 +284,22 @@ class WorkingFileReader:
             tables[name] = unstructured_to_structured(rows, np.dtype(fields))
         return tables
 
-    def _measured(self, planned: RunLayout, take: _StartedRun, gaps: tuple[Gap, ...], timing: Saved) -> Run:
+    def _measured(self, planned: RunLayout, take: _StartedRun, gaps: tuple[Gap, ...]) -> Run:
         channels = {}
-        entries = take.entries.copy()
+        entries = take.entries
         offset = SAMPLES.size + TIMING.itemsize * entries["blocks"]
         for name, about in self._layout.channels.items():
             channels[name] = Channel(
-                name=name, samples=self._saved(entries["rows"], entries["place"] + offset, about.stored),
+                name=name, samples=Saved(self._reader, entries["rows"], entries["place"] + offset, about.stored),
                 quantity=about.quantity, unit=about.unit, scale=about.scale, offset=about.offset,  # type: ignore[arg-type]
                 full_scale=about.full_scale,
             )  # fmt: skip
             offset = offset + entries["rows"] * about.stored.itemsize
         gain = planned.gain
-        if np.isfinite(entries["low"]).any():
-            low, high = float(np.nanmin(entries["low"])), float(np.nanmax(entries["high"]))
-            streamed = _Gains(entries, timing, planned.gain)
-            gain = low if low == high else streamed.median()
-            channels["gain"] = Channel(
-                name="gain", samples=Saved(entries["rows"], streamed.part, np.dtype(np.float64)), quantity="gain", unit="1"
-            )
+        if take.gains:
+            streamed = _Steps(take.gains, take.stored)
+            gain = streamed.median()
+            channels["gain"] = Channel(name="gain", samples=streamed, quantity="gain", unit="1")
         begin = None if take.begin is None else take.begin[1]
         rate = self._layout.sample_rate if begin is None else begin.sample_rate
         return Run(
@@ -302,46 +312,8 @@ class WorkingFileReader:
         )  # fmt: skip
 
     def _timing(self, take: _StartedRun) -> Saved:
-        entries = take.entries.copy()
-        return self._saved(entries["blocks"], entries["place"] + SAMPLES.size, TIMING)
-
-    def _saved(self, counts: NDArray[np.int64], places: NDArray[np.int64], dtype: np.dtype[Any]) -> Saved:
-        def part(k: int, start: int, stop: int) -> NDArray[Any]:
-            size = dtype.itemsize
-            return np.frombuffer(self._reader.read(int(places[k]) + start * size, (stop - start) * size), dtype)
-
-        return Saved(counts, part, dtype)
-
-
-class _Gains:
-    """The streamed gain of each stored sample."""
-
-    def __init__(self, entries: NDArray[Any], timing: Saved, otherwise: float) -> None:
-        self._entries, self._timing, self._otherwise = entries, timing, otherwise
-        self._begins = np.concatenate([[0], np.cumsum(entries["blocks"])])
-
-    def part(self, k: int, start: int, stop: int) -> NDArray[np.float64]:
-        """Gains of samples `start` to `stop` of block k."""
-        gains, rows = self._steps(k)
-        return np.repeat(gains, rows)[start:stop]
-
-    def median(self) -> float:
-        """Median over all samples."""
-        steps = [self._steps(k) for k in range(len(self._entries))]
-        gains, rows = (np.concatenate(parts) for parts in zip(*steps, strict=True))
-        order = np.argsort(gains)
-        passed = np.cumsum(rows[order])
-        return float(gains[order][np.searchsorted(passed, passed[-1] / 2)])
-
-    def _steps(self, k: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        # Gains, and the number of samples for each.
-        entry = self._entries[k]
-        timing = self._timing[int(self._begins[k]) : int(self._begins[k + 1])]
-        timing = timing[np.isfinite(timing["gain"])]
-        if not len(timing):
-            return np.array([self._otherwise]), np.array([entry["rows"]], np.int64)
-        edges = np.clip(timing["tick"][1:] - entry["first"], 0, entry["rows"])
-        return timing["gain"].astype(np.float64), np.diff(edges, prepend=0, append=entry["rows"]).clip(0)
+        entries = take.entries
+        return Saved(self._reader, entries["blocks"], entries["place"] + SAMPLES.size, TIMING)
 
 
 def _finished(take: _StartedRun) -> bool:
@@ -366,22 +338,10 @@ def _gaps(take: _StartedRun) -> tuple[tuple[Gap, ...], int]:
 
 
 def _layout(block: JournalBlock) -> Layout | None:
-    layout = None
     if block.kind == BlockKind.LAYOUT:
-        layout = _decoded(block, Layout)
-    elif block.kind == BlockKind.BEGIN:
-        begin = _begin(block)
-        layout = None if begin is None else begin.layout
-    if layout is None or not layout.channels or not 0.0 < layout.sample_rate < math.inf:
-        return None
-    return layout
-
-
-def _begin(block: JournalBlock) -> RunBegin | None:
-    begin = _decoded(block, RunBegin)
-    if begin is None or not (0.0 < begin.sample_rate < math.inf and 0 <= begin.started_ns < 1 << 62):
-        return None
-    return begin
+        return _decoded(block, Layout)
+    begin = _decoded(block, RunBegin) if block.kind == BlockKind.BEGIN else None
+    return None if begin is None else begin.layout
 
 
 def _decoded(block: JournalBlock, kind: type[T]) -> T | None:

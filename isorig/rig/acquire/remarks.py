@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from isorig.drivers.alignment import WIRE
 from isorig.drivers.arrivals import JUMP
 from isorig.drivers.block import Block, Status
-from isorig.drivers.instrument import Noticing, Stream
+from isorig.drivers.instrument import Instrument, Noticing
 
 #: Reasons against keeping a run, by block status; {n} blocks, the first at {s} s.
 AGAINST = {
@@ -50,7 +50,7 @@ class Remarks:
                 self.counts[status] = self.counts.get(status, 0) + 1
                 self.first.setdefault(status, block.first_tick / self.rate)
 
-    def end(self, instrument: Stream, returned: int, loggers: Sequence[str] = ()) -> None:
+    def end(self, instrument: Instrument, returned: int = 0, loggers: Sequence[str] = ()) -> None:
         """Add the driver's notices, the number of reconnections, and what failed of the loggers, in sentences."""
         self.loggers += loggers
         self.clauses += instrument.noticed if isinstance(instrument, Noticing) else ()

@@ -73,7 +73,10 @@ def check_run(
             good=False, coherence={}, detections=(), sliding=None,
             advice=("No sample arrived; check the instrument and repeat the run.", *against),
         )  # fmt: skip
-    spectra, detections, sliding = _spectra(run, drive), _detections(run, drive), _sliding(run, rig)
+    spectra, detections = _spectra(run, drive), _detections(run, drive)
+    sliding = least_sliding(
+        rig, run.configuration, lambda one, other: _parts(run, one, other) if {one, other} <= set(run.channels) else None
+    )
     coherence = {} if spectra is None else _coherence(run, spectra, drive)
     against = [*_losses(recovered), *against, *_channels(run), *_gain(run, recovered.planned_gain)]
     remarks = [*remarks]
@@ -129,7 +132,7 @@ def _losses(run: Recovered) -> Iterator[str]:
 
 
 def _channels(run: Run) -> Iterator[str]:
-    sizes = {name: _spread(run, name).std for name in run.sensors}
+    sizes = {name: _spread(_moments(values) for (values,) in _parts(run, name))[0] for name in run.sensors}
     loudest: dict[str, float] = {}
     for name, channel in run.sensors.items():
         loudest[channel.quantity] = max(loudest.get(channel.quantity, 0.0), sizes[name])
@@ -144,9 +147,11 @@ def _channels(run: Run) -> Iterator[str]:
 
 
 def _gain(run: Run, planned: float) -> Iterator[str]:
-    gains = _spread(run, "gain") if "gain" in run.channels else None
-    if gains is not None and gains.highest - gains.lowest > policy.GAIN_DIFFERENCE * abs(run.gain):
-        yield f"The gain changed from {gains.lowest:.4g} to {gains.highest:.4g} during the run; repeat it with a constant gain."
+    low = high = run.gain
+    if "gain" in run.channels:
+        _, low, high = _spread(_moments(values) for (values,) in _parts(run, "gain"))
+    if high - low > policy.GAIN_DIFFERENCE * abs(run.gain):
+        yield f"The gain changed from {low:.4g} to {high:.4g} during the run; repeat it with a constant gain."
     elif abs(run.gain - planned) > policy.GAIN_DIFFERENCE * planned:
         yield f"The gain was {run.gain:.4g} but the plan has {planned:.4g}; set it and repeat the run."
 
@@ -193,41 +198,22 @@ def least_sliding(
     return min(found, key=lambda item: item.share, default=None)
 
 
-def _sliding(run: Run, rig: RigModel) -> ContactSliding | None:
-    def parts(one: str, other: str) -> Iterable[Sequence[FloatArray]] | None:
-        return _parts(run, one, other) if {one, other} <= set(run.channels) else None
-
-    return least_sliding(rig, run.configuration, parts)
-
-
 def _relative_motion(parts: Iterable[Sequence[FloatArray]]) -> float:
     # rms of the first body's motion relative to the other divided by that of its own motion.
     own, relative = zip(*((_moments(one), _moments(one - other)) for one, other in parts), strict=True)
-    return _Spread.of(relative).std / max(_Spread.of(own).std, 1e-30)
+    return _spread(relative)[0] / max(_spread(own)[0], 1e-30)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Spread:
-    """Standard deviation and extremes of values that were given in parts."""
-
-    std: float
-    lowest: float
-    highest: float
-
-    @classmethod
-    def of(cls, moments: Iterable[tuple[float, ...]]) -> _Spread:
-        count, mean, variance, lowest, highest = np.array(list(moments)).T
-        # Squares are about the mean of each part, which loses no digits (Chan, Golub and LeVeque 1983).
-        square = np.average(variance + (mean - np.average(mean, weights=count)) ** 2, weights=count)
-        return cls(std=float(np.sqrt(square)), lowest=float(lowest.min()), highest=float(highest.max()))
+def _spread(moments: Iterable[tuple[float, ...]]) -> tuple[float, float, float]:
+    # Standard deviation, minimum and maximum of values that were given in parts.
+    count, mean, variance, lowest, highest = np.array(list(moments)).T
+    # Squares are about the mean of each part, which loses no digits (Chan, Golub and LeVeque 1983).
+    square = np.average(variance + (mean - np.average(mean, weights=count)) ** 2, weights=count)
+    return float(np.sqrt(square)), float(lowest.min()), float(highest.max())
 
 
 def _moments(values: FloatArray) -> tuple[float, ...]:
     return len(values), float(values.mean()), float(values.var()), float(values.min()), float(values.max())
-
-
-def _spread(run: Run, name: str) -> _Spread:
-    return _Spread.of(_moments(values) for (values,) in _parts(run, name))
 
 
 def _parts(run: Run, *names: str) -> Iterator[Sequence[FloatArray]]:

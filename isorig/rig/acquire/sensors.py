@@ -10,7 +10,7 @@ from datetime import date
 from pathlib import Path
 
 from isorig.drivers.instrument import Describing
-from isorig.drivers.teds import Teds, decode
+from isorig.drivers.teds import decode
 from isorig.rig.acquire.plan import ChannelPlan, Plan
 from isorig.rig.acquire.policy import SENSITIVITY_DIFFERENCE
 from isorig.rig.errors import PlanError
@@ -98,16 +98,16 @@ def memories(plan: Plan, instrument: object) -> dict[str, Sheet]:
     holds something else."""
     if not isinstance(instrument, Describing):
         return {}
-    found = {name: instrument.memory(channel.input) for name, channel in plan.channels.items()}
-    return {name: _of_teds(decode(data), instrument, plan.channels[name].input) for name, data in found.items() if data}
-
-
-def _of_teds(teds: Teds, instrument: Describing, place: int) -> Sheet:
-    sensitivity = instrument.force_sensitivity(place) if teds.quantity == "force" else teds.sensitivity
-    return Sheet(
-        serial_number=str(teds.serial_number), sensitivity=sensitivity, calibrated=teds.calibrated, due=teds.due,
-        source="its memory", quantity=teds.quantity,
-    )  # fmt: skip
+    found: dict[str, Sheet] = {}
+    for name, channel in plan.channels.items():
+        if data := instrument.memory(channel.input):
+            teds = decode(data)
+            sensitivity = instrument.force_sensitivity(channel.input) if teds.quantity == "force" else teds.sensitivity
+            found[name] = Sheet(
+                serial_number=str(teds.serial_number), sensitivity=sensitivity, calibrated=teds.calibrated, due=teds.due,
+                source="its memory", quantity=teds.quantity,
+            )  # fmt: skip
+    return found
 
 
 def compare(plan: Plan, known: Mapping[str, Sheet], read: Mapping[str, Sheet], today: date) -> list[str]:

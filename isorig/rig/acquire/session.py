@@ -11,14 +11,15 @@ from typing import Literal
 
 import msgspec
 
-from isorig.drivers.instrument import Exciter, Noticing, Sourcing, Stream, in_real_time
+from isorig.analysis.campaign import Run
+from isorig.drivers.instrument import Exciter, Sourcing, Stream, in_real_time
 from isorig.rig.acquire.analyzer_session import measure_with_analyzer
 from isorig.rig.acquire.display_thread import DisplayThread
-from isorig.rig.acquire.instruments import opened, opened_analyzer
+from isorig.rig.acquire.instruments import opened, opened_analyzer, opened_loggers, prepare
 from isorig.rig.acquire.journal import SYNC
+from isorig.rig.acquire.live import LiveState
 from isorig.rig.acquire.locks import output_locked, port_locked
-from isorig.rig.acquire.loggers import opened_loggers
-from isorig.rig.acquire.measure_run import LiveState, measure_run
+from isorig.rig.acquire.measure_run import measure_run
 from isorig.rig.acquire.pace import ClockDrift
 from isorig.rig.acquire.plan import Plan, RunPlan
 from isorig.rig.acquire.preflight import check_analyzer, check_record, check_room, preflight, refuse
@@ -28,11 +29,11 @@ from isorig.rig.acquire.remarks import Remarks
 from isorig.rig.acquire.response_limits import check_responses
 from isorig.rig.acquire.run_check import Verdict, check_run
 from isorig.rig.acquire.sensors import refuse_sensors
-from isorig.rig.acquire.shutdown import ended_by_signals
 from isorig.rig.acquire.store import ended, keep_measured, keep_session, whole_runs
 from isorig.rig.acquire.waits import SESSION_WAITS, SessionWaits
 from isorig.rig.errors import OutputError, PlanError, RecordingError
 from isorig.rig.files.output import sweep
+from isorig.rig.process.interrupts import ended_by_signals
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,25 +111,22 @@ def acquire(
     decoupled = decoupled_operator(operator, display)
     try:
         with output_locked(output), port_locked(port), ended_by_signals():
-            _make_room(plan, output, force=force)
+            # The leftovers of killed sessions take space, too.
+            for path in (output, working_file(output)):
+                sweep(path)
+            no_room = check_room(plan, output)
+            if no_room is not None and not force:
+                raise OutputError(f"{no_room}; --force starts anyway")
             done = _done(working_file(output), output, plan, resume=resume) - _planned(again, plan)
+            session = _Session(plan, output, decoupled, done, resume=resume, force=force, waits=waits)
             if plan.instrument.analyzer:
-                taken = _with_analyzer(plan, port, output, decoupled, done, resume=resume, force=force, waits=waits)
+                session.with_analyzer(port)
             else:
-                taken = _with_stream(plan, port, output, decoupled, done, resume=resume, force=force, sync=sync, waits=waits)
+                session.with_stream(port, sync)
             display.settle()
-            return taken
+            return session.taken
     finally:
         display.end()
-
-
-def _make_room(plan: Plan, output: Path, *, force: bool) -> None:
-    # The leftovers of killed sessions take space, too.
-    for path in (output, working_file(output)):
-        sweep(path)
-    no_room = check_room(plan, output)
-    if no_room is not None and not force:
-        raise OutputError(f"{no_room}; --force starts anyway")
 
 
 def decoupled_operator(operator: Operator, display: DisplayThread) -> Operator:
@@ -148,114 +146,104 @@ def decoupled_operator(operator: Operator, display: DisplayThread) -> Operator:
     )  # fmt: skip
 
 
-def _with_stream(
-    plan: Plan, port: str, output: Path, operator: Operator, done: Set[str], *, resume: bool, force: bool, sync: float,
-    waits: SessionWaits,
-) -> list[MeasuredRun]:  # fmt: skip
-    partial, wanted = working_file(output), list(_wanted(plan, done))
-    taken: list[MeasuredRun] = []
-    if not force:
-        check_responses(plan, ((run, repeat) for run, repeat, _ in wanted))
-    with opened_loggers(plan, waits.drivers) as loggers, opened(plan, port, waits.drivers) as instrument:
-        _check_against(instrument, plan)
-        if not force:
-            refuse_sensors(plan, instrument)
-        after, real_time = ended(output) if resume else None, in_real_time(instrument)
-        recording = ExitStack()
-        file = recording.enter_context(
-            recording_into(partial, plan, instrument.inputs, sync=sync, after=after, real_time=real_time)
-        )
-        try:
-            with recording, closing(WorkingFileReader(partial)) as saved:
-                configuration = ""
-                for number, run, repeat, name in _decided(wanted, operator):
-                    if run.configuration != configuration:
-                        _set_up(instrument, run.configuration, operator)
-                        configuration = run.configuration
-                    if not force:
-                        refuse(name, preflight(instrument, plan, run))
-                    remarks = Remarks(plan.instrument.sample_rate)
-                    watch = partial_of(_with_progress, operator.watch, number, [item.seconds for item, _, _ in wanted])
-                    tally = measure_run(
-                        instrument, file, plan, run, repeat, watch, remarks, operator.stopped, operator.answered,
-                        loggers=loggers, waits=waits, force=force,
-                    )  # fmt: skip
-                    found = saved.run(name)
-                    earlier = [each for item in taken if (each := saved.run(item.id).run) is not None]
-                    verdict = check_run(
-                        found, rig=plan.described(), against=remarks.against(), remarks=remarks.others(), others=earlier
-                    )
-                    taken.append(MeasuredRun(id=name, tally=tally, verdict=verdict, drift=found.drift))
-                    operator.taken(taken[-1])
-        finally:
-            keep_session(partial, output, add=resume)
-    if not output.exists():
-        raise RecordingError(f"no sample arrived, so {output} was not written; check the instrument and start again")
-    return taken
+class _Session:
+    """The runs of a plan that are not done, one after the other; `taken` are those that were measured."""
 
+    def __init__(
+        self, plan: Plan, output: Path, operator: Operator, done: Set[str], *, resume: bool, force: bool, waits: SessionWaits
+    ) -> None:
+        self._plan, self._output, self._operator = plan, output, operator
+        self._resume, self._force, self._waits = resume, force, waits
+        runs = ((run, repeat, name) for run in plan.runs for repeat, name in enumerate(run.ids()))
+        self._wanted = [(run, repeat, name) for run, repeat, name in runs if name not in done]
+        self.taken: list[MeasuredRun] = []
 
-def _with_progress(watch: Callable[[LiveState], None], number: int, seconds: Sequence[float], live: LiveState) -> None:
-    # The number of the run in the session, and the remaining seconds of the session.
-    left = live.of - live.seconds + sum(seconds[number:])
-    watch(msgspec.structs.replace(live, number=number, runs=len(seconds), left=max(left, 0.0)))
+    def with_stream(self, port: str, sync: float) -> None:
+        """Measure with an instrument that streams."""
+        plan, output, partial = self._plan, self._output, working_file(self._output)
+        if not self._force:
+            check_responses(plan, ((run, repeat) for run, repeat, _ in self._wanted))
+        with opened_loggers(plan, self._waits.drivers) as loggers, opened(plan, port, self._waits.drivers) as instrument:
+            _check_against(instrument, plan)
+            if not self._force:
+                refuse_sensors(plan, instrument)
+            after, real_time = ended(output) if self._resume else None, in_real_time(instrument)
+            recording = ExitStack()
+            file = recording.enter_context(
+                recording_into(partial, plan, instrument.inputs, sync=sync, after=after, real_time=real_time)
+            )
 
+            def lock(configuration: str) -> None:
+                if not isinstance(instrument, Exciter) or not instrument.set_configuration(configuration):
+                    self._operator.lock(configuration)
 
-def _with_analyzer(
-    plan: Plan, port: str, output: Path, operator: Operator, done: Set[str], *, resume: bool, force: bool, waits: SessionWaits
-) -> list[MeasuredRun]:
-    # A record is complete or absent: the recording is written again after each.
-    taken: list[MeasuredRun] = []
-    configuration = ""
-    with opened_analyzer(plan, port, waits.drivers) as instrument:
-        if not force:
-            refuse_sensors(plan, instrument)
-        for _, run, _, name in _decided(list(_wanted(plan, done)), operator):
-            if run.configuration != configuration:
-                operator.lock(run.configuration)
-                configuration = run.configuration
-            if run.source is not None and isinstance(instrument, Sourcing):
-                instrument.set_source(run.source)
-            if not force:
-                refuse(name, check_analyzer(instrument))
-            measured, overloads = measure_with_analyzer(instrument, plan, run, name)
-            if not force:
-                refuse(name, check_record(measured, plan))
-            keep_measured(output, plan, measured, add=resume or bool(taken))
-            found = Recovered(
-                id=name, finished=True, begun=True, run=measured, stored=len(measured), planned=len(measured),
-                overloads=overloads, planned_gain=run.gain,
-            )  # fmt: skip
-            noticed = instrument.noticed if isinstance(instrument, Noticing) else ()
-            against = [f"The driver reports: {clause}." for clause in noticed]
-            verdict = check_run(found, rig=plan.described(), against=against)
-            taken.append(MeasuredRun(id=name, tally=Tally(stored=found.stored, overloads=overloads), verdict=verdict))
-            operator.taken(taken[-1])
-    return taken
+            try:
+                with recording, closing(WorkingFileReader(partial)) as saved:
+                    for number, run, repeat, name in self._decided(lock):
+                        if not self._force:
+                            refuse(name, preflight(instrument, plan, run))
+                        remarks = Remarks(plan.instrument.sample_rate)
+                        tally = measure_run(
+                            instrument, file, plan, run, repeat, partial_of(self._watch, number), remarks, self._operator.stopped,
+                            self._operator.answered, loggers=loggers, waits=self._waits, force=self._force,
+                        )  # fmt: skip
+                        self._keep(saved.run(name), tally, remarks, [saved.run(item.id).run for item in self.taken])
+            finally:
+                keep_session(partial, output, add=self._resume)
+        if not output.exists():
+            raise RecordingError(f"no sample arrived, so {output} was not written; check the instrument and start again")
 
+    def with_analyzer(self, port: str) -> None:
+        """Measure with an analyzer. A record is complete or absent: the recording is written again after each."""
+        plan = self._plan
+        with opened_analyzer(plan, port, self._waits.drivers) as instrument:
+            if not self._force:
+                refuse_sensors(plan, instrument)
+            for _, run, _, name in self._decided(self._operator.lock):
+                if run.source is not None and isinstance(instrument, Sourcing):
+                    instrument.set_source(run.source)
+                if not self._force:
+                    refuse(name, check_analyzer(instrument))
+                measured, overloads = measure_with_analyzer(instrument, plan, run, name)
+                if not self._force:
+                    refuse(name, check_record(measured, plan))
+                keep_measured(self._output, plan, measured, add=self._resume or bool(self.taken))
+                found = Recovered(
+                    id=name, finished=True, begun=True, run=measured, stored=len(measured), planned=len(measured),
+                    overloads=overloads, planned_gain=run.gain,
+                )  # fmt: skip
+                remarks = Remarks(measured.sample_rate)
+                remarks.end(instrument)
+                self._keep(found, Tally(stored=found.stored, overloads=overloads), remarks)
 
-def _wanted(plan: Plan, done: Set[str]) -> Iterator[tuple[RunPlan, int, str]]:
-    for run in plan.runs:
-        for repeat, name in enumerate(run.ids()):
-            if name not in done:
-                yield run, repeat, name
+    def _decided(self, lock: Callable[[str], None]) -> Iterator[tuple[int, RunPlan, int, str]]:
+        # The runs that the operator has confirmed, each in its configuration, with its number among all, from 1.
+        configuration = ""
+        for number, (run, repeat, name) in enumerate(self._wanted, 1):
+            decision = self._operator.decide(name)
+            if decision == "end":
+                return
+            if decision == "take":
+                if run.configuration != configuration:
+                    lock(run.configuration)
+                    configuration = run.configuration
+                yield number, run, repeat, name
 
+    def _watch(self, number: int, live: LiveState) -> None:
+        # With the number of the run in the session, and the remaining seconds of the session.
+        left = live.of - live.seconds + sum(run.seconds for run, _, _ in self._wanted[number:])
+        self._operator.watch(msgspec.structs.replace(live, number=number, runs=len(self._wanted), left=max(left, 0.0)))
 
-def _decided(wanted: Sequence[tuple[RunPlan, int, str]], operator: Operator) -> Iterator[tuple[int, RunPlan, int, str]]:
-    # The runs that the operator has confirmed, each with its number among all, from 1.
-    for number, (run, repeat, name) in enumerate(wanted, 1):
-        decision = operator.decide(name)
-        if decision == "end":
-            return
-        if decision == "take":
-            yield number, run, repeat, name
+    def _keep(self, found: Recovered, tally: Tally, remarks: Remarks, earlier: Sequence[Run | None] = ()) -> None:
+        others = [run for run in earlier if run is not None]
+        verdict = check_run(found, rig=self._plan.described(), against=remarks.against(), remarks=remarks.others(), others=others)
+        self.taken.append(MeasuredRun(id=found.id, tally=tally, verdict=verdict, drift=found.drift))
+        self._operator.taken(self.taken[-1])
 
 
 def _check_against(instrument: Stream, plan: Plan) -> None:
     asked = plan.instrument.sample_rate
-    highest = max(channel.input for channel in plan.channels.values())
-    rate = instrument.prepare(sample_rate=asked, channels=[channel.input for channel in plan.channels.values()])
-    if highest >= len(instrument.inputs):
-        raise PlanError(f"the instrument has {len(instrument.inputs)} inputs but the plan uses input {highest}; correct it")
+    rate = prepare(instrument, asked, [channel.input for channel in plan.channels.values()], "the instrument")
     if abs(rate / asked - 1.0) > 1e-6:
         raise PlanError(f"the instrument's nearest rate to {asked:.9g} Hz is {rate:.9g} Hz; set sample_rate to it in the plan")
     played = next((run.id for run in plan.runs if run.played), None)
@@ -264,11 +252,6 @@ def _check_against(instrument: Stream, plan: Plan) -> None:
             f"run {played!r} needs a drive and a {plan.instrument.kind} instrument plays none; drive the rig by other means "
             'and call the excitation "other"'
         )
-
-
-def _set_up(instrument: Stream, configuration: str, operator: Operator) -> None:
-    if not isinstance(instrument, Exciter) or not instrument.set_configuration(configuration):
-        operator.lock(configuration)
 
 
 def _planned(names: Set[str], plan: Plan) -> Set[str]:

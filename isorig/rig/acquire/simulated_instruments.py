@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 import numpy as np
 
@@ -16,11 +14,9 @@ from isorig.analysis.spectra.welch import estimate
 from isorig.drivers.block import Raw
 from isorig.drivers.errors import SettingError
 from isorig.drivers.kinds import StreamKind, kinds
-from isorig.drivers.simulated.commanded import Simulation
-from isorig.drivers.simulated.faults import Faults
-from isorig.drivers.simulated.served import Peer, served
+from isorig.drivers.simulated.commanded import Faults, Simulation
+from isorig.drivers.simulated.served import Peer
 from isorig.rig.virtual.levels import BITS, HEAD_PER_GAIN
-from isorig.rig.wire_bonder.description import wire_bonder
 from isorig.rig.wire_bonder.effects import Hidden
 
 #: Full scale in volts, and sensitivity of the sensors, V per m/s^2.
@@ -106,14 +102,3 @@ def far_end(
     VirtualRig(model).volts(256, 256.0)
     rig = VirtualRig(model, noise=noise, seed=seed, hidden=hidden)
     return about.far_end(rig, Simulation(speed=speed, seconds=seconds, faults=faults or Faults(seed=seed)))
-
-
-@contextmanager
-def reached_port(kind: str, port: str) -> Iterator[str]:
-    """The port to open; "virtual" is a simulated instrument of that kind in a thread of this process, connected to the thesis's
-    rig."""
-    if port != "virtual":
-        yield port
-    else:
-        with served(far_end(kind, wire_bonder())) as simulated:
-            yield simulated

@@ -11,9 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import h5py
+import numpy as np
+from numpy.typing import NDArray
 
 from isorig.analysis.campaign import Run
-from isorig.rig.acquire.axis import AXIS, axis_of
+from isorig.drivers.arrivals import BIN, JUMP, SCATTER
+from isorig.drivers.block import Status
 from isorig.rig.acquire.locks import output_locked
 from isorig.rig.acquire.plan import Plan, RunPlan
 from isorig.rig.acquire.recorder import RESERVE
@@ -27,6 +30,10 @@ from isorig.rig.files.recording import SENSOR, Extra, Stored, open_recording, wr
 GO_ON = "make room and continue with --resume, or save it elsewhere with rig recover"
 #: Attributes of a run for the drift of its clock.
 DRIFT = ("clock_drift_ppm", "clock_drift_ppm_std")
+#: Attributes of a recording: who counted the samples, the longest undetectable loss in seconds, and the number of blocks before
+#: which counter and clock disagreed, bytes were lost, or only the host's clock indicated a loss.
+AXIS = ("time_axis", "time_axis_unseen", "time_axis_doubts")
+DOUBTS = Status.DISAGREES | Status.CLOCKED | Status.RESYNCED
 #: Table of a run with the arrival time of each block of the instrument.
 TIMING = "timing"
 #: Group of a run with a table for each logger that ran along, and the beginning of the attributes with the units of its fields.
@@ -94,10 +101,12 @@ def ended(output: Path) -> datetime | None:
 
 
 def _ended(runs: Iterable[Run]) -> datetime | None:
-    def end(run: Run, started: datetime) -> datetime:
-        return started + timedelta(seconds=(len(run) + sum(gap.count for gap in run.gaps)) / run.sample_rate)
-
-    return max((end(run, run.started) for run in runs if run.started is not None), default=None)
+    ends = (
+        run.started + timedelta(seconds=(len(run) + sum(gap.count for gap in run.gaps)) / run.sample_rate)
+        for run in runs
+        if run.started is not None
+    )
+    return max(ends, default=None)
 
 
 def whole_runs(output: Path, plan: Plan) -> frozenset[str]:
@@ -144,7 +153,7 @@ def _extra(item: Recovered) -> Extra:
         attributes |= zip(DRIFT, (item.drift.ppm, item.drift.std), strict=True)
     if item.run is None or item.timing is None or not item.timing.shape[0]:
         return Extra(attributes=attributes, channels=item.sensors)
-    attributes |= axis_of(item.timing[:], item.run.sample_rate)
+    attributes |= _axis(item.timing[:], item.run.sample_rate)
     logs = {f"{LOGS}/{name}": rows for name, rows in item.logs.items()}
     about: dict[str, dict[str, float | str]] = {
         f"{LOGS}/{name}": {
@@ -154,6 +163,32 @@ def _extra(item: Recovered) -> Extra:
         for name, log in item.log_layouts.items()
     }
     return Extra(attributes=attributes, channels=item.sensors, tables={TIMING: item.timing, **logs}, about=about)
+
+
+def _axis(timing: NDArray[Any], rate: float) -> dict[str, str | float | int]:
+    # The attributes of a time axis, from the timing of its blocks and the sample rate in Hz.
+    # A clock of the instrument shows every loss, as the numbers of the samples do.
+    numbered = bool(len(timing)) and bool((timing["status"] & int(Status.NUMBERED)).all())
+    counted = numbered or bool(np.isfinite(timing["device_time"]).any())
+    doubts = int((timing["status"] & int(DOUBTS)).astype(bool).sum())
+    unseen = 0.0 if counted else max(JUMP, SCATTER * _scatter(timing, rate))
+    return dict(zip(AXIS, ("instrument" if counted else "host", unseen, doubts), strict=True))
+
+
+def _scatter(timing: NDArray[Any], rate: float) -> float:
+    # The smallest delay of each bin relative to a fitted line, as in `isorig.drivers.arrivals`.
+    if len(timing) < 3 or rate <= 0.0:
+        return 0.0
+    host = timing["host_time"] - timing["host_time"][0]
+    late = host - (timing["tick"] - timing["tick"][0]) / rate
+    _, bins = np.unique((host / BIN).astype(np.int64), return_inverse=True)
+    least = np.full(int(bins.max()) + 1, np.inf)
+    np.minimum.at(least, bins, late)
+    if len(least) < 3:
+        return 0.0
+    at = np.arange(len(least))
+    least -= np.polyval(np.polyfit(at, least, 1), at)
+    return float(np.median(least) - least.min())
 
 
 @contextmanager

@@ -10,15 +10,14 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from isorig.rig.acquire.equations import EquationsReport
-from isorig.rig.acquire.levels import advice, shares
+from isorig.rig.acquire.live import EquationsReport, advice, shares
 from isorig.rig.errors import PlanError
 from isorig.rig.process.terminal import Unhurried, never_wait_for_terminal
 
 if TYPE_CHECKING:
     from rich.console import Console, Group
 
-    from isorig.rig.acquire.measure_run import LiveState
+    from isorig.rig.acquire.live import LiveState
     from isorig.rig.acquire.session import Decision, MeasuredRun
 
 #: Refusal where a question cannot be asked.

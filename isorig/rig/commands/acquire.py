@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from isorig.rig.options import Output
 
 if TYPE_CHECKING:
-    from isorig.rig.acquire.equations import EquationsReport
+    from isorig.rig.acquire.live import EquationsReport
     from isorig.rig.acquire.terminal import Terminal
     from isorig.rig.view.requests import Desk
 
@@ -77,9 +77,9 @@ def acquire(
     from isorig.rig.acquire.plan_check import read_plan
     from isorig.rig.acquire.session import Operator
     from isorig.rig.acquire.session import acquire as run_session
-    from isorig.rig.acquire.shutdown import ended_by_signals
     from isorig.rig.acquire.terminal import Terminal
     from isorig.rig.errors import OutputError, PlanError
+    from isorig.rig.process.interrupts import ended_by_signals
     from isorig.rig.process.terminal import discard_output
     from isorig.rig.view.process import equations_watched, viewed
 

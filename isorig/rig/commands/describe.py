@@ -30,8 +30,7 @@ def describe(rig: str | None = None, *, output: Output | None = None, new: Flag 
     from isorig.rig.describe.show import listed, shown
     from isorig.rig.errors import PlanError
     from isorig.rig.files.output import write_text
-    from isorig.rig.files.rigfile import read_rig
-    from isorig.rig.files.rigtext import description_text
+    from isorig.rig.files.rigfile import description_text, read_rig
     from isorig.rig.report.sketch import picture
 
     if output is not None and output.suffix.lower() not in (".svg", ".toml"):

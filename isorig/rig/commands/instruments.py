@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from isorig.rig.options import Flag, Output
 
 if TYPE_CHECKING:
-    from isorig.drivers.connected import Connected
+    from isorig.drivers.kinds import Connected
 
 
 def instruments(
@@ -43,8 +43,8 @@ def instruments(
     json
         Print one JSON object per line on standard output.
     """
-    from isorig.drivers.connected import Connected, connected, with_identity
-    from isorig.drivers.kinds import kinds
+    from isorig.drivers.connected import connected, with_identity
+    from isorig.drivers.kinds import Connected, kinds
     from isorig.rig.acquire.plan_draft import draft_plan
     from isorig.rig.errors import OutputError, PlanError
     from isorig.rig.files.output import write_text

@@ -65,7 +65,7 @@ def next_(
     if own is not None and own.instrument.analyzer:
         raise PlanError(f"{plan} is for an analyzer, which cannot play a plan's drive; choose its next run by hand")
     earlier = {} if own is None else {name: run for run in own.runs if run.repeats == 1 for name in run.ids()}
-    now = situation(found, limits_of(found[-1].explains.variant().model, own, limits), earlier)
+    now = situation(found, limits_of(found[-1].explains.model, own, limits), earlier)
     with Console(stderr=True).status("comparing candidate runs") as status:
         if for_ is not None:
             from isorig.rig.next.required_uncertainty import propose_for, required_uncertainty

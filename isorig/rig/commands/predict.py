@@ -25,8 +25,8 @@ def predict(model: Path, runs: Path, *, output: Output, as_recorded: bool = Fals
     """
     from isorig.analysis.model.rig_model import Chain
     from isorig.analysis.wording import in_per_cent
-    from isorig.rig.files.models import read_model
     from isorig.rig.files.recording import read, write
+    from isorig.rig.files.rigfile import read_model
     from isorig.rig.model.prediction import errors, predicted
     from isorig.rig.process.terminal import show_table
 

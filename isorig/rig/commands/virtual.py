@@ -141,12 +141,11 @@ def instrument(
     size
         Its size.
     """
-    from isorig.drivers.simulated.faults import Faults
-    from isorig.drivers.simulated.served import TcpWire, exchange
-    from isorig.drivers.simulated.wire import PtyWire
+    from isorig.drivers.simulated.commanded import Faults
+    from isorig.drivers.simulated.served import PtyWire, TcpWire, exchange
     from isorig.rig.acquire.simulated_instruments import far_end
     from isorig.rig.errors import RigError
-    from isorig.rig.files.models import read_model
+    from isorig.rig.files.rigfile import read_model
     from isorig.rig.wire_bonder.description import wire_bonder
     from isorig.rig.wire_bonder.effects import hidden_in
 

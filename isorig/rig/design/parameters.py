@@ -32,8 +32,7 @@ from isorig.analysis.simulate.move_profile import Move, head_acceleration
 from isorig.rig.errors import PlanError
 from isorig.rig.files.output import write_csv, write_json, write_text
 from isorig.rig.files.parameter_table import read_parameters
-from isorig.rig.files.rigfile import GivenRig
-from isorig.rig.files.rigtext import description_text
+from isorig.rig.files.rigfile import GivenRig, description_text
 from isorig.rig.files.tomlfile import read_toml
 from isorig.rig.frf.figures import Figure, gridded, ratio_figure, save
 from isorig.rig.isolation.transmissibility import transmissibility

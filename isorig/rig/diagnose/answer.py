@@ -20,8 +20,8 @@ from isorig.analysis.model.parameter_units import physical_parameters, unit_of
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate.natural import natural_modes
 from isorig.rig.files import findings as stored
-from isorig.rig.files.models import write_model
 from isorig.rig.files.output import write_text
+from isorig.rig.files.rigfile import write_model
 from isorig.rig.files.rivals import write_rivals
 from isorig.rig.frf.transfer import levels_in_words
 from isorig.rig.report.diagnosis import diagnosis_page

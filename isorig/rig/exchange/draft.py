@@ -20,7 +20,7 @@ from isorig.rig.exchange.table import STREAMED, Column, ForeignTable
 from isorig.rig.exchange.tree import PLAIN
 from isorig.rig.exchange.units import UNITS, known_unit
 from isorig.rig.files.recording import GAIN, RESERVED
-from isorig.rig.files.rigtext import description_text
+from isorig.rig.files.rigfile import description_text
 from isorig.rig.files.tomlfile import value_text
 
 #: Words in the name of a channel that records the imposed motion of a base.

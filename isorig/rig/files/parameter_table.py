@@ -15,9 +15,8 @@ from isorig.analysis.campaign import Campaign
 from isorig.analysis.parameters.joint_fit import Characterization, characterize
 from isorig.rig.errors import PlanError
 from isorig.rig.files.inputs import content_of
-from isorig.rig.files.models import write_model
 from isorig.rig.files.output import csv_text, write_json, write_text
-from isorig.rig.files.rigfile import GivenRig
+from isorig.rig.files.rigfile import GivenRig, write_model
 from isorig.rig.model.baseline import baseline_model, recorded_in
 from isorig.rig.model.prediction import seconds_from
 

@@ -15,14 +15,14 @@ from isorig.analysis.diagnose.step import Entry
 from isorig.analysis.errors import DataError, ModelError
 from isorig.analysis.fitting.excess import excess
 from isorig.analysis.fitting.solve import Fit, Free
-from isorig.analysis.model.rig_model import RigModel, from_tree, to_tree
+from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.proposals.prediction import Variant
 from isorig.analysis.spectra.noise import noise_levels
 from isorig.analysis.spectra.welch import estimate
 from isorig.rig.errors import PlanError
 from isorig.rig.files.findings import AGAIN, read_answer
-from isorig.rig.files.models import free_of, free_tree
 from isorig.rig.files.output import write_json
+from isorig.rig.files.rigfile import free_of, free_tree
 
 NAME = "rivals.json"
 #: Number of causes compared if none is named: the best ones, at most one of each kind and place.
@@ -55,7 +55,7 @@ class FittedModel(msgspec.Struct, frozen=True, kw_only=True):
 
     cause: str
     location: str
-    model: dict[str, Any]
+    model: RigModel
     free: list[dict[str, Any]]
     covariance: list[list[float]]
 
@@ -67,7 +67,7 @@ class FittedModel(msgspec.Struct, frozen=True, kw_only=True):
     def variant(self) -> Variant:
         """The same as an object in memory."""
         return Variant(
-            cause=self.cause, location=self.location, model=from_tree(self.model),
+            cause=self.cause, location=self.location, model=self.model,
             free=tuple(free_of(tree) for tree in self.free), covariance=np.array(self.covariance).reshape(len(self.free), -1),
         )  # fmt: skip
 
@@ -191,6 +191,6 @@ def _model(cause: str, location: str, fitted: Fit) -> FittedModel:
 def fitted_model(cause: str, location: str, model: RigModel, free: Sequence[Free], covariance: FloatArray) -> FittedModel:
     """A fitted model as stored in the file."""
     return FittedModel(
-        cause=cause, location=location, model=to_tree(model), free=[free_tree(each) for each in free],
+        cause=cause, location=location, model=model, free=[free_tree(each) for each in free],
         covariance=np.nan_to_num(covariance).tolist(),
     )  # fmt: skip

@@ -14,7 +14,7 @@ from isorig.analysis.fitting.solve import base_parameters
 from isorig.analysis.model.parameter_units import unit_of
 from isorig.rig.diagnose.many import shared_out
 from isorig.rig.errors import REFUSALS
-from isorig.rig.files.models import read_model
+from isorig.rig.files.rigfile import read_model
 from isorig.rig.fleet.catalogue import Catalogue, key_of
 from isorig.rig.fleet.history import Fleet, Incident, TrackedRig, followed
 from isorig.rig.fleet.policy import POLICY

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, cast
 
 from isorig.rig.errors import OutputError
-from isorig.rig.process.interpreter import python
+from isorig.rig.process import python
 
 if TYPE_CHECKING:
     from isorig.analysis.spectra.periodic import PeriodicFrf

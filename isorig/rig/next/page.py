@@ -111,7 +111,7 @@ def prediction_chart(shown: Picture, name: str) -> Chart:
 
 
 def _limits(proposal: Proposal, now: Situation) -> Section:
-    limits, model = now.limits, now.rivals.explains.variant().model
+    limits, model = now.limits, now.rivals.explains.model
     records = {drive.channel: drive.quantity for drive in model.drives} | {s.channel: s.quantity for s in model.sensors}
     rows = [
         (f"stroke of {with_article(name)}", sized(value, unit_of(f"links.{name}.laws.0.stroke", model)))

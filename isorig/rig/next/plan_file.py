@@ -19,7 +19,7 @@ from isorig.rig.next.policy import POLICY
 
 def virtual_instrument_of(rivals: Rivals) -> Plan:
     """A plan without runs for the simulated instrument: its channels are those of the rig, in the order of its inputs."""
-    model = rivals.explains.variant().model
+    model = rivals.explains.model
     quantities = {drive.channel: drive.quantity for drive in model.drives}
     quantities |= {sensor.channel: sensor.quantity for sensor in model.sensors}
     channels = {

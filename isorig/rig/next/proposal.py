@@ -159,7 +159,7 @@ def situation(
     """What several diagnoses of one rig, the last one counting, say together. Raises PlanError if they are of different rigs, of
     one that no spring holds, or of one that was never driven."""
     last = diagnoses[-1]
-    model = last.explains.variant().model
+    model = last.explains.model
     plans = plans or {}
     if floats(model):
         raise PlanError(
@@ -167,8 +167,8 @@ def situation(
             "choose its next run by hand"
         )
     single_driven(model)
-    names = [tuple(model_.explains.model["configurations"]) for model_ in diagnoses]
-    if len({(d.explains.model["name"], n) for d, n in zip(diagnoses, names, strict=True)}) > 1:
+    names = [tuple(each.explains.model.configurations) for each in diagnoses]
+    if len({(d.explains.model.name, n) for d, n in zip(diagnoses, names, strict=True)}) > 1:
         raise PlanError("the diagnoses are of different rigs; give diagnoses of one rig")
     ruled_out = {key for each in diagnoses for key in each.ruled_out} - set(last.named)
     open_ = [_without(one, ruled_out) if one.why == "indistinguishable" else one for one in last.open]

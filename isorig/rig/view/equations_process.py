@@ -24,7 +24,7 @@ from isorig.analysis.diagnose.causes.base import Kind
 from isorig.analysis.diagnose.early_answer import CONFIRMED, Decision, EarlyAnswer, early_answer
 from isorig.analysis.equations.system import HOLDS
 from isorig.analysis.errors import AnalysisError
-from isorig.rig.acquire.equations import EquationsReport
+from isorig.rig.acquire.live import EquationsReport
 from isorig.rig.errors import RigError
 from isorig.rig.model.baseline import baseline_model
 from isorig.rig.report.conclusion import KINDS

@@ -8,7 +8,7 @@ from typing import Literal
 import msgspec
 
 from isorig.analysis.campaign import BROAD, Run
-from isorig.rig.acquire.equations import EquationsReport
+from isorig.rig.acquire.live import EquationsReport
 from isorig.rig.acquire.notes import Note
 from isorig.rig.acquire.plan import Plan, RunPlan
 

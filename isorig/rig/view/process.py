@@ -19,12 +19,12 @@ from pathlib import Path
 import msgspec
 
 from isorig.rig.acquire.display_thread import DisplayThread
-from isorig.rig.acquire.equations import EquationsReport
+from isorig.rig.acquire.live import EquationsReport
 from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.session import Decision, Operator, decoupled_operator
 from isorig.rig.acquire.terminal import Terminal, answer_line
 from isorig.rig.errors import OutputError
-from isorig.rig.process.interpreter import python
+from isorig.rig.process import python
 from isorig.rig.view.messages import PageRequest, SessionBegin, SessionState, planned_by
 from isorig.rig.view.requests import Desk
 

@@ -12,8 +12,7 @@ from pathlib import Path
 
 import msgspec
 
-from isorig.rig.acquire.equations import EquationsReport
-from isorig.rig.acquire.measure_run import LiveState
+from isorig.rig.acquire.live import EquationsReport, LiveState
 from isorig.rig.acquire.notes import MOST, add_note, notes_in, separate_notes
 from isorig.rig.acquire.session import Decision, MeasuredRun, Operator
 from isorig.rig.errors import OutputError

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from isorig.analysis.campaign import Campaign, FloatArray, Run
 from isorig.analysis.model.rig_model import RigModel
-from isorig.rig.acquire.levels import advice
+from isorig.rig.acquire.live import advice
 from isorig.rig.acquire.policy import STICKING
 from isorig.rig.acquire.recover import Recovered
 from isorig.rig.acquire.run_check import check_run, least_sliding

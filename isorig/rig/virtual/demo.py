@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from isorig.drivers.errors import ConnectionLostError
-from isorig.rig.process.interpreter import python
+from isorig.rig.process import python
 
 #: The plan that comes with the program.
 PLAN = Path(__file__).parents[1] / "acquire" / "demo.toml"

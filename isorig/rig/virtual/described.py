@@ -9,8 +9,7 @@ import numpy as np
 
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.model.rig_model import RigModel
-from isorig.rig.files.rigfile import GivenRig
-from isorig.rig.files.rigtext import description_text
+from isorig.rig.files.rigfile import GivenRig, description_text
 from isorig.rig.model.prediction import predicted
 from isorig.rig.virtual.levels import BEGIN
 from isorig.rig.virtual.simulated_recording import synthetic_drive, usual_run

@@ -16,7 +16,7 @@ from isorig.analysis.laws import Cubic
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate import Excitation, simulate
 from isorig.analysis.simulate.excitation import random
-from isorig.rig.files.rigtext import description_text
+from isorig.rig.files.rigfile import description_text
 
 #: Five masses, ground at one end; the first, the middle and the last have a sensor.
 CHAIN = StrangeRig(

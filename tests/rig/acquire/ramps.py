@@ -14,13 +14,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from isorig.drivers.simulated.commanded import Simulation
-from isorig.drivers.simulated.faults import Faults
+from isorig.drivers.simulated.commanded import Faults, Simulation
 from isorig.drivers.simulated.framed import SimulatedFramed
 from isorig.drivers.simulated.served import served
 from isorig.drivers.waits import Waits
 from isorig.rig.acquire import session
-from isorig.rig.acquire.measure_run import LiveState
+from isorig.rig.acquire.live import LiveState
 from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.plan import plan_of as plan_of_tree
 from isorig.rig.acquire.session import MeasuredRun, Operator

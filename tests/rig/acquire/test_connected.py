@@ -16,8 +16,7 @@ import pytest
 from serial.tools import list_ports, list_ports_common
 
 from isorig.drivers import connected
-from isorig.drivers.connected import Connected
-from isorig.drivers.kinds import kinds
+from isorig.drivers.kinds import Connected, kinds
 from isorig.rig.acquire.plan_check import read_plan
 from isorig.rig.acquire.plan_draft import draft_plan
 from isorig.rig.cli import main

@@ -17,7 +17,7 @@ from plans import plan_text
 from ramps import CHANNELS, Watcher, acquire, plan_of, ramp_instrument, small_disk, ticks_of
 
 from isorig.drivers.errors import ConnectionLostError
-from isorig.drivers.simulated.faults import Faults
+from isorig.drivers.simulated.commanded import Faults
 from isorig.rig.acquire.recorder import working_file
 from isorig.rig.acquire.recover import working
 from isorig.rig.cli import main

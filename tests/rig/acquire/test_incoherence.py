@@ -17,7 +17,7 @@ from isorig.rig.acquire.policy import COHERENT
 from isorig.rig.acquire.recover import Recovered
 from isorig.rig.acquire.run_check import Verdict, check_run, incoherences
 from isorig.rig.cli import main
-from isorig.rig.files.rigtext import description_text
+from isorig.rig.files.rigfile import description_text
 from isorig.rig.report.frequency import transfer_section
 
 RIG = StrangeRig(masses=(4.0,), joints=((0, -1, 4e3, 12.0),), sensors=(("x", 0, "displacement"),))

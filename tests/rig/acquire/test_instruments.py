@@ -12,7 +12,7 @@ from ramps import RampPlant, Watcher, acquire, plan_of, ramp_instrument
 from isorig import drivers
 from isorig.drivers.errors import SettingError
 from isorig.drivers.kinds import kinds
-from isorig.drivers.simulated.faults import Faults
+from isorig.drivers.simulated.commanded import Faults
 from isorig.drivers.simulated.framed import SimulatedFramed
 from isorig.drivers.simulated.served import served
 from isorig.rig.acquire.plan_check import read_plan

@@ -15,7 +15,7 @@ from plans import plan_text
 from ramps import Watcher, acquire, plan_of, ramp_instrument
 
 from isorig.drivers.errors import ConnectionLostError
-from isorig.drivers.simulated.faults import Faults
+from isorig.drivers.simulated.commanded import Faults
 from isorig.rig.cli import main
 from isorig.rig.errors import PlanError
 from isorig.rig.files.recording import read

@@ -13,7 +13,7 @@ from isorig.analysis.simulate.excitation import random
 from isorig.analysis.spectra.welch import estimate
 from isorig.drivers.block import Block
 from isorig.rig.acquire.incoherence import driven_bins, incoherence
-from isorig.rig.acquire.levels import advice
+from isorig.rig.acquire.live import advice
 from isorig.rig.acquire.pace import ClockDrift
 from isorig.rig.acquire.plan import plan_of
 from isorig.rig.acquire.preflight import _channel, _response, _wrong_rate, check_record

@@ -14,7 +14,7 @@ import pytest
 from ramps import RampPlant, Watcher, acquire, plan_of, ramp_instrument
 
 from isorig.drivers.block import Block, Input
-from isorig.drivers.simulated.faults import Faults
+from isorig.drivers.simulated.commanded import Faults
 from isorig.drivers.simulated.served import served
 from isorig.rig.acquire.follow import follow
 from isorig.rig.acquire.journal import Reader

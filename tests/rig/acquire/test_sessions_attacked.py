@@ -30,7 +30,7 @@ from rich.console import Console
 from isorig.drivers.errors import ConnectionLostError, InstrumentError
 from isorig.drivers.waits import Waits
 from isorig.rig.acquire.drive import FADE, PART, drive_of
-from isorig.rig.acquire.measure_run import LiveState
+from isorig.rig.acquire.live import LiveState
 from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.terminal import levels
 from isorig.rig.acquire.waits import SESSION_WAITS, SessionWaits

@@ -13,8 +13,7 @@ import pytest
 from ramps import Watcher, acquire, plan_of, ramp_instrument
 
 from isorig.drivers.block import Block
-from isorig.rig.acquire.block_queue import BlockQueue
-from isorig.rig.acquire.recorder import RunWriter
+from isorig.rig.acquire.recorder import BlockQueue, RunWriter
 from isorig.rig.acquire.waits import SessionWaits
 from isorig.rig.errors import OutputError
 from isorig.rig.files.recording import read

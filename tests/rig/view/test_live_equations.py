@@ -11,10 +11,10 @@ import pytest
 from plans import plan_text
 
 from isorig.drivers.kinds import kinds
-from isorig.rig.acquire.equations import EquationsReport
+from isorig.rig.acquire.live import EquationsReport
 from isorig.rig.cli import main
-from isorig.rig.files.models import write_model
 from isorig.rig.files.recording import read
+from isorig.rig.files.rigfile import write_model
 from isorig.rig.view.equations_process import FIRST, LONGEST, told
 from isorig.rig.view.messages import SessionState
 from isorig.rig.view.snapshot import Snapshot
