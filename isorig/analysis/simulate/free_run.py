@@ -11,6 +11,7 @@ import numpy as np
 
 from isorig.analysis.campaign import MOTION, SI_UNIT, FloatArray, IntArray, Run
 from isorig.analysis.errors import SimulationError
+from isorig.analysis.laws.tables import read
 from isorig.analysis.lowpass import velocity_corner
 from isorig.analysis.model.rig_model import Chain, Drive, RigModel, direction
 from isorig.analysis.rounding import is_command
@@ -54,7 +55,8 @@ def record(model: RigModel, motion: Mapping[str, FloatArray], rate: float) -> di
         if chain.taps:
             y = np.convolve(y, chain.taps, mode="same")
         if chain.bend:
-            y = y + _bent(y, chain.bend)
+            at, added = zip(*chain.bend, strict=True)
+            y = y + read(at, added, y, straight=True)
         if chain.offset:
             y = y + chain.offset
         for source, fraction in chain.crosstalk.items():
@@ -64,16 +66,6 @@ def record(model: RigModel, motion: Mapping[str, FloatArray], rate: float) -> di
             y = np.clip(y, -chain.limit, chain.limit)
         out[name] = y
     return out
-
-
-def _bent(values: FloatArray, bend: tuple[tuple[float, float], ...]) -> FloatArray:
-    from scipy.interpolate import CubicSpline
-
-    at, added = np.array(bend).T
-    curve = CubicSpline(at, added, bc_type="natural")
-    inside = np.clip(values, at[0], at[-1])
-    slope = np.where(values < at[0], curve(at[0], 1), curve(at[-1], 1))
-    return np.asarray(curve(inside) + slope * (values - inside))
 
 
 def true_drive(model: RigModel, excitation: Excitation) -> FloatArray:
