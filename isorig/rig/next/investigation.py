@@ -22,8 +22,7 @@ from isorig.rig.files.inputs import content_of
 from isorig.rig.files.output import write_json, write_text
 from isorig.rig.files.rivals import Rivals, fitted_model, read_rivals
 from isorig.rig.model.baseline import Baseline
-from isorig.rig.next.investigation_page import investigation_page
-from isorig.rig.next.page import picture_of
+from isorig.rig.next.page import investigation_page, picture_of
 from isorig.rig.next.plan_file import run_names, with_runs, write_plan
 from isorig.rig.next.policy import POLICY
 from isorig.rig.next.proposal import UNNAMED, Proposal, propose, single_driven, situation

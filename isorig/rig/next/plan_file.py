@@ -1,4 +1,4 @@
-"""Writes plans as TOML, each run with the sentences that give its reason."""
+"""Writes plans as TOML, each run with the sentences that give its reason, and reads limits."""
 
 from __future__ import annotations
 
@@ -9,11 +9,15 @@ from typing import Any
 import msgspec
 
 from isorig.analysis.campaign import SI_UNIT
+from isorig.analysis.errors import ModelError
+from isorig.analysis.model.limits import Limits
+from isorig.analysis.model.rig_model import RigModel
 from isorig.rig.acquire.plan import ChannelPlan, InstrumentPlan, Plan, RunPlan
 from isorig.rig.acquire.plan_check import check_plan
+from isorig.rig.errors import PlanError
 from isorig.rig.files.output import write_text
 from isorig.rig.files.rivals import Rivals
-from isorig.rig.files.tomlfile import comments, plain, table_text
+from isorig.rig.files.tomlfile import comments, plain, read_toml, table_text
 from isorig.rig.next.policy import POLICY
 
 
@@ -94,3 +98,18 @@ def run_names(count: int, taken: Sequence[str]) -> list[str]:
 def with_runs(plan: Plan, runs: Sequence[RunPlan]) -> Plan:
     """The plan with other runs."""
     return msgspec.structs.replace(plan, runs=tuple(runs))
+
+
+def read_limits(path: Path) -> Limits:
+    """Read a file of limits, at its top or in a table [limits]. Raises PlanError, a sentence with the key and what is allowed, if
+    it is invalid."""
+    return read_toml(path, lambda tree: msgspec.convert(tree.get("limits", tree), Limits, strict=False), "a file of limits")
+
+
+def limits_of(model: RigModel, plan: Plan | None, file: Path | None) -> Limits:
+    """All given limits of a rig, of its description, a plan and a file: the tightest of each. Raises PlanError if two limits
+    exclude each other, or one is for a link or channel that the rig does not have."""
+    try:
+        return model.limits_within(*([] if plan is None else [plan.limits]), *([] if file is None else [read_limits(file)]))
+    except ModelError as error:
+        raise PlanError(str(error)) from None
