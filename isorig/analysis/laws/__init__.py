@@ -46,13 +46,10 @@ FILES = [import_module(f"{__name__}.{module.name}") for module in iter_modules(_
 
 
 def _found(kind: type[L]) -> tuple[type[L], ...]:
-    named = {value.__struct_config__.tag: value for file in FILES for value in vars(file).values() if _is_law(value, kind)}
-    return tuple(named[tag] for tag in sorted(named))
-
-
-def _is_law(value: object, kind: type[Law]) -> bool:
+    classes = [value for file in FILES for value in vars(file).values() if isinstance(value, type) and issubclass(value, kind)]
     # A base class of laws has no tag of its own.
-    return isinstance(value, type) and issubclass(value, kind) and value.__struct_config__.tag != value.__name__
+    named = {str(law.__struct_config__.tag): law for law in classes if law.__struct_config__.tag != law.__name__}
+    return tuple(named[tag] for tag in sorted(named))
 
 
 #: The available laws of links and of contacts.

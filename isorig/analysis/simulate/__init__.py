@@ -3,8 +3,7 @@
 from isorig.analysis.simulate.batch import scan
 from isorig.analysis.simulate.free_run import Response, record, true_drive
 from isorig.analysis.simulate.sampling import Excitation
-from isorig.analysis.simulate.simulation import simulate
-from isorig.analysis.simulate.trace import Change, Trace, trace
+from isorig.analysis.simulate.simulation import Change, Trace, simulate, trace
 
 __all__ = [
     "Change", "Excitation", "Response", "Trace", "record", "scan", "simulate", "trace", "true_drive",

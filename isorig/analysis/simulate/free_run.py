@@ -90,12 +90,8 @@ def _true(chain: Chain, values: FloatArray, rate: float) -> FloatArray:
 def excitation_of(model: RigModel, run: Run, *, oversample: int = 8, stop: int | None = None) -> Excitation:
     """The recorded drives of a run, up to sample `stop`; a command that pushes is held from sample to sample.
 
-    A position or velocity that is imposed is differentiated, so it is taken without the frequencies at which it is noise.
-
-    Raises
-    ------
-    DataError
-        If the run lacks one of them.
+    A position or velocity that is imposed is differentiated, so it is taken without the frequencies at which it is noise. Raises
+    DataError if the run lacks one of them.
     """
     first, *others = (
         Excitation.prepare(
@@ -103,16 +99,14 @@ def excitation_of(model: RigModel, run: Run, *, oversample: int = 8, stop: int |
             run.sample_rate,
             oversample=oversample,
             held=drive.imposes is None and is_command(values),
-            corner=velocity_corner(values, run.sample_rate) if _differentiated(drive) else np.inf,
+            corner=velocity_corner(values, run.sample_rate)
+            if drive.imposes is not None and MOTION[drive.quantity] < 2
+            else np.inf,
         )
         for drive in model.drives
         for values in [run.channel(drive.channel).read(0, stop)]
     )
     return replace(first, others=tuple(others))
-
-
-def _differentiated(drive: Drive) -> bool:
-    return drive.imposes is not None and MOTION[drive.quantity] < 2
 
 
 def sense_of(model: RigModel, compiled: Compiled) -> FloatArray:
@@ -265,13 +259,8 @@ def _imposed(drive: Drive, excitation: Excitation) -> tuple[FloatArray, FloatArr
 def initial_state(
     model: RigModel, configuration: str, compiled: Compiled, imposed: Mapping[str, tuple[float, float]]
 ) -> tuple[FloatArray, int]:
-    """Initial coordinates and speeds, shape (2 n,), and the initial mode: contacts with a relative speed slide.
-
-    Raises
-    ------
-    SimulationError
-        If links that are rigid in this configuration do not allow the initial state.
-    """
+    """Initial coordinates and speeds, shape (2 n,), and the initial mode: contacts with a relative speed slide. Raises
+    SimulationError if links that are rigid in this configuration do not allow the initial state."""
     setup = model.configurations[configuration]
     order = compiled.basis.shape[1]
     start = np.zeros(2 * order)
