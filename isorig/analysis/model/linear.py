@@ -17,12 +17,8 @@ SLACK = 1e-12
 def linear_part(model: RigModel, configuration: str) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Basis of the coordinates that a configuration leaves free, (bodies, free), and mass, damping and stiffness on all bodies.
 
-    A lock with a stiffness adds to the last two; the links of a perfect lock remove coordinates from the basis.
-
-    Raises
-    ------
-    ModelError
-        If the rig has no such configuration.
+    A lock with a stiffness adds to the last two; the links of a perfect lock remove coordinates from the basis. Raises ModelError
+    if the rig has no such configuration.
     """
     if configuration not in model.configurations:
         raise ModelError(f"configuration {configuration!r} is unknown; the rig has {', '.join(model.configurations)}")
@@ -81,13 +77,8 @@ def transfer(model: RigModel, configuration: str, frequency: FloatArray) -> Comp
 
 
 def constraint_basis(model: RigModel, rigid: Sequence[Link]) -> FloatArray:
-    """Matrix from the coordinates that rigid links leave free to all coordinates, shape (bodies, free).
-
-    Raises
-    ------
-    ModelError
-        If a rigid link joins two imposed motions.
-    """
+    """Matrix from the coordinates that rigid links leave free to all coordinates, shape (bodies, free). Raises ModelError if a
+    rigid link joins two imposed motions."""
     basis = np.eye(len(model.bodies))
     for link in rigid:
         row = direction(model, link.a, link.b, link.arms) @ basis

@@ -83,7 +83,8 @@ def investigate(plan: Plan, folder: Path, begun: Investigation, terms: Terms) ->
             investigation, stopped = _measured(plan, folder, investigation, terms)
         else:
             investigation = _diagnosed(folder, investigation, terms)
-        _keep(folder, investigation)
+        write_json(folder / STATE, investigation)
+        write_text(folder / PAGE, investigation_page(investigation))
     return investigation
 
 
@@ -96,11 +97,6 @@ def read_investigation(folder: Path) -> Investigation | None:
         return msgspec.json.decode(content_of(path), type=Investigation)
     except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
         raise PlanError(f"{path} is damaged; start again in another folder, the recording in this one is not changed") from None
-
-
-def _keep(folder: Path, investigation: Investigation) -> None:
-    write_json(folder / STATE, investigation)
-    write_text(folder / PAGE, investigation_page(investigation))
 
 
 def _next_stage(plan: Plan, folder: Path, investigation: Investigation, terms: Terms) -> Investigation:
