@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray, Run, broad
@@ -208,14 +207,14 @@ def error_surface(set_ups: Mapping[str, SetUp], model: RigModel) -> ErrorSurface
         if mode is None:
             raise DataError(f"the {name}'s set-up has no mode, which the error surface needs; see the reason there")
         values |= {f"{name}_frequency": mode.frequency, f"{name}_damping": mode.damping}
-    table = (model.sensor("table"),)
+    table = [sensor.channel for sensor in wire_bonder().sensors].index("table")
     frf, band = set_ups["table"].frf, set_ups["table"].band
     kept = (frf.frequency >= band[0]) & (frf.frequency <= band[1])
     f, measured, std = frf.frequency[kept], np.abs(frf.value[kept]), frf.magnitude_std[kept]
 
     def simulated(mass: float, zeta: float) -> FloatArray:
         rig = wire_bonder({**values, "table_mass": mass, "table_damping": zeta}, friction=False)
-        return np.asarray(np.abs(transfer(msgspec.structs.replace(rig, sensors=table), "unlocked", f)[0]))
+        return np.asarray(np.abs(transfer(rig, "unlocked", f)[table]))
 
     def off(mass: float, zeta: float, target: FloatArray) -> float:
         return float(np.mean(np.abs(target - simulated(mass, zeta)) / target))
