@@ -17,6 +17,8 @@ from isorig.analysis.laws.elements import Element, curved, dry, levelled
 
 #: Minimum points of a tabulated law for a line, and maximum for a fast spline.
 FEWEST_POINTS, MOST_POINTS = 2, 65
+#: What curves and levels are over: the first parameter of their kernels is its place; a damping over time is one more.
+CURVES, LEVELS, OF_DAMPING = ("deflection", "speed", "time"), ("speed", "position", "time"), 3
 
 
 def table(at: tuple[float, ...], values: tuple[float, ...]) -> None:
@@ -91,13 +93,10 @@ class Curve(SpringLaw, frozen=True, kw_only=True, tag="curve"):
 
     def element(self, link: LinkConstants) -> Element:
         params, slope = spline(self.at, self.values)
-        if self.over == "deflection":
-            return Element(formula=force_over_deflection, params=params, steepest=(slope, 0.0))
-        if self.over == "speed":
-            return Element(formula=force_over_speed, params=params, steepest=(0.0, slope))
-        if self.of == "damping":
-            return Element(formula=damping_over_time, params=params, steepest=(0.0, max(map(abs, self.values))))
-        return Element(formula=stiffness_over_time, params=params)
+        kind = OF_DAMPING if self.over == "time" and self.of == "damping" else CURVES.index(self.over)
+        largest = max(map(abs, self.values))
+        steepest = ((slope, 0.0), (0.0, slope), (0.0, 0.0), (0.0, largest))[kind]
+        return Element(formula=curve, params=(float(kind), *params), steepest=steepest)
 
     def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         if self.over == "time":
@@ -106,23 +105,12 @@ class Curve(SpringLaw, frozen=True, kw_only=True, tag="curve"):
 
 
 @curved
-def force_over_deflection(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
-    return tabulated(p, 0, d, True)
-
-
-@curved
-def force_over_speed(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
-    return tabulated(p, 0, v, True)
-
-
-@curved
-def stiffness_over_time(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
-    return tabulated(p, 0, t, False) * d
-
-
-@curved
-def damping_over_time(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
-    return tabulated(p, 0, t, False) * v
+def curve(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
+    if p[0] == 0.0:
+        return tabulated(p, 1, d, True)
+    if p[0] == 1.0:
+        return tabulated(p, 1, v, True)
+    return tabulated(p, 1, t, False) * (v if p[0] == OF_DAMPING else d)
 
 
 class FrictionCurve(ContactLaw, frozen=True, kw_only=True, tag="friction_curve"):
@@ -153,41 +141,31 @@ class FrictionCurve(ContactLaw, frozen=True, kw_only=True, tag="friction_curve")
 
     def element(self, link: LinkConstants) -> Element:
         params, slope = spline(self.at, self.levels)
-        if self.over == "speed":
-            back, other = spline(self.at, self.backward or self.levels)
-            at_rest = self.levels[0], (self.backward or self.levels)[0]
-            return Element(
-                states=dry(at_rest, at_rest), formula=level_over_speed, params=(*params, *back), gates=(0.0, 1.0, -1.0),
-                steepest=(0.0, max(slope, other)),
-            )  # fmt: skip
-        if self.over == "position":
-            return Element(
-                states=levelled(), formula=level_over_position, params=params, gates=(1.0, 1.0, -1.0), steepest=(slope, 0.0)
-            )
-        return Element(states=levelled(), formula=level_over_time, params=params, gates=(1.0, 1.0, -1.0))
+        kind = float(LEVELS.index(self.over))
+        if self.over != "speed":
+            steepest = (slope, 0.0) if self.over == "position" else (0.0, 0.0)
+            return Element(states=levelled(), formula=level, params=(kind, *params), gates=(1.0, 1.0, -1.0), steepest=steepest)
+        back, other = spline(self.at, self.backward or self.levels)
+        at_rest = self.levels[0], (self.backward or self.levels)[0]
+        return Element(
+            states=dry(at_rest, at_rest), formula=level, params=(kind, *params, *back), gates=(0.0, 1.0, -1.0),
+            steepest=(0.0, max(slope, other)),
+        )  # fmt: skip
 
     def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         x = {"speed": np.abs(v), "position": d, "time": t}[self.over]
-        level = read(self.at, self.levels, x, straight=False)
+        levels = read(self.at, self.levels, x, straight=False)
         if self.backward:
-            level = np.where(v < 0.0, read(self.at, self.backward, x, straight=False), level)
-        return np.asarray(np.maximum(level, 0.0) * np.sign(v))
+            levels = np.where(v < 0.0, read(self.at, self.backward, x, straight=False), levels)
+        return np.asarray(np.maximum(levels, 0.0) * np.sign(v))
 
 
 @curved
-def level_over_speed(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
+def level(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
+    if p[0] > 0.0:
+        return gate * max(tabulated(p, 1, d if p[0] == 1.0 else t, False), 0.0)
     if gate == 0.0:
         return 0.0
     # The difference from the level at rest, which is part of the states; the backward table follows the forward one.
-    first = 0 if gate > 0.0 else 5 * int(p[0]) - 3
+    first = 1 if gate > 0.0 else 5 * int(p[1]) - 2
     return gate * (max(tabulated(p, first, gate * v, False), 0.0) - tabulated(p, first, 0.0, False))
-
-
-@curved
-def level_over_position(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
-    return gate * max(tabulated(p, 0, d, False), 0.0)
-
-
-@curved
-def level_over_time(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
-    return gate * max(tabulated(p, 0, t, False), 0.0)

@@ -194,18 +194,9 @@ def _lanes(models: Sequence[RigModel], excitation: Excitation, configuration: st
         sense[k, place] = direction(first, sensor.body, sensor.relative_to, sensor.arms) @ basis
         central[k] = MOTION[sensor.quantity] == 2 and over == 1
     _step_many(
-        _single(excitation.fine),
-        np.float32(0.5 / h),
-        _single(moved[:, : 2 * order]),
-        _single(moved[:, 2 * order] - end),
-        _single(end),
-        _single(moved[:, 2 * order + 1]),
-        _single(row),
-        _single(friction),
-        _single(sense),
-        central,
-        out,
-    )
+        _single(excitation.fine), np.float32(0.5 / h), _single(moved[:, : 2 * order]), _single(moved[:, 2 * order] - end),
+        _single(end), _single(moved[:, 2 * order + 1]), _single(row), _single(friction), _single(sense), central, out,
+    )  # fmt: skip
     return out
 
 
@@ -256,18 +247,9 @@ def read_out(weights: Singles, z: Singles, out: Singles) -> None:
 
 @fast_kernel
 def _step_many(
-    u: Singles,
-    half_rate: np.float32,
-    step: Singles,
-    start: Singles,
-    end: Singles,
-    impulse: Singles,
-    row: Singles,
-    friction: Singles,
-    sense: Singles,
-    central: NDArray[np.bool_],
-    out: Singles,
-) -> None:
+    u: Singles, half_rate: np.float32, step: Singles, start: Singles, end: Singles, impulse: Singles, row: Singles,
+    friction: Singles, sense: Singles, central: NDArray[np.bool_], out: Singles,
+) -> None:  # fmt: skip
     """Step one block of rigs through a drive; fills `out` (sensors, n, lanes).
 
     z1 = step z + start u0 + end u1 + impulse f, where f is the contact's mean force in the step: sliding friction while it

@@ -137,19 +137,10 @@ def response_of(model: RigModel, excitation: Excitation, motion: FloatArray, n: 
 
 
 def run_rig(
-    model: RigModel,
-    configuration: str,
-    drive: FloatArray,
-    h: float,
-    start_time: float,
-    sense: FloatArray,
-    out: FloatArray,
-    *,
-    begun: Mapping[str, tuple[float, float]] = NOWHERE,
-    curved: FloatArray | None = None,
-    modes: IntArray | None = None,
+    model: RigModel, configuration: str, drive: FloatArray, h: float, start_time: float, sense: FloatArray, out: FloatArray, *,
+    begun: Mapping[str, tuple[float, float]] = NOWHERE, curved: FloatArray | None = None, modes: IntArray | None = None,
     log: FloatArray | None = None,
-) -> tuple[int, Compiled]:
+) -> tuple[int, Compiled]:  # fmt: skip
     """Simulate a rig under its true drives; return the number of changes of state, and the arrays used.
 
     Parameters
