@@ -128,15 +128,10 @@ class IsolationRatio(Viewed):
 
 
 def isolation_ratio(
-    campaign: Measured,
-    *,
-    response: str = "heatblock",
-    reference: str = "head",
-    configurations: tuple[str, str] = ("unlocked", "locked"),
-    resolution: float = 0.25,
-    stitch: float = STITCH,
+    campaign: Measured, *, response: str = "heatblock", reference: str = "head",
+    configurations: tuple[str, str] = ("unlocked", "locked"), resolution: float = 0.25, stitch: float = STITCH,
     around_peak: tuple[float, float] = (120.0, 220.0),
-) -> IsolationRatio:
+) -> IsolationRatio:  # fmt: skip
     """The isolation ratio of a campaign, measured or simulated.
 
     Parameters

@@ -30,12 +30,9 @@ TERMS = 14
 
 
 def scan(
-    models: Sequence[RigModel],
-    excitation: Excitation,
-    figure: Callable[[Mapping[str, Records]], NDArray[Any]],
-    *,
+    models: Sequence[RigModel], excitation: Excitation, figure: Callable[[Mapping[str, Records]], NDArray[Any]], *,
     configuration: str = "unlocked",
-) -> NDArray[Any]:
+) -> NDArray[Any]:  # fmt: skip
     """Compute a quantity of many rigs under one drive, from rest; simulate the final ones with `simulate`.
 
     Rigs of one structure (same parts, other values) that are linear except for at most one Coulomb contact take fixed

@@ -68,13 +68,8 @@ def record(model: RigModel, motion: Mapping[str, FloatArray], rate: float) -> di
     return out
 
 
-def true_drive(model: RigModel, excitation: Excitation) -> FloatArray:
-    """The drive channel's true values: the record with its chain's offset, gain and delay corrected."""
-    return _true(model.drive.chain, excitation.recorded, excitation.sample_rate)
-
-
 def true_drives(model: RigModel, excitation: Excitation) -> dict[str, FloatArray]:
-    """The same of every drive by channel."""
+    """True values of every drive by channel: its record with its chain's offset, gain and delay corrected."""
     return {
         drive.channel: _true(drive.chain, each.recorded, each.sample_rate)
         for drive, each in zip(model.drives, (excitation, *excitation.others), strict=True)

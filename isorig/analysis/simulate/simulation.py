@@ -77,15 +77,9 @@ class Trace:
 
 
 def simulate(
-    model: RigModel,
-    excitation: Excitation,
-    *,
-    configuration: str | None = None,
-    start_time: float = 0.0,
-    as_recorded: bool = False,
-    samples: int | None = None,
-    start: Mapping[str, tuple[float, float]] = NOWHERE,
-) -> Response:
+    model: RigModel, excitation: Excitation, *, configuration: str | None = None, start_time: float = 0.0,
+    as_recorded: bool = False, samples: int | None = None, start: Mapping[str, tuple[float, float]] = NOWHERE,
+) -> Response:  # fmt: skip
     """Simulate the rig from rest, or from an initial state.
 
     Parameters
@@ -155,13 +149,9 @@ def _check_start(model: RigModel, start: Mapping[str, tuple[float, float]]) -> N
 
 
 def trace(
-    model: RigModel,
-    excitation: Excitation,
-    *,
-    configuration: str | None = None,
-    start_time: float = 0.0,
+    model: RigModel, excitation: Excitation, *, configuration: str | None = None, start_time: float = 0.0,
     as_recorded: bool = False,
-) -> Trace:
+) -> Trace:  # fmt: skip
     """Simulate the rig from rest with its internal forces; parameters and errors as for `simulate`.
 
     Examples
@@ -219,13 +209,9 @@ class _Inside:
 
 
 def _run(
-    model: RigModel,
-    excitation: Excitation,
-    configuration: str,
-    start_time: float,
-    total: int,
+    model: RigModel, excitation: Excitation, configuration: str, start_time: float, total: int,
     start: Mapping[str, tuple[float, float]] = NOWHERE,
-) -> _Inside:
+) -> _Inside:  # fmt: skip
     h = 1.0 / (excitation.sample_rate * excitation.oversample)
     compiled = compile_rig(model, configuration, h)
     order, curves = compiled.basis.shape[1], len(compiled.rig.codes)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import count, islice
 from pathlib import Path
 from typing import Any
 
@@ -84,15 +85,9 @@ def _comments(sentences: Sequence[str]) -> list[str]:
     return comments("\n".join(sentences))
 
 
-def run_names(count: int, taken: Sequence[str]) -> list[str]:
+def run_names(number: int, taken: Sequence[str]) -> list[str]:
     """Unique names for further runs."""
-    found: list[str] = []
-    number = 1
-    while len(found) < count:
-        if (name := f"next-{number}") not in taken:
-            found.append(name)
-        number += 1
-    return found
+    return list(islice((name for k in count(1) if (name := f"next-{k}") not in taken), number))
 
 
 def with_runs(plan: Plan, runs: Sequence[RunPlan]) -> Plan:
@@ -100,16 +95,18 @@ def with_runs(plan: Plan, runs: Sequence[RunPlan]) -> Plan:
     return msgspec.structs.replace(plan, runs=tuple(runs))
 
 
-def read_limits(path: Path) -> Limits:
-    """Read a file of limits, at its top or in a table [limits]. Raises PlanError, a sentence with the key and what is allowed, if
-    it is invalid."""
-    return read_toml(path, lambda tree: msgspec.convert(tree.get("limits", tree), Limits, strict=False), "a file of limits")
-
-
 def limits_of(model: RigModel, plan: Plan | None, file: Path | None) -> Limits:
-    """All given limits of a rig, of its description, a plan and a file: the tightest of each. Raises PlanError if two limits
-    exclude each other, or one is for a link or channel that the rig does not have."""
+    """All given limits of a rig, of its description, a plan and a file: the tightest of each.
+
+    A file has them at its top or in a table [limits]. Raises PlanError if it is invalid, two limits exclude each other, or one is
+    for a link or channel that the rig does not have.
+    """
+    others = [] if plan is None else [plan.limits]
+    if file is not None:
+        others.append(
+            read_toml(file, lambda tree: msgspec.convert(tree.get("limits", tree), Limits, strict=False), "a file of limits")
+        )
     try:
-        return model.limits_within(*([] if plan is None else [plan.limits]), *([] if file is None else [read_limits(file)]))
+        return model.limits_within(*others)
     except ModelError as error:
         raise PlanError(str(error)) from None

@@ -93,14 +93,9 @@ def head_of(take: VirtualRun, sample_rate: float, seed: int) -> FloatArray:
 
 
 def virtual_campaign(
-    model: RigModel,
-    takes: Sequence[VirtualRun] = SESSION,
-    *,
-    noise: float = 1e-3,
-    seed: int = 0,
-    sample_rate: float = 1024.0,
+    model: RigModel, takes: Sequence[VirtualRun] = SESSION, *, noise: float = 1e-3, seed: int = 0, sample_rate: float = 1024.0,
     oversample: int = 16,
-) -> Campaign:
+) -> Campaign:  # fmt: skip
     """A whole session on a virtual rig.
 
     Parameters

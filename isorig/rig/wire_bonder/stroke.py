@@ -82,14 +82,9 @@ def lowest_inside(frequency: FloatArray, stroke: FloatArray, allowed: float) -> 
 
 
 def stroke_study(
-    models: Sequence[RigModel],
-    frequencies: FloatArray,
-    head: FloatArray,
-    sample_rate: float,
-    *,
-    limit: float,
+    models: Sequence[RigModel], frequencies: FloatArray, head: FloatArray, sample_rate: float, *, limit: float,
     safety: float = 1.0,
-) -> StrokeStudy:
+) -> StrokeStudy:  # fmt: skip
     """Stroke over isolation frequency, and the lowest frequency that stays within a limit.
 
     The present rig comes first, followed by copies with parameters drawn from their uncertainty. The frequencies are ascending,
