@@ -22,7 +22,7 @@ from isorig.analysis import laws
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.model.rig_model import Drive, RigModel
 from isorig.analysis.parallel import side_by_side
-from isorig.analysis.simulate import Excitation, scan, simulate_many
+from isorig.analysis.simulate import Excitation, scan
 from isorig.analysis.simulate.compiled import compile_rig
 from isorig.analysis.simulate.excitation import random
 from isorig.analysis.simulate.free_run import run_rig
@@ -196,9 +196,9 @@ def main() -> list[Row]:
     rigs = [wire_bonder({**THESIS, "motor_frequency": f}) for f in np.linspace(3.0, 7.0, 512)]
     watched = [replace(rig, sensors=rig.sensors[:1], free=()) for rig in rigs]
     ways = {
-        "one figure, one sensor simulated": lambda: scan(watched, head, lambda batch: batch.channels["motor"].max(axis=1)),
-        "one figure, three sensors simulated": lambda: scan(rigs, head, lambda batch: batch.channels["motor"].max(axis=1)),
-        "all records stored": lambda: simulate_many(rigs, head),
+        "one figure, one sensor simulated": lambda: scan(watched, head, lambda seen: seen["motor"].max(axis=1)),
+        "one figure, three sensors simulated": lambda: scan(rigs, head, lambda seen: seen["motor"].max(axis=1)),
+        "all records stored": lambda: scan(rigs, head, lambda seen: np.stack(list(seen.values()), axis=1)),
     }
     for what_is_kept, call in ways.items():
         call()

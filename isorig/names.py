@@ -6,8 +6,7 @@ from isorig.analysis.errors import AnalysisError
 from isorig.analysis.isolation.ratio import isolated_share, isolation_ratio
 from isorig.analysis.model.rig_model import RigModel as Rig
 from isorig.analysis.simulate.sampling import Excitation
-from isorig.analysis.simulate.simulation import simulate
-from isorig.analysis.simulate.trace import trace
+from isorig.analysis.simulate.simulation import simulate, trace
 from isorig.analysis.spectra.modal import modal_analysis as modes
 from isorig.analysis.spectra.modes import fit_modes
 from isorig.analysis.spectra.quality import faults

@@ -415,15 +415,8 @@ Measured = Campaign | str | Path
 
 
 def given_campaign(given: Measured) -> Campaign:
-    """A campaign, or that of a recording.
-
-    Raises
-    ------
-    ArgumentError
-        It is of another type.
-    RecordingError
-        The file at that path is not a recording.
-    """
+    """A campaign, or that of a recording. Raises ArgumentError if it is of another type, RecordingError if the file at that path
+    is not a recording."""
     if isinstance(given, str | Path):
         campaign: Campaign = call(given, "campaign")
         return campaign
@@ -434,13 +427,7 @@ def given_campaign(given: Measured) -> Campaign:
 
 
 def given_runs(given: Sequence[Run]) -> tuple[Run, ...]:
-    """A sequence of runs.
-
-    Raises
-    ------
-    ArgumentError
-        It is of another type.
-    """
+    """A sequence of runs. Raises ArgumentError if it is of another type."""
     return all_of_type(given, Run, "the argument runs", "a sequence of iso.Run; give campaign.runs or campaign.select(...)")
 
 

@@ -12,12 +12,9 @@ _in_force: ContextVar[Deadline | None] = ContextVar("deadline", default=None)
 
 
 class Deadline:
-    """A limit for what is computed within its `with` block.
+    """A limit for what is computed within its `with` block: `seconds` of this process from now on, no limit if None.
 
-    Parameters
-    ----------
-    seconds
-        Processor time of this process from now on; other work on the computer does not count. Without a limit if None.
+    It is processor time: other work on the computer does not count.
     """
 
     def __init__(self, seconds: float | None = None) -> None:
@@ -82,12 +79,6 @@ def keep_time(seconds: float) -> None:
 
 
 def ask_time() -> None:
-    """Begin nothing that takes long once the time has ended.
-
-    Raises
-    ------
-    OutOfTimeError
-        It has.
-    """
+    """Begin nothing that takes long once the time has ended. Raises OutOfTimeError if it has."""
     if out_of_time():
         raise OutOfTimeError("the time limit is reached")

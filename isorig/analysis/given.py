@@ -43,13 +43,7 @@ def _other_type(given: object, what: str, allowed: str) -> ArgumentError:
 
 
 def given_mapping(given: object, what: str, allowed: str) -> Mapping[Any, Any]:
-    """The same mapping, if it is one; parameters as for `of_type`.
-
-    Raises
-    ------
-    ArgumentError
-        It is of another type.
-    """
+    """The same mapping, if it is one; parameters as for `of_type`. Raises ArgumentError if it is of another type."""
     mapping: Mapping[Any, Any] = of_type(given, Mapping, what, allowed)  # type: ignore[type-abstract]
     return mapping
 
@@ -81,75 +75,37 @@ def all_of_type(given: object, kind: type[T], what: str, allowed: str) -> tuple[
 
 
 def channel_names(given: object, what: str) -> tuple[str, ...]:
-    """A sequence of names of channels.
-
-    Raises
-    ------
-    ArgumentError
-        It is of another type, or a single name.
-    """
+    """A sequence of names of channels. Raises ArgumentError if it is of another type, or a single name."""
     return all_of_type(given, str, what, 'a sequence of channel names; give one, for example ["table"]')
 
 
 def text(given: object, what: str, example: str) -> str:
-    """A text; the refusal has the example.
-
-    Raises
-    ------
-    ArgumentError
-        It is of another type.
-    """
+    """A text; the refusal has the example. Raises ArgumentError if it is of another type."""
     return of_type(given, str, what, f'a text; give it in quotes, for example "{example}"')
 
 
 def flag(given: object, what: str) -> bool:
-    """True or False.
-
-    Raises
-    ------
-    ArgumentError
-        It is of another type.
-    """
+    """True or False. Raises ArgumentError if it is of another type."""
     if not isinstance(given, bool | np.bool_):
         raise _other_type(given, what, "True or False; give one of them")
     return bool(given)
 
 
 def callback(given: object, what: str) -> None:
-    """Refuse what cannot be called with a line of text.
-
-    Raises
-    ------
-    ArgumentError
-        It cannot be called.
-    """
+    """Refuse what cannot be called with a line of text. Raises ArgumentError if it cannot be called."""
     if not callable(given):
         raise _other_type(given, what, "a function that takes a line of text; give for example print")
 
 
 def number(given: object, what: str) -> float:
-    """A number, which may be infinite.
-
-    Raises
-    ------
-    ArgumentError
-        It is a text or of another type.
-    """
+    """A number, which may be infinite. Raises ArgumentError if it is a text or of another type."""
     if isinstance(given, bool) or not isinstance(given, Real):
         raise _other_type(given, what, "a number; give it without quotes or brackets")
     return float(given)
 
 
 def finite(given: object, what: str) -> float:
-    """A finite number.
-
-    Raises
-    ------
-    ArgumentError
-        It is of another type.
-    DataError
-        It is infinite or not a number.
-    """
+    """A finite number. Raises ArgumentError if it is of another type, DataError if it is infinite or not a number."""
     value = number(given, what)
     if not isfinite(value):
         raise DataError(f"{what} is {value:g}, but must be finite; give a finite number")
@@ -157,15 +113,7 @@ def finite(given: object, what: str) -> float:
 
 
 def whole(given: object, what: str, least: int, most: int | None = None) -> int:
-    """A whole number.
-
-    Raises
-    ------
-    ArgumentError
-        It is of another type.
-    DataError
-        It is less than `least`, or more than `most`.
-    """
+    """A whole number. Raises ArgumentError if it is of another type, DataError if it is less than `least` or more than `most`."""
     value = index(given, what)
     if value < least:
         raise DataError(f"{what} is {value}, but must be at least {least}; correct it")
@@ -175,28 +123,14 @@ def whole(given: object, what: str, least: int, most: int | None = None) -> int:
 
 
 def index(given: object, what: str) -> int:
-    """A whole number, which may be negative: counted from the end.
-
-    Raises
-    ------
-    ArgumentError
-        It is of another type.
-    """
+    """A whole number, which may be negative: counted from the end. Raises ArgumentError if it is of another type."""
     if isinstance(given, bool) or not isinstance(given, Integral):
         raise _other_type(given, what, "a whole number; give one without a decimal point")
     return int(given)
 
 
 def one_of(given: object, allowed: Iterable[str], what: str) -> None:
-    """Refuse anything that is none of these texts.
-
-    Raises
-    ------
-    ArgumentError
-        It is no text.
-    DataError
-        It is none of them.
-    """
+    """Refuse anything that is none of these texts. Raises ArgumentError if it is no text, DataError if it is none of them."""
     names = tuple(allowed)
     if of_type(given, str, what, f"one of {', '.join(names)}; give one of these") not in names:
         raise DataError(f"{what} is {given!r}, but must be one of {', '.join(names)}; give one of these")
@@ -211,15 +145,7 @@ def positive(given: object, what: str, unit: str = "") -> float:
 
 
 def interval(given: object, what: str) -> tuple[float, float]:
-    """Two finite numbers, the lower one first.
-
-    Raises
-    ------
-    ArgumentError
-        It is of another type.
-    DataError
-        It is no interval.
-    """
+    """Two finite numbers, the lower one first. Raises ArgumentError if it is of another type, DataError if it is no interval."""
     allowed = "two numbers, the lower one first; give them, for example (5.0, 60.0)"
     ends = all_of_type(given, object, what, allowed)
     values = [finite(each, what) for each in ends]
@@ -229,13 +155,7 @@ def interval(given: object, what: str) -> tuple[float, float]:
 
 
 def numbers(given: object, what: str) -> NDArray[np.float64]:
-    """An array of numbers, of any shape.
-
-    Raises
-    ------
-    ArgumentError
-        It is of another type.
-    """
+    """An array of numbers, of any shape. Raises ArgumentError if it is of another type."""
     allowed = "an array of numbers; give one, for example run.read(CHANNEL)"
     try:
         values = np.asarray(given)
@@ -247,15 +167,8 @@ def numbers(given: object, what: str) -> NDArray[np.float64]:
 
 
 def given_guesses(given: object) -> tuple[tuple[float, float], ...]:
-    """Pairs of a frequency in Hz and a damping ratio.
-
-    Raises
-    ------
-    ArgumentError
-        They are of another type.
-    DataError
-        One has more or fewer numbers than two, or one that is not positive.
-    """
+    """Pairs of a frequency in Hz and a damping ratio. Raises ArgumentError if they are of another type; DataError if one has more
+    or fewer numbers than two, or one that is not positive."""
     what, allowed = "the argument guesses", "pairs of a frequency in Hz and a damping ratio; give for example [(5.0, 0.02)]"
     found = []
     for pair in all_of_type(given, object, what, allowed):
@@ -267,15 +180,7 @@ def given_guesses(given: object) -> tuple[tuple[float, float], ...]:
 
 
 def given_path(given: object, what: str) -> Path:
-    """A path.
-
-    Raises
-    ------
-    ArgumentError
-        It is neither a text nor a path.
-    DataError
-        It has a character that no path has.
-    """
+    """A path. Raises ArgumentError if it is neither a text nor a path, DataError if it has a character that no path has."""
     if not isinstance(given, str | Path):
         raise _other_type(given, what, 'a path; give one, for example "campaign.h5"')
     if "\0" in str(given):

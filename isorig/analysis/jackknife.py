@@ -16,12 +16,8 @@ def deviation(moves: FloatArray, slope: FloatArray) -> float:
     If few parts determine a value, its standard deviation is itself uncertain, and is increased to Student's distribution with
     that many degrees of freedom (Satterthwaite 1946, as Bell and McCaffrey 2002).
 
-    Parameters
-    ----------
-    moves
-        Change of the values when each part of the data is left out, shape (parts, values).
-    slope
-        Derivatives of the quantity with respect to the values, shape (values,).
+    `moves` are the changes of the values when each part of the data is left out, shape (parts, values); `slope` are the
+    derivatives of the quantity with respect to the values, shape (values,).
     """
     from scipy.special import stdtrit
 

@@ -61,12 +61,7 @@ class Kernel:
     @cached_property
     def digest(self) -> str:
         """Digest of what the machine code depends on: this code, that of all kernels contained in it, constants, and options.
-
-        Raises
-        ------
-        TypeError
-            If the kernel uses an object whose content is unknown.
-        """
+        Raises TypeError if the kernel uses an object whose content is unknown."""
         codes = (
             (code.co_names, code.co_varnames, code.co_exceptiontable, *_instructions(code))
             for code in _codes(self._function.__code__)
@@ -181,6 +176,8 @@ kernel = _decorator(cached=True, **UNCOUNTED)
 allocating_kernel = _decorator(cached=True, **OPTIONS)
 #: The same inlined into each calling kernel: passing many arrays takes longer than a short body.
 inlined = _decorator(cached=False, inline="always", **UNCOUNTED)
+#: As `kernel`, but compiled with each kernel that calls it: for closures, which have one name.
+uncached = _decorator(cached=False, **UNCOUNTED)
 #: As `kernel`, with reassociation of sums so that they are vectorized.
 fast_kernel = _decorator(cached=True, nogil=True, fastmath=True, error_model="numpy")
 

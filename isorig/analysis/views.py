@@ -27,13 +27,7 @@ def shows(kind: type, name: str) -> Callable[[F], F]:
 
 
 def call(item: object, name: str, *args: Any, **more: Any) -> Any:
-    """The registered method of an object's type or of a base of it.
-
-    Raises
-    ------
-    AnalysisError
-        None is registered.
-    """
+    """The registered method of an object's type or of a base of it. Raises AnalysisError if none is registered."""
     kind = _registered(item, name)
     if kind is None:
         raise AnalysisError(f"{type(item).__name__} has no {name} here; import isorig as iso, and use what iso returns")

@@ -8,7 +8,7 @@ import pytest
 from isorig.analysis.campaign import Channel, Run
 from isorig.analysis.errors import DataError
 from isorig.analysis.simulate.excitation import multisine
-from isorig.analysis.spectra.detection import detect
+from isorig.analysis.spectra.periodic import detect
 
 PERIOD = 1024
 

@@ -129,7 +129,7 @@ def test_a_new_law_leaves_the_engine_and_the_other_laws_valid(tmp_path: Path) ->
     after = json.loads(said(tmp_path, DIGESTS))
     assert set(after) - set(before) == {"isorig.analysis.laws.quintic.resist"}
     changed = {name.removeprefix("isorig.analysis.") for name, digests in before.items() if after[name] != digests}
-    closures = {f"simulate.curves.{name}.<locals>.resisting" for name in ("_resisting", "_either_resisting")}
+    closures = {"simulate.curves._chosen.<locals>.either", "simulate.curves._at_two_points.<locals>.at_two_points"}
     assert changed == {"simulate.curves.plain", *closures}
 
 

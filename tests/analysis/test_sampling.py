@@ -6,11 +6,11 @@ import scipy.signal
 from msgspec.structs import replace
 
 from isorig.analysis.equations.known import true_records
+from isorig.analysis.model.linear import transfer
 from isorig.analysis.model.rig_model import Chain
 from isorig.analysis.simulate import Excitation, simulate
 from isorig.analysis.simulate.sampling import AS_IT_IS, high_passed, interpolate, within
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
-from isorig.rig.wire_bonder.four_set_ups import head_to_table
 
 RATE = 1024.0
 
@@ -20,10 +20,11 @@ def test_eight_steps_a_sample_are_enough(frequency: float) -> None:
     n, settled = 16384, 12288
     drive = np.cos(2.0 * np.pi * frequency * np.arange(n) / RATE)
     values = {**THESIS, "motor_damping": 0.3, "table_damping": 0.2, "heatblock_damping": 0.05}
-    seen = simulate(wire_bonder(values, friction=False), Excitation.prepare(drive, RATE)).channels["table"][settled:-64]
+    rig = wire_bonder(values, friction=False)
+    seen = simulate(rig, Excitation.prepare(drive, RATE)).channels["table"][settled:-64]
     turn = np.exp(2j * np.pi * frequency * np.arange(settled, n - 64) / RATE)
     parts = np.linalg.lstsq(np.stack([turn.real, -turn.imag], axis=1), seen, rcond=None)[0]
-    want = head_to_table(values, np.array([frequency]))[0]
+    want = transfer(rig, "unlocked", np.array([frequency]))[1, 0]  # the table
     assert abs(complex(*parts) / want - 1.0) < 2e-4
 
 

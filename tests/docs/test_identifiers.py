@@ -38,5 +38,5 @@ def test_a_class_name_means_one_thing() -> None:
 
 
 def test_a_repeated_name_is_found() -> None:
-    assert repeated({"Change": ["analysis/trends/change.py", "analysis/simulate/trace.py"]})
+    assert repeated({"Change": ["analysis/trends/change.py", "analysis/simulate/simulation.py"]})
     assert not repeated({"Backlash": ["analysis/laws/backlash.py", "analysis/diagnose/causes/backlash.py"]})

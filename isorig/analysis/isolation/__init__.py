@@ -1,1 +1,1 @@
-"""Isolation: the isolation ratio, isolation during moves, the design study and flexures."""
+"""Isolation: the isolation ratio, the isolation as one number, and the best values of parameters."""

@@ -192,15 +192,9 @@ def outcomes(models: Sequence[RigModel], target: Target, limits: Limits, drive: 
 
 
 def optimum(
-    model: RigModel,
-    varied: Sequence[Varied],
-    target: Target,
-    limits: Limits,
-    drive: Excitation,
-    *,
-    points: int = 100,
+    model: RigModel, varied: Sequence[Varied], target: Target, limits: Limits, drive: Excitation, *, points: int = 100,
     seed: int = 0,
-) -> Optimum:
+) -> Optimum:  # fmt: skip
     """Search the values with the smallest target within the limits.
 
     At least `points` designs of a Sobol sequence fill the ranges on a logarithmic scale (on an even grid for one parameter); the

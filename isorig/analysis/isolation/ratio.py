@@ -128,15 +128,10 @@ class IsolationRatio(Viewed):
 
 
 def isolation_ratio(
-    campaign: Measured,
-    *,
-    response: str = "heatblock",
-    reference: str = "head",
-    configurations: tuple[str, str] = ("unlocked", "locked"),
-    resolution: float = 0.25,
-    stitch: float = STITCH,
+    campaign: Measured, *, response: str = "heatblock", reference: str = "head",
+    configurations: tuple[str, str] = ("unlocked", "locked"), resolution: float = 0.25, stitch: float = STITCH,
     around_peak: tuple[float, float] = (120.0, 220.0),
-) -> IsolationRatio:
+) -> IsolationRatio:  # fmt: skip
     """The isolation ratio of a campaign, measured or simulated.
 
     Parameters
@@ -314,9 +309,9 @@ def _peaks(piece: Piece, around: tuple[float, float]) -> Peaks:
     return Peaks(unlocked=float(f[u]), locked=float(f[k]), ratio=ratio, std=ratio * relative, by_line=float(piece.ratio[u]))
 
 
-def stuck_share(model: RigModel, run: Run, link: str = "isolation") -> float:
-    """Share of a run's time in which the simulated bodies at the ends of a link stick."""
-    joint = model.link(link)
+def stuck_share(model: RigModel, run: Run) -> float:
+    """Share of a run's time in which the simulated bodies at the ends of the isolation stick."""
+    joint = model.link("isolation")
     sliding = Sensor(channel="sliding", body=joint.a, relative_to=joint.b, quantity="velocity")
     moving = Sensor(channel="moving", body=joint.a, quantity="velocity")
     watched = msgspec.structs.replace(model, sensors=(sliding, moving), free=())
@@ -325,6 +320,6 @@ def stuck_share(model: RigModel, run: Run, link: str = "isolation") -> float:
     return float(np.mean(np.abs(seen["sliding"]) <= AT_REST * float(seen["moving"].std())))
 
 
-def friction_bound(ratio: IsolationRatio, shares: dict[float, float], most: float = 0.5) -> NDArray[np.bool_]:
-    """Frequency bins from a gain at which the motor is stuck for more than `most` of the time, shape (bins,)."""
-    return np.asarray(np.isin(ratio.gain, [gain for gain, share in shares.items() if share > most]))
+def friction_bound(ratio: IsolationRatio, shares: dict[float, float]) -> NDArray[np.bool_]:
+    """Frequency bins from a gain at which the motor is stuck for more than half of the time, shape (bins,)."""
+    return np.asarray(np.isin(ratio.gain, [gain for gain, share in shares.items() if share > 0.5]))

@@ -1,4 +1,4 @@
-"""The laws by name: forces of a link or a contact beyond a linear spring and damper, one file for each law.
+"""The laws by name: forces of a link or a contact beyond a linear spring and damper, one file for each family.
 
 Every file of this package is searched: descriptions and model files can use a law in a new file, and the engine simulates it.
 
@@ -16,34 +16,29 @@ from importlib import import_module
 from pkgutil import iter_modules
 from typing import TYPE_CHECKING, TypeVar, Union
 
-from isorig.analysis.laws.arctan import Arctan as Arctan
-from isorig.analysis.laws.asymmetric import Asymmetric as Asymmetric
-from isorig.analysis.laws.backlash import Backlash as Backlash
-from isorig.analysis.laws.base import ContactLaw as ContactLaw
-from isorig.analysis.laws.base import Law as Law
-from isorig.analysis.laws.base import Parameter as Parameter
-from isorig.analysis.laws.base import SpringLaw as SpringLaw
-from isorig.analysis.laws.bouc_wen import BoucWen as BoucWen
-from isorig.analysis.laws.bounded_softening import BoundedSoftening as BoundedSoftening
-from isorig.analysis.laws.coulomb import Coulomb as Coulomb
-from isorig.analysis.laws.cubic import Cubic as Cubic
-from isorig.analysis.laws.curve import Curve as Curve
-from isorig.analysis.laws.dahl import Dahl as Dahl
-from isorig.analysis.laws.drift import DampingDrift as DampingDrift
-from isorig.analysis.laws.drift import Drift as Drift
-from isorig.analysis.laws.elasto_slip import ElastoSlip as ElastoSlip
+from isorig.analysis.laws.base import ContactLaw, Law, Parameter, SpringLaw
 from isorig.analysis.laws.elements import Formula
-from isorig.analysis.laws.end_stop import EndStop as EndStop
-from isorig.analysis.laws.friction_curve import FrictionCurve as FrictionCurve
-from isorig.analysis.laws.karnopp import Karnopp as Karnopp
-from isorig.analysis.laws.lugre import LuGre as LuGre
-from isorig.analysis.laws.maxwell import Maxwell as Maxwell
-from isorig.analysis.laws.maxwell_slip import MaxwellSlip as MaxwellSlip
-from isorig.analysis.laws.periodic import Periodic as Periodic
-from isorig.analysis.laws.position_dependent import PositionDependent as PositionDependent
-from isorig.analysis.laws.quadratic_damping import QuadraticDamping as QuadraticDamping
-from isorig.analysis.laws.stribeck import Stribeck as Stribeck
-from isorig.analysis.laws.viscous import Viscous as Viscous
+from isorig.analysis.laws.friction import Arctan, Asymmetric, Coulomb, Karnopp, PositionDependent, Stribeck, Viscous
+from isorig.analysis.laws.hysteresis import BoucWen, Dahl, LuGre, Maxwell
+from isorig.analysis.laws.sliders import ElastoSlip, MaxwellSlip
+from isorig.analysis.laws.springs import (
+    Backlash,
+    BoundedSoftening,
+    Cubic,
+    DampingDrift,
+    Drift,
+    EndStop,
+    Periodic,
+    QuadraticDamping,
+)
+from isorig.analysis.laws.tables import Curve, FrictionCurve
+
+__all__ = [
+    "CONTACT_LAWS", "FORMULAS", "LAWS", "SPRING_LAWS", "Arctan", "Asymmetric", "Backlash", "BoucWen", "BoundedSoftening",
+    "ContactLaw", "Coulomb", "Cubic", "Curve", "Dahl", "DampingDrift", "Drift", "ElastoSlip", "EndStop", "FrictionCurve",
+    "FrictionLaw", "Karnopp", "Law", "LinkLaw", "LuGre", "Maxwell", "MaxwellSlip", "Parameter", "Periodic", "PositionDependent",
+    "QuadraticDamping", "SpringLaw", "Stribeck", "Viscous",
+]  # fmt: skip
 
 L = TypeVar("L", bound=Law)
 #: Every file of the package.
@@ -51,13 +46,10 @@ FILES = [import_module(f"{__name__}.{module.name}") for module in iter_modules(_
 
 
 def _found(kind: type[L]) -> tuple[type[L], ...]:
-    named = {value.__struct_config__.tag: value for file in FILES for value in vars(file).values() if _is_law(value, kind)}
-    return tuple(named[tag] for tag in sorted(named))
-
-
-def _is_law(value: object, kind: type[Law]) -> bool:
+    classes = [value for file in FILES for value in vars(file).values() if isinstance(value, type) and issubclass(value, kind)]
     # A base class of laws has no tag of its own.
-    return isinstance(value, type) and issubclass(value, kind) and value.__struct_config__.tag != value.__name__
+    named = {str(law.__struct_config__.tag): law for law in classes if law.__struct_config__.tag != law.__name__}
+    return tuple(named[tag] for tag in sorted(named))
 
 
 #: The available laws of links and of contacts.

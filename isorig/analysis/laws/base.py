@@ -50,7 +50,7 @@ class Law(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
     """Base of all laws: every number is finite and within its limit.
 
     d is the relative displacement in m and v the relative velocity in m/s along the element; positive forces oppose positive d
-    and v. A law is one file of this package: a subclass of `SpringLaw` or `ContactLaw` with a unique tag.
+    and v. A law is a subclass of `SpringLaw` or `ContactLaw` with a unique tag, in any file of this package.
     """
 
     #: By field: the annotation of every number of the law has one.
@@ -124,12 +124,8 @@ class Law(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
     def along(self, d: FloatArray, v: FloatArray, rate: float, link: LinkConstants = NO_LINK) -> FloatArray:
         """Resistance in N along a measured motion, elongation (m) and velocity (m/s) at `rate` Hz, shape (n,).
 
-        That of a law with memory depends on its own parameters only, not on the link's constants.
-
-        Raises
-        ------
-        SimulationError
-            The law's force does not follow from a motion.
+        That of a law with memory depends on its own parameters only, not on the link's constants. Raises SimulationError if the
+        law's force does not follow from a motion.
         """
         memory = np.zeros((len(self.begun()), len(d)))
         if self.remembers:

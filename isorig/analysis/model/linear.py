@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from isorig.analysis.campaign import FloatArray
+from isorig.analysis.campaign import MOTION, ComplexArray, FloatArray
 from isorig.analysis.errors import ModelError
-from isorig.analysis.model.rig_model import Link, RigModel, direction, matrices
+from isorig.analysis.model.rig_model import GROUND, Link, RigModel, direction, matrices
 
 #: Normalised eigenvalue of the stiffness matrix below which a motion counts as held by no spring (rounding).
 SLACK = 1e-12
@@ -17,12 +17,8 @@ SLACK = 1e-12
 def linear_part(model: RigModel, configuration: str) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Basis of the coordinates that a configuration leaves free, (bodies, free), and mass, damping and stiffness on all bodies.
 
-    A lock with a stiffness adds to the last two; the links of a perfect lock remove coordinates from the basis.
-
-    Raises
-    ------
-    ModelError
-        If the rig has no such configuration.
+    A lock with a stiffness adds to the last two; the links of a perfect lock remove coordinates from the basis. Raises ModelError
+    if the rig has no such configuration.
     """
     if configuration not in model.configurations:
         raise ModelError(f"configuration {configuration!r} is unknown; the rig has {', '.join(model.configurations)}")
@@ -64,14 +60,25 @@ def free_part(model: RigModel, configuration: str) -> tuple[FloatArray, FloatArr
     return basis, np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)]])
 
 
-def constraint_basis(model: RigModel, rigid: Sequence[Link]) -> FloatArray:
-    """Matrix from the coordinates that rigid links leave free to all coordinates, shape (bodies, free).
+def transfer(model: RigModel, configuration: str, frequency: FloatArray) -> ComplexArray:
+    """Transfer functions of the linear part from the drive's channel to every sensor at frequencies in Hz, shape (sensors, bins).
 
-    Raises
-    ------
-    ModelError
-        If a rigid link joins two imposed motions.
+    Friction and nonlinear forces are omitted; the drive's force is its factor times its channel.
     """
+    basis, mass, damping, stiffness = linear_part(model, configuration)
+    mass, damping, stiffness = (basis.T @ matrix @ basis for matrix in (mass, damping, stiffness))
+    push = sum((weight * direction(model, name, GROUND, {}) for name, weight in model.drive.pushes.items()), np.zeros(len(basis)))
+    s = 2j * np.pi * frequency[:, None, None]
+    force = np.broadcast_to(model.drive.factor * (basis.T @ push), (len(s), basis.shape[1]))
+    motion = np.linalg.solve(s**2 * mass + s * damping + stiffness, force[..., None])[..., 0]
+    places = [direction(model, sensor.body, sensor.relative_to, sensor.arms) @ basis for sensor in model.sensors]
+    orders = [MOTION[sensor.quantity] for sensor in model.sensors]
+    return np.stack([motion @ place * s[:, 0, 0] ** order for place, order in zip(places, orders, strict=True)])
+
+
+def constraint_basis(model: RigModel, rigid: Sequence[Link]) -> FloatArray:
+    """Matrix from the coordinates that rigid links leave free to all coordinates, shape (bodies, free). Raises ModelError if a
+    rigid link joins two imposed motions."""
     basis = np.eye(len(model.bodies))
     for link in rigid:
         row = direction(model, link.a, link.b, link.arms) @ basis

@@ -415,13 +415,8 @@ def to_tree(model: RigModel) -> dict[str, Any]:
 
 
 def from_tree(tree: Mapping[str, Any]) -> RigModel:
-    """A model from plain dicts and lists; numbers may be numpy's.
-
-    Raises
-    ------
-    ModelError
-        With the key, the value found and what is allowed.
-    """
+    """A model from plain dicts and lists; numbers may be numpy's. Raises ModelError with the key, the value found and what is
+    allowed."""
     try:
         return msgspec.convert(_plain(tree), RigModel)
     except msgspec.ValidationError as error:
@@ -695,24 +690,12 @@ def _grounded(names: list[str], joints: Sequence[Link | Contact], imposed: Seque
 
 
 def given_rig(given: object) -> RigModel:
-    """The same rig, if it is one.
-
-    Raises
-    ------
-    ArgumentError
-        It is of another type.
-    """
+    """The same rig, if it is one. Raises ArgumentError if it is of another type."""
     return of_type(given, RigModel, "the rig", "an iso.Rig; give one, for example iso.read_rig(FILE).model")
 
 
 def given_configuration(model: RigModel, given: object) -> str:
-    """The name of a configuration; that of the rig's first one if None.
-
-    Raises
-    ------
-    ArgumentError
-        It is no text.
-    """
+    """The name of a configuration; that of the rig's first one if None. Raises ArgumentError if it is no text."""
     first = next(iter(model.configurations))
     return first if given is None else text(given, "the configuration", first)
 

@@ -104,13 +104,9 @@ def fit_baseline(campaign: Campaign, model: RigModel) -> tuple[Fit, tuple[Trial,
 
 
 def characterize(
-    campaign: Campaign,
-    model: RigModel,
-    *,
-    fitted: Sequence[Free] = (),
-    later: float = 0.0,
+    campaign: Campaign, model: RigModel, *, fitted: Sequence[Free] = (), later: float = 0.0,
     progress: Callable[[str], None] = lambda text: None,
-) -> Characterization:
+) -> Characterization:  # fmt: skip
     """Fit all free parameters to all runs at once, with standard uncertainties.
 
     Frequencies are the uncoupled sqrt(k / m) / 2 pi, damping ratios c / (2 sqrt(k m)). Values are corrected for the bias by

@@ -306,15 +306,9 @@ def _pairs(seen: Predicted, drawn: Mapping[int, Sequence[Variant]], fitted: Sequ
 
 
 def choose(
-    comparison: Comparison,
-    seen: ComparedRuns,
-    limits: Limits,
-    kept: Callable[[Prospect], LargestMotions],
-    *,
-    configuration: str,
-    budget: float,
-    most: int = POLICY.most_runs,
-) -> Chosen:
+    comparison: Comparison, seen: ComparedRuns, limits: Limits, kept: Callable[[Prospect], LargestMotions], *, configuration: str,
+    budget: float, most: int = POLICY.most_runs,
+) -> Chosen:  # fmt: skip
     """The runs to measure, in order: the largest increase in probability per cost, each in addition to those before it.
 
     Parameters

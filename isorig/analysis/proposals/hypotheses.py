@@ -41,7 +41,9 @@ def hypotheses(model: RigModel, peaks: LargestMotions, sample_rate: float) -> tu
         sample_rate=sample_rate, end_time=POLICY.session,
     )  # fmt: skip
     found = []
-    hidden = _without_effect(model)
+    # Bodies whose inertia changes no record: their motion is imposed, and no sensor measures the force that this takes.
+    felt = {sensor.force_in for sensor in model.sensors}
+    hidden = {drive.imposes for drive in model.drives if drive.imposes is not None and f"drive.{drive.channel}" not in felt}
     for cause in CATALOGUE:
         for place in cause.supposed_places(model):
             if cause.name in AT_BODIES and place in hidden:
@@ -53,12 +55,6 @@ def hypotheses(model: RigModel, peaks: LargestMotions, sample_rate: float) -> tu
                 ]
     # Causes that do not change the motion come first: one simulation serves all of them.
     return tuple(sorted(found, key=lambda variant: kind_of(variant.cause) != "sensor"))
-
-
-def _without_effect(model: RigModel) -> set[str]:
-    # Bodies whose inertia changes no record: their motion is imposed, and no sensor measures the force that this takes.
-    felt = {sensor.force_in for sensor in model.sensors}
-    return {drive.imposes for drive in model.drives if drive.imposes is not None and f"drive.{drive.channel}" not in felt}
 
 
 def _detail(model: RigModel, rig: RigWithCause, place: str) -> str:

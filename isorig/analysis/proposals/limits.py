@@ -15,7 +15,7 @@ from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.parallel import side_by_side
 from isorig.analysis.proposals.policy import POLICY
-from isorig.analysis.simulate import Excitation, record, simulate, true_drive
+from isorig.analysis.simulate import Excitation, record, simulate, true_drives
 from isorig.analysis.simulate.gauges import DEFLECTION, gauged
 
 
@@ -94,7 +94,7 @@ def simulated_peaks(models: Sequence[RigModel], excitation: Excitation, configur
 
     def one(model: RigModel) -> LargestMotions:
         rig = gauged(model, configuration)
-        drive = true_drive(model, excitation)
+        drive = true_drives(model, excitation)[model.drive.channel]
         try:
             seen = simulate(rig, excitation, configuration=configuration, start_time=start_time).channels
             motion = record(rig, {model.drive.channel: drive, **seen}, excitation.sample_rate)

@@ -15,12 +15,12 @@ from math import pi, sqrt
 
 import numpy as np
 
-from isorig.analysis.campaign import MOTION, ComplexArray, FloatArray
+from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import DataError, ModelError
 from isorig.analysis.model.limits import Limits
-from isorig.analysis.model.linear import linear_part
+from isorig.analysis.model.linear import transfer
 from isorig.analysis.model.parameter_units import unit_of
-from isorig.analysis.model.rig_model import GROUND, RigModel, direction, single_drive
+from isorig.analysis.model.rig_model import RigModel, single_drive
 from isorig.analysis.proposals.limits import LargestMotions
 from isorig.analysis.proposals.menu import cost
 from isorig.analysis.proposals.policy import POLICY
@@ -157,6 +157,7 @@ class KnownPrecision:
     def _by_transfer(self, prospect: Prospect) -> FloatArray:
         # Error bars of the run's predicted transfer functions, and their derivatives with respect to the fitted values.
         model, configuration = self._variant.model, prospect.run.configuration
+        single_drive(model, "a design of runs")
         excitation, rate = prospect.excitation(), prospect.sample_rate
         seen = simulate(model, excitation, configuration=configuration, start_time=prospect.start_time).channels
         generator = np.random.default_rng(9)
@@ -180,25 +181,6 @@ class KnownPrecision:
             own = rows[k][good] / frf.magnitude_std[1:][good, None]
             whole += np.real(own.conj().T @ own)
         return np.asarray(whole * prospect.run.seconds * rate / len(excitation.recorded) / POLICY.correlated_bins)
-
-
-def transfer(model: RigModel, configuration: str, frequency: FloatArray) -> ComplexArray:
-    """Transfer functions of the linear part from the drive channel to every sensor, shape (sensors, bins).
-
-    Friction and nonlinear forces are omitted; the drive's force is its factor times its channel.
-    """
-    single_drive(model, "a design of runs")
-    basis, mass, damping, stiffness = linear_part(model, configuration)
-    mass, damping, stiffness = (basis.T @ matrix @ basis for matrix in (mass, damping, stiffness))
-    push = sum((weight * direction(model, name, GROUND, {}) for name, weight in model.drive.pushes.items()), np.zeros(len(basis)))
-    omega = 2.0 * np.pi * frequency
-    whole = stiffness + 1j * omega[:, None, None] * damping - omega[:, None, None] ** 2 * mass
-    motion = np.linalg.solve(whole, np.broadcast_to(model.drive.factor * (basis.T @ push), whole.shape[:2])[..., None])[..., 0]
-    rows = []
-    for sensor in model.sensors:
-        seen = motion @ (basis.T @ direction(model, sensor.body, sensor.relative_to, sensor.arms))
-        rows.append(seen * (1j * omega) ** MOTION[sensor.quantity])
-    return np.stack(rows)
 
 
 def design(

@@ -76,13 +76,7 @@ class Variant:
         return np.asarray(self.covariance / np.outer(slope, slope))
 
     def at(self, coordinates: FloatArray) -> RigModel:
-        """The model with fitted values at other search coordinates, shape (k,).
-
-        Raises
-        ------
-        ModelError
-            Physics does not allow them.
-        """
+        """The model with fitted values at other search coordinates, shape (k,). Raises ModelError if physics excludes them."""
         return self.model.replace({f.path: f.decode(c) for f, c in zip(self.free, coordinates, strict=True)})
 
 
@@ -208,7 +202,9 @@ class Predicted:
                 channel, amplitude, frequency = variant.hum
                 row = self.channels.index(channel)
                 wave = amplitude * np.sin(2.0 * np.pi * frequency * np.arange(self._n) / self.prospect.sample_rate)
-                found[k, row] += _lines(wave[None, :])[0] / self.allowed[row]
+                # As `Waveform` transforms a record of unit noise.
+                spectrum = np.fft.rfft(wave) * np.sqrt(2.0 / self._n)
+                found[k, row] += np.concatenate([spectrum.real, spectrum.imag]) / self.allowed[row]
         return np.asarray(found)
 
     def slopes(self, variant: Variant) -> Slopes:
@@ -247,12 +243,6 @@ class Predicted:
         # Real parts of all channels come first, then imaginary ones: shape (models, channels, bins).
         parts = rows.reshape(len(rows), 2, len(self.channels), -1)
         return np.concatenate([parts[:, 0], parts[:, 1]], axis=2)
-
-
-def _lines(values: FloatArray) -> FloatArray:
-    # As `Waveform` transforms a record of unit noise.
-    spectrum = np.fft.rfft(values, axis=1) * np.sqrt(2.0 / values.shape[1])
-    return np.concatenate([spectrum.real, spectrum.imag], axis=1)
 
 
 def _bare(model: RigModel) -> RigModel:

@@ -1,11 +1,10 @@
 """The friction simulator: any lumped rig, with a drive that is band-limited between samples."""
 
-from isorig.analysis.simulate.batch import Batch, scan, simulate_many
-from isorig.analysis.simulate.free_run import Response, record, true_drive
+from isorig.analysis.simulate.batch import scan
+from isorig.analysis.simulate.free_run import Response, record, true_drives
 from isorig.analysis.simulate.sampling import Excitation
-from isorig.analysis.simulate.simulation import simulate
-from isorig.analysis.simulate.trace import Change, Trace, trace
+from isorig.analysis.simulate.simulation import Change, Trace, simulate, trace
 
 __all__ = [
-    "Batch", "Change", "Excitation", "Response", "Trace", "record", "scan", "simulate", "simulate_many", "trace", "true_drive",
+    "Change", "Excitation", "Response", "Trace", "record", "scan", "simulate", "trace", "true_drives",
 ]  # fmt: skip

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable, Mapping, Sequence
 from queue import Empty, SimpleQueue
-from typing import Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +16,12 @@ from isorig.analysis.jit import fast_kernel
 from isorig.analysis.model.linear import constraint_basis
 from isorig.analysis.model.rig_model import GROUND, RigModel, direction
 from isorig.analysis.parallel import side_by_side
-from isorig.analysis.simulate.free_run import Response
 from isorig.analysis.simulate.sampling import Excitation, sampled
 from isorig.analysis.simulate.simulation import simulate
 
+#: Single precision halves the memory traffic, which limits the kernel; rounding is far below the discretisation error.
 Singles = NDArray[np.float32]
 Records = Singles | FloatArray
-Engine = Literal["auto", "batch", "exact"]
 ZERO, ONE, TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)
 #: Number of simulations in one call of the vectorised kernel.
 LANES = 128
@@ -32,52 +29,11 @@ LANES = 128
 TERMS = 14
 
 
-@dataclass(frozen=True, kw_only=True)
-class Batch:
-    """The responses of many rigs to one drive.
-
-    Single precision if they come from the batch engine, whose time is determined by memory traffic.
-
-    Parameters
-    ----------
-    sample_rate
-        Hz.
-    names
-        The sensors' channels.
-    parts
-        Their records in blocks of rigs, each shape (sensors, n, rigs).
-    """
-
-    sample_rate: float
-    names: tuple[str, ...]
-    parts: tuple[Records, ...]
-
-    def __len__(self) -> int:
-        return sum(part.shape[2] for part in self.parts)
-
-    @cached_property
-    def channels(self) -> dict[str, Records]:
-        """Records of each sensor by channel, each shape (rigs, n); joined at the first access."""
-        return {
-            name: (np.concatenate([part[k] for part in self.parts], axis=1) if len(self.parts) > 1 else self.parts[0][k]).T
-            for k, name in enumerate(self.names)
-        }
-
-    def __getitem__(self, index: int) -> Response:
-        """The response of one rig."""
-        left = range(len(self))[index]
-        for part in self.parts:
-            if left < part.shape[2]:
-                rows = {name: np.asarray(part[k, :, left], dtype=np.float64) for k, name in enumerate(self.names)}
-                return Response(sample_rate=self.sample_rate, channels=rows)
-            left -= part.shape[2]
-        raise IndexError(index)
-
-
-def simulate_many(
-    models: Sequence[RigModel], excitation: Excitation, *, configuration: str = "unlocked", engine: Engine = "auto"
-) -> Batch:
-    """Simulate many rigs under one drive, from rest, for scans; evaluate the final ones with `simulate`.
+def scan(
+    models: Sequence[RigModel], excitation: Excitation, figure: Callable[[Mapping[str, Records]], NDArray[Any]], *,
+    configuration: str = "unlocked",
+) -> NDArray[Any]:  # fmt: skip
+    """Compute a quantity of many rigs under one drive, from rest; simulate the final ones with `simulate`.
 
     Rigs of one structure (same parts, other values) that are linear except for at most one Coulomb contact take fixed
     steps of the excitation's grid, each with its exact matrices; the mean friction of a step follows from the time of
@@ -89,7 +45,7 @@ def simulate_many(
         drive = excitation.moves(samples=8192, sample_rate=2048.0)
         models = [wire_bonder({**THESIS, "motor_frequency": f}) for f in np.linspace(0.4, 6.0, 200)]
         prepared = Excitation.prepare(drive, 2048.0, oversample=1)
-        motor = simulate_many(models, prepared).channels["motor"]      # shape (200, 8192)
+        largest = scan(models, prepared, lambda seen: np.abs(seen["motor"]).max(axis=1))   # shape (200,)
 
     A displacement or a stroke comes from a `Sensor(quantity="displacement", relative_to="table")` in the model.
 
@@ -100,54 +56,15 @@ def simulate_many(
     excitation
         The drive. With `oversample=1` the steps are the samples, linearly interpolated; finer grids take proportionally
         longer and are low-pass filtered like recordings.
+    figure
+        Computes the quantity, shape (rigs, ...), from the records of a block of rigs by channel, each shape (rigs, n), which are
+        overwritten afterwards: memory that is newly allocated for records takes longer than the simulation.
     configuration
         Configuration of the rigs.
-    engine
-        "batch" steps many rigs at once, "exact" simulates one by one, "auto" uses the batch if it can simulate the rigs.
-
-    Raises
-    ------
-    SimulationError
-        If a rig's motion grows without bound, or the batch is requested and cannot simulate these rigs.
-    """
-    names = tuple(sensor.channel for sensor in models[0].sensors)
-    alike = _alike(models, configuration)
-    if engine == "batch" and not alike:
-        raise SimulationError(
-            "the batch takes rigs of one structure that are linear but for at most one Coulomb contact, and these are not; "
-            "choose the exact engine"
-        )
-    if engine == "exact" or not alike:
-        found = side_by_side(lambda model: simulate(model, excitation, configuration=configuration), models)
-        rows = [[response.channels[name] for response in found] for name in names]
-        return Batch(sample_rate=excitation.sample_rate, names=names, parts=(np.array(rows).transpose(0, 2, 1),))
-    parts = side_by_side(
-        lambda first: _records(models[first : first + LANES], excitation, configuration, None), range(0, len(models), LANES)
-    )
-    return Batch(sample_rate=excitation.sample_rate, names=names, parts=tuple(parts))
-
-
-def scan(
-    models: Sequence[RigModel],
-    excitation: Excitation,
-    figure: Callable[[Batch], FloatArray],
-    *,
-    configuration: str = "unlocked",
-) -> FloatArray:
-    """Compute a quantity of many rigs under one drive, without storing their records.
-
-    Stored records are written to newly allocated memory, which takes longer than the simulation; here memory is reused.
-
-    Parameters
-    ----------
-    models, excitation, configuration
-        As for `simulate_many`.
-    figure
-        Computes the quantity for a block of rigs, shape (rigs, ...); the records passed to it are overwritten afterwards.
 
     Returns
     -------
-    FloatArray
+    NDArray
         The quantity for all rigs, shape (models, ...).
 
     Raises
@@ -155,43 +72,44 @@ def scan(
     SimulationError
         If a rig's motion grows without bound.
     """
-    if not _alike(models, configuration):
-        return np.asarray(figure(simulate_many(models, excitation, configuration=configuration)))
-    names = tuple(sensor.channel for sensor in models[0].sensors)
+    names = [sensor.channel for sensor in models[0].sensors]
     spare: SimpleQueue[Singles] = SimpleQueue()
 
-    def one(first: int) -> FloatArray:
+    def alone(model: RigModel) -> NDArray[Any]:
+        seen = simulate(model, excitation, configuration=configuration).channels
+        return np.array(figure({name: values[None] for name, values in seen.items()}))
+
+    def block(first: int) -> NDArray[Any]:
         part = models[first : first + LANES]
         try:
             room = spare.get_nowait()
         except Empty:
-            room = _room(models[0], excitation, LANES)
-        records = _records(part, excitation, configuration, room if len(part) == LANES else None)
-        found = np.array(figure(Batch(sample_rate=excitation.sample_rate, names=names, parts=(records,))))
+            room = np.empty((len(names), len(excitation.fine), LANES), dtype=np.float32)
+        whole = room if len(part) == LANES else np.empty((*room.shape[:2], len(part)), dtype=np.float32)
+        records = _records(part, excitation, configuration, whole)
+        found = np.array(figure({name: rows.T for name, rows in zip(names, records, strict=True)}))
         spare.put(room)
         return found
 
-    return np.concatenate(side_by_side(one, range(0, len(models), LANES)))
+    if not _alike(models, configuration):
+        return np.concatenate(side_by_side(alone, models))
+    return np.concatenate(side_by_side(block, range(0, len(models), LANES)))
 
 
-def _records(models: Sequence[RigModel], excitation: Excitation, configuration: str, room: Singles | None) -> Records:
+def _records(models: Sequence[RigModel], excitation: Excitation, configuration: str, room: Singles) -> Records:
+    # Records of the sensors, shape (sensors, n, models).
     rate, over, n = excitation.sample_rate, excitation.oversample, len(excitation.recorded)
-    part = _lanes(models, excitation, configuration, _room(models[0], excitation, len(models)) if room is None else room)
-    if not np.isfinite(part[:, -1]).all():
+    fine = _lanes(models, excitation, configuration, room)
+    if not np.isfinite(fine[:, -1]).all():
         raise SimulationError("a rig of the batch grows without bound; correct its stiffness and damping")
     if over == 1:
-        return part
-    sensors = models[0].sensors
-    out = np.empty((len(sensors), n, part.shape[2]))
-    for k, sensor in enumerate(sensors):
-        for lane in range(part.shape[2]):
-            fine = part[k, :, lane].astype(np.float64)
-            out[k, :, lane] = sampled(fine, over, n, 1.0 / (rate * over), differentiate=MOTION[sensor.quantity] == 2)
+        return fine
+    out = np.empty((len(fine), n, len(models)))
+    for k, sensor in enumerate(models[0].sensors):
+        for lane in range(len(models)):
+            values = fine[k, :, lane].astype(np.float64)
+            out[k, :, lane] = sampled(values, over, n, 1.0 / (rate * over), differentiate=MOTION[sensor.quantity] == 2)
     return out
-
-
-def _room(model: RigModel, excitation: Excitation, lanes: int) -> Singles:
-    return np.empty((len(model.sensors), len(excitation.fine), lanes), dtype=np.float32)
 
 
 def _alike(models: Sequence[RigModel], configuration: str) -> bool:
@@ -273,31 +191,17 @@ def _lanes(models: Sequence[RigModel], excitation: Excitation, configuration: st
         sense[k, place] = direction(first, sensor.body, sensor.relative_to, sensor.arms) @ basis
         central[k] = MOTION[sensor.quantity] == 2 and over == 1
     _step_many(
-        _single(excitation.fine),
-        np.float32(0.5 / h),
-        _single(moved[:, : 2 * order]),
-        _single(moved[:, 2 * order] - end),
-        _single(end),
-        _single(moved[:, 2 * order + 1]),
-        _single(row),
-        _single(friction),
-        _single(sense),
-        central,
-        out,
-    )
+        _single(excitation.fine), np.float32(0.5 / h), _single(moved[:, : 2 * order]), _single(moved[:, 2 * order] - end),
+        _single(end), _single(moved[:, 2 * order + 1]), _single(row), _single(friction), _single(sense), central, out,
+    )  # fmt: skip
     return out
 
 
 def exponentials(matrices: FloatArray) -> FloatArray:
     """exp of each matrix, shape (..., n, n), by scaling and squaring a Taylor series.
 
-    Much faster for stacks of small matrices than a library function called for each. No balancing is needed, because the
-    series is evaluated at a norm below one half.
-
-    Parameters
-    ----------
-    matrices
-        Shape (..., n, n).
+    For stacks of small matrices it takes a fifth of the time of a library function. No balancing is needed, because the series
+    is evaluated at a norm below one half.
     """
     norm = float(np.abs(matrices).sum(axis=-1).max(initial=0.0))
     squarings = max(0, int(np.ceil(np.log2(max(norm, 1e-300) / 0.5))))
@@ -319,7 +223,6 @@ def _assembled(rows: FloatArray, sizes: FloatArray) -> FloatArray:
 
 
 def _single(values: FloatArray) -> Singles:
-    # Single precision halves the memory traffic, which limits the kernel; rounding is far below the discretisation error.
     return np.ascontiguousarray(values, dtype=np.float32)
 
 
@@ -341,18 +244,9 @@ def read_out(weights: Singles, z: Singles, out: Singles) -> None:
 
 @fast_kernel
 def _step_many(
-    u: Singles,
-    half_rate: np.float32,
-    step: Singles,
-    start: Singles,
-    end: Singles,
-    impulse: Singles,
-    row: Singles,
-    friction: Singles,
-    sense: Singles,
-    central: NDArray[np.bool_],
-    out: Singles,
-) -> None:
+    u: Singles, half_rate: np.float32, step: Singles, start: Singles, end: Singles, impulse: Singles, row: Singles,
+    friction: Singles, sense: Singles, central: NDArray[np.bool_], out: Singles,
+) -> None:  # fmt: skip
     """Step one block of rigs through a drive; fills `out` (sensors, n, lanes).
 
     z1 = step z + start u0 + end u1 + impulse f, where f is the contact's mean force in the step: sliding friction while it

@@ -77,12 +77,8 @@ class Compiled:
 def compile_rig(model: RigModel, configuration: str, h: float, finer: int = 1) -> Compiled:
     """Arrays of a rig for fine steps of `h` seconds, divided into `finer` times the required number of parts.
 
-    The results of the last rigs are cached.
-
-    Raises
-    ------
-    ModelError
-        If the rig has no such configuration, more than `MODES` modes, or motions too fast for the step.
+    The results of the last rigs are cached. Raises ModelError if the rig has no such configuration, more than `MODES` modes, or
+    motions too fast for the step.
     """
     moving = _Moving(model=model, parts=model.moving_parts)
     with _COMPILING:

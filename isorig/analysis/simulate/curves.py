@@ -6,12 +6,12 @@ They are compiled separately from the engine that calls them, so that a new or c
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.jit import inlined, kernel, separate_kernel
+from isorig.analysis.jit import inlined, kernel, separate_kernel, uncached
 from isorig.analysis.laws import FORMULAS
 from isorig.analysis.laws.elements import Formula
 
@@ -36,109 +36,53 @@ def code_of(formula: Formula | None) -> int:
     return -1 if formula is None else CODES[formula]
 
 
-def _chosen(kernels: Sequence[Callable[..., Any]], first: int, either: Callable[..., Any]) -> Callable[..., Any]:
+def _chosen(kernels: Sequence[Callable[..., Any]], first: int) -> Callable[..., Any]:
     """A kernel that selects one of several, numbered from `first` on, by bisection."""
     if len(kernels) == 1:
         return kernels[0]
     middle = len(kernels) // 2
-    low, high = _chosen(kernels[:middle], first, either), _chosen(kernels[middle:], first + middle, either)
-    return cast("Callable[..., Any]", either(first + middle, low, high))
+    border, low, high = first + middle, _chosen(kernels[:middle], first), _chosen(kernels[middle:], first + middle)
+
+    @uncached
+    def either(code: int, *given: Any) -> Any:
+        if code < border:
+            return low(code, *given)
+        return high(code, *given)
+
+    return either
 
 
-def _resisting(law: Callable[..., float]) -> Callable[..., tuple[float, float]]:
-    @inlined
-    def resisting(
+def _numbered(law: Callable[..., Any]) -> Callable[..., Any]:
+    """The kernel of a law as one that is selected by a number."""
+
+    @uncached
+    def numbered(code: int, *given: Any) -> Any:
+        return law(*given)
+
+    return numbered
+
+
+def _at_two_points(law: Callable[..., float]) -> Callable[..., tuple[float, float]]:
+    @uncached
+    def at_two_points(
         code: int, p: FloatArray, gate: float, dm: float, vm: float, tm: float, d1: float, v1: float, t1: float
     ) -> tuple[float, float]:
         return law(p, gate, dm, vm, tm), law(p, gate, d1, v1, t1)
 
-    return resisting
+    return at_two_points
 
 
-def _either_resisting(border: int, low: Callable[..., Any], high: Callable[..., Any]) -> Callable[..., tuple[float, float]]:
-    @inlined
-    def resisting(
-        code: int, p: FloatArray, gate: float, dm: float, vm: float, tm: float, d1: float, v1: float, t1: float
-    ) -> tuple[float, float]:
-        if code < border:
-            return low(code, p, gate, dm, vm, tm, d1, v1, t1)
-        return high(code, p, gate, dm, vm, tm, d1, v1, t1)
-
-    return resisting
-
-
-def _recalling(law: Callable[..., float]) -> Callable[..., float]:
-    @inlined
-    def recalling(code: int, p: FloatArray, gate: float, memory: FloatArray, d: float, v: float, t: float) -> float:
-        return law(p, gate, memory, d, v, t)
-
-    return recalling
-
-
-def _either_recalling(border: int, low: Callable[..., float], high: Callable[..., float]) -> Callable[..., float]:
-    @inlined
-    def recalling(code: int, p: FloatArray, gate: float, memory: FloatArray, d: float, v: float, t: float) -> float:
-        if code < border:
-            return low(code, p, gate, memory, d, v, t)
-        return high(code, p, gate, memory, d, v, t)
-
-    return recalling
-
-
-def _carrying(law: Callable[..., None]) -> Callable[..., None]:
-    @inlined
-    def carrying(
-        code: int, p: FloatArray, memory: FloatArray, after: FloatArray, d0: float, d1: float, v0: float, vm: float, v1: float,
-        low: float, high: float, h: float,
-    ) -> None:  # fmt: skip
-        law(p, memory, after, d0, d1, v0, vm, v1, low, high, h)
-
-    return carrying
-
-
-def _either_carrying(border: int, first: Callable[..., None], second: Callable[..., None]) -> Callable[..., None]:
-    @inlined
-    def carrying(
-        code: int, p: FloatArray, memory: FloatArray, after: FloatArray, d0: float, d1: float, v0: float, vm: float, v1: float,
-        low: float, high: float, h: float,
-    ) -> None:  # fmt: skip
-        if code < border:
-            first(code, p, memory, after, d0, d1, v0, vm, v1, low, high, h)
-        else:
-            second(code, p, memory, after, d0, d1, v0, vm, v1, low, high, h)
-
-    return carrying
-
-
-@inlined
+@uncached
 def no_kink(p: FloatArray, memory: FloatArray, d: float, sign: float) -> float:
     """Of a law whose force has kinks only where the velocity changes sign."""
     return np.inf
 
 
-def _approaching(law: Callable[..., float]) -> Callable[..., float]:
-    @inlined
-    def approaching(code: int, p: FloatArray, memory: FloatArray, d: float, sign: float) -> float:
-        return law(p, memory, d, sign)
-
-    return approaching
-
-
-def _either_approaching(border: int, low: Callable[..., float], high: Callable[..., float]) -> Callable[..., float]:
-    @inlined
-    def approaching(code: int, p: FloatArray, memory: FloatArray, d: float, sign: float) -> float:
-        if code < border:
-            return low(code, p, memory, d, sign)
-        return high(code, p, memory, d, sign)
-
-    return approaching
-
-
 # For the laws without memory, and for those with memory.
-_plain = _chosen([_resisting(formula.resist) for formula in PLAIN], 0, _either_resisting)
-_recall = _chosen([_recalling(formula.resist) for formula in WITH_MEMORY], MEMORY, _either_recalling)
-_carry = _chosen([_carrying(formula.carry) for formula in FORMULAS if formula.carry], MEMORY, _either_carrying)
-_to_kink = _chosen([_approaching(formula.to_kink or no_kink) for formula in WITH_MEMORY], MEMORY, _either_approaching)
+_plain = _chosen([_at_two_points(formula.resist) for formula in PLAIN], 0)
+_recall = _chosen([_numbered(formula.resist) for formula in WITH_MEMORY], MEMORY)
+_carry = _chosen([_numbered(formula.carry) for formula in FORMULAS if formula.carry], MEMORY)
+_to_kink = _chosen([_numbered(formula.to_kink or no_kink) for formula in WITH_MEMORY], MEMORY)
 
 
 @separate_kernel(_signature(TWO, WHOLE, ROW, *7 * (NUMBER,)))

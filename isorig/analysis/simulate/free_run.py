@@ -11,6 +11,7 @@ import numpy as np
 
 from isorig.analysis.campaign import MOTION, SI_UNIT, FloatArray, IntArray, Run
 from isorig.analysis.errors import SimulationError
+from isorig.analysis.laws.tables import read
 from isorig.analysis.lowpass import velocity_corner
 from isorig.analysis.model.rig_model import Chain, Drive, RigModel, direction
 from isorig.analysis.rounding import is_command
@@ -54,7 +55,8 @@ def record(model: RigModel, motion: Mapping[str, FloatArray], rate: float) -> di
         if chain.taps:
             y = np.convolve(y, chain.taps, mode="same")
         if chain.bend:
-            y = y + _bent(y, chain.bend)
+            at, added = zip(*chain.bend, strict=True)
+            y = y + read(at, added, y, straight=True)
         if chain.offset:
             y = y + chain.offset
         for source, fraction in chain.crosstalk.items():
@@ -66,23 +68,8 @@ def record(model: RigModel, motion: Mapping[str, FloatArray], rate: float) -> di
     return out
 
 
-def _bent(values: FloatArray, bend: tuple[tuple[float, float], ...]) -> FloatArray:
-    from scipy.interpolate import CubicSpline
-
-    at, added = np.array(bend).T
-    curve = CubicSpline(at, added, bc_type="natural")
-    inside = np.clip(values, at[0], at[-1])
-    slope = np.where(values < at[0], curve(at[0], 1), curve(at[-1], 1))
-    return np.asarray(curve(inside) + slope * (values - inside))
-
-
-def true_drive(model: RigModel, excitation: Excitation) -> FloatArray:
-    """The drive channel's true values: the record with its chain's offset, gain and delay corrected."""
-    return _true(model.drive.chain, excitation.recorded, excitation.sample_rate)
-
-
 def true_drives(model: RigModel, excitation: Excitation) -> dict[str, FloatArray]:
-    """The same of every drive by channel."""
+    """True values of every drive by channel: its record with its chain's offset, gain and delay corrected."""
     return {
         drive.channel: _true(drive.chain, each.recorded, each.sample_rate)
         for drive, each in zip(model.drives, (excitation, *excitation.others), strict=True)
@@ -98,12 +85,8 @@ def _true(chain: Chain, values: FloatArray, rate: float) -> FloatArray:
 def excitation_of(model: RigModel, run: Run, *, oversample: int = 8, stop: int | None = None) -> Excitation:
     """The recorded drives of a run, up to sample `stop`; a command that pushes is held from sample to sample.
 
-    A position or velocity that is imposed is differentiated, so it is taken without the frequencies at which it is noise.
-
-    Raises
-    ------
-    DataError
-        If the run lacks one of them.
+    A position or velocity that is imposed is differentiated, so it is taken without the frequencies at which it is noise. Raises
+    DataError if the run lacks one of them.
     """
     first, *others = (
         Excitation.prepare(
@@ -111,16 +94,14 @@ def excitation_of(model: RigModel, run: Run, *, oversample: int = 8, stop: int |
             run.sample_rate,
             oversample=oversample,
             held=drive.imposes is None and is_command(values),
-            corner=velocity_corner(values, run.sample_rate) if _differentiated(drive) else np.inf,
+            corner=velocity_corner(values, run.sample_rate)
+            if drive.imposes is not None and MOTION[drive.quantity] < 2
+            else np.inf,
         )
         for drive in model.drives
         for values in [run.channel(drive.channel).read(0, stop)]
     )
     return replace(first, others=tuple(others))
-
-
-def _differentiated(drive: Drive) -> bool:
-    return drive.imposes is not None and MOTION[drive.quantity] < 2
 
 
 def sense_of(model: RigModel, compiled: Compiled) -> FloatArray:
@@ -151,19 +132,10 @@ def response_of(model: RigModel, excitation: Excitation, motion: FloatArray, n: 
 
 
 def run_rig(
-    model: RigModel,
-    configuration: str,
-    drive: FloatArray,
-    h: float,
-    start_time: float,
-    sense: FloatArray,
-    out: FloatArray,
-    *,
-    begun: Mapping[str, tuple[float, float]] = NOWHERE,
-    curved: FloatArray | None = None,
-    modes: IntArray | None = None,
+    model: RigModel, configuration: str, drive: FloatArray, h: float, start_time: float, sense: FloatArray, out: FloatArray, *,
+    begun: Mapping[str, tuple[float, float]] = NOWHERE, curved: FloatArray | None = None, modes: IntArray | None = None,
     log: FloatArray | None = None,
-) -> tuple[int, Compiled]:
+) -> tuple[int, Compiled]:  # fmt: skip
     """Simulate a rig under its true drives; return the number of changes of state, and the arrays used.
 
     Parameters
@@ -273,13 +245,8 @@ def _imposed(drive: Drive, excitation: Excitation) -> tuple[FloatArray, FloatArr
 def initial_state(
     model: RigModel, configuration: str, compiled: Compiled, imposed: Mapping[str, tuple[float, float]]
 ) -> tuple[FloatArray, int]:
-    """Initial coordinates and speeds, shape (2 n,), and the initial mode: contacts with a relative speed slide.
-
-    Raises
-    ------
-    SimulationError
-        If links that are rigid in this configuration do not allow the initial state.
-    """
+    """Initial coordinates and speeds, shape (2 n,), and the initial mode: contacts with a relative speed slide. Raises
+    SimulationError if links that are rigid in this configuration do not allow the initial state."""
     setup = model.configurations[configuration]
     order = compiled.basis.shape[1]
     start = np.zeros(2 * order)

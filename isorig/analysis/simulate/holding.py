@@ -23,12 +23,7 @@ def shared(rows: FloatArray, grips: FloatArray) -> FloatArray:
     If the motion does not determine the forces, the sum of force^2 / grip is minimised: parallel contacts share the force in
     proportion to their breakaway forces.
 
-    Parameters
-    ----------
-    rows
-        Directions, shape (contacts, n).
-    grips
-        Breakaway forces in N, shape (contacts,).
+    `rows` are the directions, shape (contacts, n), and `grips` the breakaway forces in N, shape (contacts,).
     """
     compliance = rows @ rows.T
     if len(rows) == 1:

@@ -181,7 +181,7 @@ def _without_faults(motion: Motion, chains: Mapping[str, Chain]) -> Motion:
 
 def _resistances(model: RigModel, motion: Motion, part: Link | Contact) -> tuple[FloatArray, FloatArray]:
     # Force against the motion, and where the velocity is not resolved, that of slow sliding backward and forward.
-    d, v = _relative(motion, part)
+    d, v = (of[part.a] - (0.0 if part.b == GROUND else of[part.b]) for of in (motion.position, motion.velocity))
     blur = RESOLVED * float(np.hypot(motion.blur.get(part.a, 0.0), motion.blur.get(part.b, 0.0)))
     slow = np.abs(v) < blur
     laws = part.laws if isinstance(part, Link) else (part.law,)
@@ -192,10 +192,3 @@ def _resistances(model: RigModel, motion: Motion, part: Link | Contact) -> tuple
         ends = [law.along(d, speed, motion.sample_rate, constants) for speed in speeds]
         backward, forward = backward + ends[0], forward + ends[-1]
     return backward, forward
-
-
-def _relative(motion: Motion, part: Link | Contact) -> tuple[FloatArray, FloatArray]:
-    d, v = motion.position[part.a], motion.velocity[part.a]
-    if part.b == GROUND:
-        return d, v
-    return d - motion.position[part.b], v - motion.velocity[part.b]

@@ -501,22 +501,9 @@ def from_event_to_event(
 
 @allocating_kernel
 def run(
-    u: FloatArray,
-    more: FloatArray,
-    peaks: FloatArray,
-    start: FloatArray,
-    mode: int,
-    cuts: int,
-    t0: float,
-    rig: Rig,
-    sense: FloatArray,
-    out: FloatArray,
-    curved: FloatArray,
-    modes: IntArray,
-    log: FloatArray,
-    split_share: float,
-    memories: int,
-) -> int:
+    u: FloatArray, more: FloatArray, peaks: FloatArray, start: FloatArray, mode: int, cuts: int, t0: float, rig: Rig,
+    sense: FloatArray, out: FloatArray, curved: FloatArray, modes: IntArray, log: FloatArray, split_share: float, memories: int,
+) -> int:  # fmt: skip
     """Simulate a rig under its drives on a fine grid.
 
     Parameters

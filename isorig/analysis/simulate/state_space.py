@@ -54,14 +54,8 @@ class StateSpace:
 @shows(RigModel, "state_space")
 def state_space(model: RigModel, configuration: str | None = None) -> StateSpace:
     """The springs, dampers, masses, drives and sensors of a rig in a configuration; without friction, laws and chain faults.
-
-    Raises
-    ------
-    ArgumentError
-        The configuration is no text.
-    ModelError
-        The configuration is unknown, a motion is imposed by other than its acceleration, or a sensor records a force.
-    """
+    Raises ArgumentError if the configuration is no text; ModelError if the configuration is unknown, a motion is imposed by other
+    than its acceleration, or a sensor records a force."""
     name = given_configuration(model, configuration)
     basis, mass, damping, stiffness = linear_part(model, name)
     other = next((drive for drive in model.drives if drive.imposes is not None and MOTION.get(drive.quantity) != 2), None)

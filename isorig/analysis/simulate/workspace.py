@@ -170,36 +170,15 @@ def room(rig: Rig, memories: int) -> Motion:
     rows = 8 * (groups // rig.terms)
     taylor, ahead, leaped = np.zeros((groups, 8)), np.zeros((blocks, 8)), np.zeros((rig.leap.shape[1], 8))
     return Motion(
-        y=np.zeros(rig.whole.shape[2]),
-        gate=np.zeros(curves),
-        largest=np.zeros(curves),
-        floor=np.zeros(curves),
-        d0=np.zeros(curves),
-        v0=np.zeros(curves),
-        ends=np.zeros(curves),
-        inner=np.zeros((curves, memories)),
-        half=np.zeros(memories),
-        after=np.zeros((curves, memories)),
-        spare=np.zeros((curves, memories)),
-        ratio=np.zeros(1),
-        base=np.zeros((blocks, 8)),
-        ahead=ahead,
-        reached=ahead.reshape(-1),
-        known_drives=np.zeros(rig.leap.shape[2]),
-        leaped=leaped,
-        landed=leaped.reshape(-1),
-        nothing=np.zeros((rig.leap.shape[1], 8)),
-        still=np.zeros((groups, 8)),
-        known=np.zeros((groups, 8)),
-        taylor=taylor,
-        columns=taylor.reshape(rig.terms, rows),
-        end=np.zeros(rows),
-        middle=np.zeros(rows),
-        quarter=np.zeros(rows),
-        p=np.zeros(rig.terms),
-        speeds=np.zeros(rig.n),
+        y=np.zeros(rig.whole.shape[2]), gate=np.zeros(curves), largest=np.zeros(curves), floor=np.zeros(curves),
+        d0=np.zeros(curves), v0=np.zeros(curves), ends=np.zeros(curves), inner=np.zeros((curves, memories)),
+        half=np.zeros(memories), after=np.zeros((curves, memories)), spare=np.zeros((curves, memories)), ratio=np.zeros(1),
+        base=np.zeros((blocks, 8)), ahead=ahead, reached=ahead.reshape(-1), known_drives=np.zeros(rig.leap.shape[2]),
+        leaped=leaped, landed=leaped.reshape(-1), nothing=np.zeros((rig.leap.shape[1], 8)), still=np.zeros((groups, 8)),
+        known=np.zeros((groups, 8)), taylor=taylor, columns=taylor.reshape(rig.terms, rows), end=np.zeros(rows),
+        middle=np.zeros(rows), quarter=np.zeros(rows), p=np.zeros(rig.terms), speeds=np.zeros(rig.n),
         rests=np.zeros(len(rig.kinds), dtype=np.int64),
-    )
+    )  # fmt: skip
 
 
 @kernel

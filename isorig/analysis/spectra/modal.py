@@ -69,15 +69,10 @@ class ModeShape:
 
 @dataclass(frozen=True, kw_only=True)
 class ShapedMode(ModeShape):
-    """A mode that all transfer functions share.
+    """A mode that all transfer functions share, with the frequency bins in its bandwidth 2 zeta f.
 
-    Parameters
-    ----------
-    constants
-        Modal constants, shape (responses, references): products of the mass-normalized shape at response and reference if the
-        references are forces (1/kg).
-    lines
-        Frequency bins in the bandwidth 2 zeta f.
+    The modal `constants`, shape (responses, references), are products of the mass-normalized shape at response and reference if
+    the references are forces (1/kg).
     """
 
     constants: ComplexArray

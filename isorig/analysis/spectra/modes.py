@@ -192,15 +192,8 @@ def solved_modes(
     frf: Frf, band: tuple[float, float], *, kind: Kind, guesses: Sequence[tuple[float, float]] = (), residuals: int = 2,
     tapered: bool = True,
 ) -> SolvedModes:  # fmt: skip
-    """The modes of `fit_modes`, whose arguments these are, without their uncertainties, which take half of its time.
-
-    Raises
-    ------
-    DataError
-        The band has too few frequency bins.
-    FitError
-        The fit finds no mode within the band.
-    """
+    """The modes of `fit_modes`, whose arguments these are, without their uncertainties, which take half of its time. Raises
+    DataError if the band has too few frequency bins, FitError if the fit finds no mode within the band."""
     from scipy.optimize import least_squares
 
     kept = (frf.frequency >= band[0]) & (frf.frequency <= band[1]) & (frf.frequency > 0.0)

@@ -45,10 +45,7 @@ LEAST_WIDTH = 0.005
 class OperatingMode(ModeShape):
     """A mode of a machine in operation.
 
-    Parameters
-    ----------
-    variation
-        Relative variance of the squared envelope around it: 1 for a mode that noise excites, 0 for a harmonic.
+    `variation` is the relative variance of the squared envelope around it: 1 for a mode that noise excites, 0 for a harmonic.
     """
 
     variation: float
@@ -98,9 +95,12 @@ def operating_modes(
     FitError
         pyOMA2 is not installed, or no pole persists.
     """
+    from scipy.signal import detrend, resample_poly
+
     low, high = band
     _check(records, rate, band)
-    values, reduced = _reduced(records, rate, high)
+    step = max(int(rate / (RATE * high)), 1)
+    values, reduced = np.asarray(resample_poly(detrend(records, axis=1), 1, step, axis=1)), rate / step
     result = _identified(values, reduced, min(LAGS[1], max(LAGS[0], int(np.ceil(reduced / (2.0 * low))))))
     places = _poles(result, band)
     std = {pole: float(result.Fn_poles_std[place]) for pole, place in places.items()}
@@ -164,13 +164,6 @@ def _check(records: FloatArray, rate: float, band: tuple[float, float]) -> None:
             f"the record of {seconds:.4g} s has {seconds * band[0]:.0f} periods of {band[0]:g} Hz, and {PERIODS} are needed; "
             f"measure for {PERIODS / band[0]:.0f} s, or give a higher lower end of the band"
         )
-
-
-def _reduced(records: FloatArray, rate: float, high: float) -> tuple[FloatArray, float]:
-    from scipy.signal import detrend, resample_poly
-
-    step = max(int(rate / (RATE * high)), 1)
-    return np.asarray(resample_poly(detrend(records, axis=1), 1, step, axis=1)), rate / step
 
 
 def _identified(values: FloatArray, rate: float, lags: int) -> Any:

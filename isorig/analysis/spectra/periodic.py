@@ -1,7 +1,9 @@
 """Periodic drives, period by period: the transfer function, with separate noise and distortion.
 
-Differences between periods are noise; additional differences between realizations of the drive (other phases) are nonlinear
-distortion (robust method: Pintelon and Schoukens, System Identification, 2012, 4.3).
+Differences between periods are noise. Distortion shows in two ways (Pintelon and Schoukens, System Identification, 2012, 4.3): in
+several runs by additional differences between realizations of the drive, which have other phases (robust method); in one run with
+a multisine in the frequencies that it omits, because distortion is periodic like the drive (fast method): even multiples show
+even distortion, odd ones odd distortion.
 """
 
 from __future__ import annotations
@@ -119,3 +121,43 @@ def driven_lines(drives: Sequence[ComplexArray], where: str) -> IntArray:
     if not kept.any():
         raise DataError(f"run {where!r} has a drive without content; check its channel")
     return np.flatnonzero(kept)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Detection:
+    """Composition of a response within the band of the drive, relative to the rms at the excited frequencies.
+
+    Noise is the rms in a frequency bin of one period; odd and even distortion are the rms in a bin that is not excited, corrected
+    for noise. There were so many whole periods after the first.
+    """
+
+    response: str
+    periods: int
+    noise: float
+    odd: float
+    even: float
+
+
+def detect(run: Run, *, response: str, reference: str) -> Detection:
+    """Separate noise and distortion in a run with a periodic drive. Raises DataError if the run has no period, too few of them,
+    no drive, or one that excites every frequency."""
+    drive, answer = settled_periods(run, (reference, response))
+    count = len(answer)
+    line = np.arange(drive.shape[1])
+    driven = np.isin(line, driven_lines([drive.mean(axis=0)], run.id))
+    inside = (line >= line[driven][0]) & (line <= line[driven][-1])
+    free = inside & ~driven
+    if not free.any():
+        raise DataError(f"run {run.id!r} excites every frequency of its band; measure it with a multisine that omits some")
+    mean = answer.mean(axis=0)
+    variance = np.var(answer, axis=0, ddof=1)
+    level = float(np.sqrt(np.mean(np.abs(mean[driven]) ** 2))) or 1.0
+    beyond = np.abs(mean) ** 2 - variance / count
+    return Detection(
+        response=response, periods=count, noise=_rms(variance[inside]) / level, odd=_rms(beyond[free & (line % 2 == 1)]) / level,
+        even=_rms(beyond[free & (line % 2 == 0)]) / level,
+    )  # fmt: skip
+
+
+def _rms(power: FloatArray) -> float:
+    return float(np.sqrt(max(float(power.mean()), 0.0))) if len(power) else 0.0

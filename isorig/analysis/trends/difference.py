@@ -98,13 +98,9 @@ class ProblemWithPriors(Problem):
 
 
 def explanations(
-    campaign: Campaign,
-    earlier: RigModel,
-    scatter: Mapping[str, float],
-    *,
-    today: Mapping[str, float] | None = None,
+    campaign: Campaign, earlier: RigModel, scatter: Mapping[str, float], *, today: Mapping[str, float] | None = None,
     changed: Mapping[str, float] | None = None,
-) -> tuple[CauseOfChange, ...]:
+) -> tuple[CauseOfChange, ...]:  # fmt: skip
     """Possible changes between an earlier fit and a campaign, best first; empty if scatter alone explains the campaign.
 
     Every parameter of the baseline alone, and every cause of the catalogue, is fitted to the campaign, while all others keep

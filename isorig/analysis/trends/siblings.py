@@ -50,14 +50,10 @@ def siblings(levels: Mapping[str, float], risk: float) -> Siblings:
         worst = int(distance.argmax())
         order.append(int(left[worst]))
         left = np.delete(left, worst)
-        if distance[worst] > _critical(n, i, risk):
+        quantile = student.ppf(1.0 - risk / (2.0 * (n - i + 1)), n - i - 1)
+        if distance[worst] > (n - i) * quantile / np.sqrt((n - i - 1 + quantile**2) * (n - i + 1)):
             odd = i
     kept = np.delete(level, order[:odd])
     middle, spread = (float(kept.mean()), float(kept.std(ddof=1)) if len(kept) > 1 else 0.0) if n else (0.0, 0.0)
     away = np.full(n, np.nan) if n < POLICY.fewest_rigs else (level - middle) / spread if spread > 0.0 else np.zeros(n)
     return Siblings(middle=middle, away=dict(zip(names, away.tolist(), strict=True)), odd=tuple(names[k] for k in order[:odd]))
-
-
-def _critical(n: int, i: int, risk: float) -> float:
-    quantile = student.ppf(1.0 - risk / (2.0 * (n - i + 1)), n - i - 1)
-    return float((n - i) * quantile / np.sqrt((n - i - 1 + quantile**2) * (n - i + 1)))

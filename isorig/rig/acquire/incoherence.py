@@ -16,10 +16,9 @@ import numpy as np
 
 from isorig.analysis.campaign import BoolArray, Campaign, FloatArray, Run
 from isorig.analysis.errors import DataError
-from isorig.analysis.spectra.detection import Detection
 from isorig.analysis.spectra.noise import noise_levels
 from isorig.analysis.spectra.overload import LONGEST
-from isorig.analysis.spectra.periodic import SETTLING
+from isorig.analysis.spectra.periodic import SETTLING, Detection
 from isorig.analysis.spectra.welch import WELL_DRIVEN, Spectra, estimate
 from isorig.rig.acquire.policy import DIFFERENT, LEVEL_RATIO, NOISE_RATIO, NOT_REPEATABLE, REPEATABLE
 

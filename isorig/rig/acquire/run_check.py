@@ -10,9 +10,9 @@ import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray, Run, broad
 from isorig.analysis.errors import DataError
-from isorig.analysis.spectra.detection import Detection, detect
 from isorig.analysis.spectra.hits import looks_hit
 from isorig.analysis.spectra.overload import LONGEST
+from isorig.analysis.spectra.periodic import Detection, detect
 from isorig.analysis.spectra.welch import Spectra, estimate
 from isorig.rig.acquire import policy
 from isorig.rig.acquire.incoherence import KINDS, Incoherence, driven_bins, incoherence

@@ -47,9 +47,8 @@ def next_(
     from isorig.rig.errors import PlanError, RigError
     from isorig.rig.files.output import write_text
     from isorig.rig.files.rivals import read_rivals
-    from isorig.rig.next.limits_file import limits_of
     from isorig.rig.next.page import proposal_page
-    from isorig.rig.next.plan_file import run_names, virtual_instrument_of, with_runs, write_plan
+    from isorig.rig.next.plan_file import limits_of, run_names, virtual_instrument_of, with_runs, write_plan
     from isorig.rig.next.proposal import propose, situation
     from isorig.rig.next.runs import planned
     from isorig.rig.next.sentences import reasons, summary

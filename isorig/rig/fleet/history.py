@@ -17,8 +17,7 @@ from isorig.analysis.trends import policy as trends
 from isorig.analysis.trends.change import DatedChange
 from isorig.analysis.trends.cusum import thresholds
 from isorig.analysis.trends.follow import Followed, follow
-from isorig.analysis.trends.scatter import Scatter, scatter_of
-from isorig.analysis.trends.series import Series
+from isorig.analysis.trends.series import Scatter, Series, scatter_of
 from isorig.analysis.trends.siblings import Siblings, siblings
 from isorig.analysis.wording import with_std
 from isorig.rig.errors import RigError
@@ -235,7 +234,8 @@ def followed(answers: pd.DataFrame, baseline: str, *, false_per_month: float | N
     scatter = {name: scatter_of(series) for name, series in by_name.items()}
     allowed = min(POLICY.false_alarms, POLICY.false_alarms_of_rig * len(raw)) if false_per_month is None else false_per_month
     rate = allowed / max(_tests_per_month(raw.values()), 2.0 * allowed)
-    freedom = {name: _coarse(s.freedom) for name, s in scatter.items()}
+    # Thresholds are computed once for each step of a tenth.
+    freedom = {name: float(1.1 ** np.floor(np.log(max(s.freedom, 1.0)) / np.log(1.1))) for name, s in scatter.items()}
     limits = {name: thresholds(rate, each) for name, each in freedom.items() if each >= trends.POLICY.fewest_freedom}
     rigs = {}
     for name, (_, version, waiting) in chosen.items():
@@ -340,11 +340,6 @@ def _tests_per_month(rigs: Iterable[Mapping[str, tuple[tuple[int, ...], str, Ser
             steps = np.diff(series.time)
             total += MONTH / max(float(np.median(steps)) if len(steps) else POLICY.unknown_interval, 1e-3)
     return total
-
-
-def _coarse(freedom: float) -> float:
-    # Thresholds are computed once for each step of a tenth.
-    return float(1.1 ** np.floor(np.log(max(freedom, 1.0)) / np.log(1.1)))
 
 
 def _named(campaigns: Sequence[DiagnosedCampaign]) -> list[NewCause]:

@@ -105,7 +105,7 @@ def from_findings(folder: Path, blank: StoredAnswer) -> StoredAnswer:
     ]
     reason = ""
     if found.cut_short and found.time_limit_s is not None:
-        rows.append(_limit(found.time_limit_s))
+        rows.append(StoredParameter(name=LIMIT, value=found.time_limit_s, std=math.nan, unit="s"))
         reason = f"the time limit of {found.time_limit_s:g} s ended the search for causes before all were tried"
     return msgspec.structs.replace(
         blank, verdict=found.verdict, cause=" + ".join(names), alike=" + ".join(sorted(alike)), reason=reason,
@@ -117,10 +117,6 @@ def _same(step: NamedCause) -> list[str]:
     # One campaign may identify the kind at a place, the next one its form: these are not different causes.
     forms = (step.kind,) if step.level == "form" else FORMS.get(step.kind, ())
     return [f"{word} at {step.location}" for word in forms]
-
-
-def _limit(seconds: float | None) -> StoredParameter:
-    return StoredParameter(name=LIMIT, value=math.nan if seconds is None else seconds, std=math.nan, unit="s")
 
 
 def _parameter(name: str, row: Value) -> StoredParameter | None:

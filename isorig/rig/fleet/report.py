@@ -79,10 +79,6 @@ def _verdict(fleet: Fleet) -> str:
     return f"{count} of {len(fleet.rigs)} rigs have changed, {changed[0].rig} last ({period(fleet, changed[0])})."
 
 
-def _rate(per_month: float) -> str:
-    return f"{per_month:.2g} a month" if per_month >= 1.0 else f"one in {1.0 / per_month:.2g} months"
-
-
 def _percent(share: float) -> str:
     return f"{100.0 * share:.0f} %" if share >= 1.0 else f"{100.0 * share:.2g} %"
 
@@ -101,10 +97,12 @@ def fitted_percent(share: float) -> str:
 def _summary(fleet: Fleet) -> list[str]:
     campaigns = [c for rig in fleet.rigs.values() for c in rig.campaigns]
     first, last = (end(campaigns, key=lambda c: c.started).day for end in (min, max))
+    rate = fleet.false_per_month
+    often = f"{rate:.2g} a month" if rate >= 1.0 else f"one in {1.0 / rate:.2g} months"
     sentences = [
         f"{len(campaigns)} campaigns from {first} to {last}, diagnosed with the {fleet.baseline} "
         f"baseline by version {', '.join(sorted({rig.version for rig in fleet.rigs.values()}))}.",
-        f"False alarms expected in the whole fleet: at most {_rate(fleet.false_per_month)}.",
+        f"False alarms expected in the whole fleet: at most {often}.",
     ]
     waiting = sum(rig.waiting for rig in fleet.rigs.values())
     if waiting:
@@ -115,45 +113,40 @@ def _summary(fleet: Fleet) -> list[str]:
     return sentences
 
 
+def _tabled(title: str, columns: Sequence[str], rows: Sequence[Sequence[Cell]], *text: str) -> Section:
+    return Section(title=title, text=text, tables=[Table(columns=columns, rows=rows)])
+
+
 def _changes(fleet: Fleet, explanations: Explanations, anchors: Mapping[str, str]) -> Section:
+    if not fleet.incidents:
+        return Section(title="What changed", text=["No parameter has left its level, and no new cause is named."])
     rows: list[tuple[Cell, ...]] = []
     for incident in fleet.incidents[:LATEST]:
         found = explanations.get(name_of(fleet, incident))
         named = "; ".join(words(n.cause) for n in incident.named)
-        campaign = fleet.rigs[incident.rig].campaigns[incident.alarm]
         rows.append(
             (
                 PageLink(text=incident.rig, page=anchors[incident.rig]), period(fleet, incident),
                 "; ".join(changes_words(incident)) or "verdict",
-                named or ("not searched for" if found is None else explained(found)), campaign.day,
+                named or ("not searched for" if found is None else explained(found)),
+                fleet.rigs[incident.rig].campaigns[incident.alarm].day,
             )
         )  # fmt: skip
-    if not rows:
-        return Section(title="What changed", text=["No parameter has left its level, and no new cause is named."])
     more = len(fleet.incidents) - len(rows)
-    return Section(
-        title="What changed",
-        text=[f"{more} earlier changes are on the rigs' pages."] if more > 0 else [],
-        tables=[Table(columns=("rig", "changed", "what", "cause", "alarm"), rows=rows)],
-    )
+    earlier = [f"{more} earlier changes are on the rigs' pages."] if more > 0 else []
+    return _tabled("What changed", ("rig", "changed", "what", "cause", "alarm"), rows, *earlier)
 
 
 def _glance(fleet: Fleet, rigs: Sequence[TrackedRig], anchors: Mapping[str, str]) -> Section:
     names = [name for name in fleet.scatter if sum(name in rig.tracks for rig in rigs) > len(rigs) / 2]
-    rows: list[tuple[Cell, ...]] = []
-    for rig in rigs:
-        last = rig.campaigns[-1]
-        rows.append(
-            (
-                PageLink(text=rig.name, page=anchors[rig.name]), state_of(fleet, rig), last.day,
-                last.verdict, *(_spark(rig.tracks[name]) if name in rig.tracks else "–" for name in names),
-            )
-        )  # fmt: skip
-    return Section(
-        title="All rigs",
-        text=[SHORT],
-        tables=[Table(columns=("rig", "state", "last", "verdict", *(parameter_words(n) for n in names)), rows=rows)],
-    )
+    rows = [
+        (
+            PageLink(text=rig.name, page=anchors[rig.name]), state_of(fleet, rig), rig.campaigns[-1].day,
+            rig.campaigns[-1].verdict, *(_spark(rig.tracks[name]) if name in rig.tracks else "–" for name in names),
+        )
+        for rig in rigs
+    ]  # fmt: skip
+    return _tabled("All rigs", ("rig", "state", "last", "verdict", *map(parameter_words, names)), rows, SHORT)
 
 
 def _spark(track: Track) -> Cell:
@@ -162,41 +155,33 @@ def _spark(track: Track) -> Cell:
 
 
 def _odd(fleet: Fleet, anchors: Mapping[str, str]) -> Section:
-    rows: list[tuple[Cell, ...]] = []
-    for name, found in fleet.siblings.items():
-        for rig in found.odd:
-            track = fleet.rigs[rig].tracks[name]
-            rows.append(
-                (
-                    PageLink(text=rig, page=anchors[rig]), parameter_words(name), with_unit(track.level, track.unit),
-                    with_unit(track.plain(found.middle), track.unit), difference_words(found.away[rig]),
-                )
-            )  # fmt: skip
-    if not rows:
+    odd = [(name, found, rig, fleet.rigs[rig].tracks[name]) for name, found in fleet.siblings.items() for rig in found.odd]
+    if not odd:
         return Section(title="Outlying rigs", text=["No rig differs from the others by more than their spread."])
+    rows = [
+        (
+            PageLink(text=rig, page=anchors[rig]), parameter_words(name), with_unit(track.level, track.unit),
+            with_unit(track.plain(found.middle), track.unit), difference_words(found.away[rig]),
+        )
+        for name, found, rig, track in odd
+    ]  # fmt: skip
     columns = ("rig", "parameter", "its level", "the others' mean", "difference, standard deviations of the others")
-    return Section(
-        title="Outlying rigs",
-        text=["These rigs differ from the others by more than their spread, even if they have not changed."],
-        tables=[Table(columns=columns, rows=rows)],
-    )
+    text = "These rigs differ from the others by more than their spread, even if they have not changed."
+    return _tabled("Outlying rigs", columns, rows, text)
 
 
 def _scatter(fleet: Fleet) -> Section:
     rows = []
     for name, found in fleet.scatter.items():
-        track = next(rig.tracks[name] for rig in fleet.rigs.values() if name in rig.tracks)
-        size = _percent(found.variance**0.5) if track.log else with_unit(found.variance**0.5, track.unit, 2)
-        fitted = float(np.median(np.concatenate([r.tracks[name].series.std for r in fleet.rigs.values() if name in r.tracks])))
-        own = fitted_percent(fitted) if track.log else with_unit(fitted, track.unit, 2)
+        tracks = [rig.tracks[name] for rig in fleet.rigs.values() if name in rig.tracks]
+        log, unit = tracks[0].log, tracks[0].unit
+        between, fitted = found.variance**0.5, float(np.median(np.concatenate([track.series.std for track in tracks])))
+        sizes = (_percent(between), fitted_percent(fitted)) if log else (with_unit(between, unit, 2), with_unit(fitted, unit, 2))
         limits = fleet.limits.get(name)
         shown = "too few campaigns" if limits is None else ", ".join(f"{limit:.2g}" for limit in limits)
-        rows.append((parameter_words(name), size, own, f"{found.freedom:.0f}", shown))
-    return Section(
-        title="Campaign-to-campaign scatter",
-        text=[SCATTER],
-        tables=[Table(columns=("parameter", "between campaigns", "of a fit", "degrees of freedom", "thresholds"), rows=rows)],
-    )
+        rows.append((parameter_words(name), *sizes, f"{found.freedom:.0f}", shown))
+    columns = ("parameter", "between campaigns", "of a fit", "degrees of freedom", "thresholds")
+    return _tabled("Campaign-to-campaign scatter", columns, rows, SCATTER)
 
 
 def _without(fleet: Fleet) -> list[Section]:
@@ -269,10 +254,8 @@ def _parameters(fleet: Fleet, rig: TrackedRig) -> Section:
         rows.append(
             (parameter_words(name), number(track.level, 5), number(std, 2), track.unit, away, "odd" if name in odd else "")
         )
-    return Section(
-        title="Parameters compared with the other rigs",
-        tables=[Table(columns=("parameter", "level", "std", "unit", "difference, standard deviations", ""), rows=rows)],
-    )
+    columns = ("parameter", "level", "std", "unit", "difference, standard deviations", "")
+    return _tabled("Parameters compared with the other rigs", columns, rows)
 
 
 def _chart(rig: TrackedRig) -> Chart:
@@ -325,8 +308,5 @@ def _campaigns(rig: TrackedRig) -> Section:
         for c in reversed(rig.campaigns[-LISTED:])
     ]
     more = len(rig.campaigns) - len(rows)
-    return Section(
-        title="Campaigns",
-        text=[f"{more} earlier ones are in the catalogue."] if more > 0 else [],
-        tables=[Table(columns=("campaign", "began", "verdict", "named", "content"), rows=rows)],
-    )
+    earlier = [f"{more} earlier ones are in the catalogue."] if more > 0 else []
+    return _tabled("Campaigns", ("campaign", "began", "verdict", "named", "content"), rows, *earlier)

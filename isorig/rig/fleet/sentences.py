@@ -97,7 +97,11 @@ def coinciding_events(fleet: Fleet, incident: Incident) -> list[str]:
     rig = fleet.rigs[incident.rig]
     begin, end = rig.campaigns[incident.last_before].started, rig.campaigns[incident.first_after].started
     sentences = []
-    others = [other for other in fleet.incidents if other.rig != rig.name and _coincides(fleet, other, begin, end)]
+    others = [
+        other for other in fleet.incidents
+        if other.rig != rig.name and is_confirmed(other)
+        and begin < fleet.rigs[other.rig].campaigns[other.first].started <= end
+    ]  # fmt: skip
     if others:
         names = ", ".join(dict.fromkeys(other.rig for other in others))
         sentences.append(
@@ -113,10 +117,6 @@ def coinciding_events(fleet: Fleet, incident: Incident) -> list[str]:
     if new:
         sentences.append(f"Named since: {words(', '.join(new))}.")
     return sentences or ["No coinciding event is known."]
-
-
-def _coincides(fleet: Fleet, other: Incident, begin: float, end: float) -> bool:
-    return is_confirmed(other) and begin < fleet.rigs[other.rig].campaigns[other.first].started <= end
 
 
 def _pause(rig: TrackedRig, incident: Incident) -> list[str]:

@@ -37,15 +37,9 @@ class Work:
 
 
 def work_of(
-    catalogue: Catalogue,
-    baseline: Baseline,
-    *,
-    limit: float | None = None,
-    pages: bool = False,
-    again: bool = False,
-    reread: bool = False,
-    only: Sequence[Recording] | None = None,
-) -> Work:
+    catalogue: Catalogue, baseline: Baseline, *, limit: float | None = None, pages: bool = False, again: bool = False,
+    reread: bool = False, only: Sequence[Recording] | None = None,
+) -> Work:  # fmt: skip
     """Compare the folders with the catalogue; the entries of moved or replaced recordings are corrected.
 
     With `again`, recordings whose diagnosis failed or took too long are tried again; with `reread`, every file is read, not only
@@ -152,12 +146,9 @@ def _corrected(answer: StoredAnswer, first: Mapping[str, Recording], places: Set
 
 
 def update(
-    catalogue: Catalogue,
-    jobs: Sequence[DiagnosisJob],
-    *,
-    scheduler: str | None = None,
+    catalogue: Catalogue, jobs: Sequence[DiagnosisJob], *, scheduler: str | None = None,
     tell: Callable[[StoredAnswer], None] = lambda answer: None,
-) -> list[StoredAnswer]:
+) -> list[StoredAnswer]:  # fmt: skip
     """Do the work, store each answer when it is complete, merge the catalogue's files, and return the answers.
 
     `tell` is called with each answer. For the scheduler, whose workers see the same files, see `shared_out`. Raises RigError if

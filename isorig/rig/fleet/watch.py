@@ -34,16 +34,9 @@ class NewRecordings:
 
 
 def watch(
-    catalogue: Catalogue,
-    folders: Mapping[Path, str | None],
-    baseline: Baseline,
-    *,
-    limit: float | None = None,
-    scheduler: str | None = None,
-    every: float = EVERY,
-    seconds: float | None = None,
-    tell: Callable[[str], None] = print,
-) -> None:
+    catalogue: Catalogue, folders: Mapping[Path, str | None], baseline: Baseline, *, limit: float | None = None,
+    scheduler: str | None = None, every: float = EVERY, seconds: float | None = None, tell: Callable[[str], None] = print,
+) -> None:  # fmt: skip
     """Diagnose new recordings as they arrive, and report each answer and each change of a rig in a line.
 
     `folders` have the rig of each; they are read every `every` seconds, for `seconds` or without limit if None.

@@ -22,8 +22,7 @@ from isorig.rig.files.inputs import content_of
 from isorig.rig.files.output import write_json, write_text
 from isorig.rig.files.rivals import Rivals, fitted_model, read_rivals
 from isorig.rig.model.baseline import Baseline
-from isorig.rig.next.investigation_page import investigation_page
-from isorig.rig.next.page import picture_of
+from isorig.rig.next.page import investigation_page, picture_of
 from isorig.rig.next.plan_file import run_names, with_runs, write_plan
 from isorig.rig.next.policy import POLICY
 from isorig.rig.next.proposal import UNNAMED, Proposal, propose, single_driven, situation
@@ -84,7 +83,8 @@ def investigate(plan: Plan, folder: Path, begun: Investigation, terms: Terms) ->
             investigation, stopped = _measured(plan, folder, investigation, terms)
         else:
             investigation = _diagnosed(folder, investigation, terms)
-        _keep(folder, investigation)
+        write_json(folder / STATE, investigation)
+        write_text(folder / PAGE, investigation_page(investigation))
     return investigation
 
 
@@ -97,11 +97,6 @@ def read_investigation(folder: Path) -> Investigation | None:
         return msgspec.json.decode(content_of(path), type=Investigation)
     except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
         raise PlanError(f"{path} is damaged; start again in another folder, the recording in this one is not changed") from None
-
-
-def _keep(folder: Path, investigation: Investigation) -> None:
-    write_json(folder / STATE, investigation)
-    write_text(folder / PAGE, investigation_page(investigation))
 
 
 def _next_stage(plan: Plan, folder: Path, investigation: Investigation, terms: Terms) -> Investigation:

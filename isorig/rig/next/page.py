@@ -1,10 +1,9 @@
-"""The page of a proposal: each run with its reason, and the prediction of every remaining cause."""
+"""The pages of a proposal, each run with its reason and the predictions of the remaining causes, and of an investigation."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import SI_UNIT
@@ -14,14 +13,15 @@ from isorig.analysis.proposals.policy import POLICY as PROPOSALS
 from isorig.analysis.wording import capitalized, sized, with_article
 from isorig.rig.next.policy import POLICY
 from isorig.rig.next.proposal import Proposal, Situation
-from isorig.rig.next.sentences import cause, reasons, summary
+from isorig.rig.next.sentences import cause, named, reasons, summary
+from isorig.rig.next.stages import Investigation, InvestigationStage, Picture, diagnosis_folder
 from isorig.rig.report.charts import Chart, ChartTrace, Panel
 from isorig.rig.report.page import Report, Section, Table, build_report
 from isorig.rig.report.sections import number, unit
 
 
 def proposal_page(proposal: Proposal, now: Situation, names: Sequence[str]) -> str:
-    """The page as HTML; `names` are those of the proposed runs."""
+    """The page of a proposal as HTML; `names` are those of the proposed runs."""
     return build_report(
         Report(
             title=f"The next run after {now.rivals.campaign}",
@@ -60,21 +60,6 @@ def _distances(choice: Choice) -> Table:
         "and the probability that this distinguishes the two: 0 up to "
         f"{PROPOSALS.indistinguishable:g}, 1 from {PROPOSALS.distinguishable:g} on.",
     )  # fmt: skip
-
-
-class Picture(msgspec.Struct, frozen=True, kw_only=True):
-    """The predictions of two causes for a run around their largest difference, for plotting or storing."""
-
-    truth: str
-    rival: str
-    channel: str
-    sample_rate: float
-    first: int
-    of_truth: list[float]
-    of_rival: list[float]
-    allowed: float
-    distance: float
-    unit: str = ""
 
 
 def picture_of(pair: PredictedPair) -> Picture:
@@ -136,3 +121,44 @@ def _limits(proposal: Proposal, now: Situation) -> Section:
         text=["A stroke or drive without a given limit is limited to what the runs so far reached."],
         tables=tables,
     )
+
+
+def investigation_page(investigation: Investigation) -> str:
+    """The page of an investigation as HTML: the question that each run answered, and the present knowledge."""
+    known = [stage for stage in investigation.stages if stage.answer]
+    now = f"Stage {investigation.stages[-1].number} is in progress." if investigation.stages else "Nothing is measured yet."
+    verdict = investigation.ended or now
+    return build_report(
+        Report(
+            title="Investigation", verdict=verdict, summary=known[-1].answer if known else [],
+            sections=[_stages(investigation), *(_section(stage) for stage in investigation.stages)],
+        )
+    )  # fmt: skip
+
+
+def _stages(investigation: Investigation) -> Section:
+    rows = [
+        (
+            f"{stage.number}", run.plan.id, run.description, f"{run.plan.seconds:g}", stage.asked[0],
+            stage.answer[0] if stage.answer else stage.step, ", ".join(map(named, stage.named)),
+        )
+        for stage in investigation.stages
+        for run in stage.runs
+    ]  # fmt: skip
+    columns = ("stage", "run", "drive", "s", "question", "answer", "named")
+    text = [f"{investigation.seconds:g} s were measured in {len(investigation.runs)} runs."]
+    if investigation.declined:
+        text.append(f"Declined by the operator: {'; '.join(investigation.declined)}.")
+    return Section(title="Stages", text=text, tables=[Table(columns=columns, rows=rows)] if rows else [])
+
+
+def _section(stage: InvestigationStage) -> Section:
+    text = [*stage.asked]
+    for run in stage.runs:
+        text += [f"Run {run.plan.id}: {run.description}.", *run.why]
+    if stage.answer:
+        text += ["After it:", *stage.answer]
+        if stage.verdict:
+            text.append(f"The diagnosis is in {diagnosis_folder(stage)}/report.html.")
+    charts = [prediction_chart(picture, f"{run.plan.id}-{k + 1}") for run in stage.runs for k, picture in enumerate(run.pictures)]
+    return Section(title=f"Stage {stage.number}", text=text, charts=charts)

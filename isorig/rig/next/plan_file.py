@@ -1,19 +1,24 @@
-"""Writes plans as TOML, each run with the sentences that give its reason."""
+"""Writes plans as TOML, each run with the sentences that give its reason, and reads limits."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import count, islice
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from isorig.analysis.campaign import SI_UNIT
+from isorig.analysis.errors import ModelError
+from isorig.analysis.model.limits import Limits
+from isorig.analysis.model.rig_model import RigModel
 from isorig.rig.acquire.plan import ChannelPlan, InstrumentPlan, Plan, RunPlan
 from isorig.rig.acquire.plan_check import check_plan
+from isorig.rig.errors import PlanError
 from isorig.rig.files.output import write_text
 from isorig.rig.files.rivals import Rivals
-from isorig.rig.files.tomlfile import comments, plain, table_text
+from isorig.rig.files.tomlfile import comments, plain, read_toml, table_text
 from isorig.rig.next.policy import POLICY
 
 
@@ -80,17 +85,28 @@ def _comments(sentences: Sequence[str]) -> list[str]:
     return comments("\n".join(sentences))
 
 
-def run_names(count: int, taken: Sequence[str]) -> list[str]:
+def run_names(number: int, taken: Sequence[str]) -> list[str]:
     """Unique names for further runs."""
-    found: list[str] = []
-    number = 1
-    while len(found) < count:
-        if (name := f"next-{number}") not in taken:
-            found.append(name)
-        number += 1
-    return found
+    return list(islice((name for k in count(1) if (name := f"next-{k}") not in taken), number))
 
 
 def with_runs(plan: Plan, runs: Sequence[RunPlan]) -> Plan:
     """The plan with other runs."""
     return msgspec.structs.replace(plan, runs=tuple(runs))
+
+
+def limits_of(model: RigModel, plan: Plan | None, file: Path | None) -> Limits:
+    """All given limits of a rig, of its description, a plan and a file: the tightest of each.
+
+    A file has them at its top or in a table [limits]. Raises PlanError if it is invalid, two limits exclude each other, or one is
+    for a link or channel that the rig does not have.
+    """
+    others = [] if plan is None else [plan.limits]
+    if file is not None:
+        others.append(
+            read_toml(file, lambda tree: msgspec.convert(tree.get("limits", tree), Limits, strict=False), "a file of limits")
+        )
+    try:
+        return model.limits_within(*others)
+    except ModelError as error:
+        raise PlanError(str(error)) from None

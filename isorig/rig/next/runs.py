@@ -24,18 +24,12 @@ EXCITED = {
 
 def planned(run: CandidateRun, name: str) -> RunPlan:
     """The run as an entry of a plan."""
-    return RunPlan(
-        id=name, configuration=run.configuration, gain=run.gain, seconds=run.seconds, excitation=run.excitation, band=run.band,
-        frequency=run.frequency, period=min(run.period, run.seconds), seed=run.seed, repeat_of=run.repeat_of,
-    )  # fmt: skip
+    return RunPlan(id=name, **{**vars(run), "period": min(run.period, run.seconds)})
 
 
 def candidate(run: RunPlan) -> CandidateRun:
     """A planned run as a candidate for proposals."""
-    return CandidateRun(
-        configuration=run.configuration, excitation=run.excitation, gain=run.gain, seconds=run.seconds, band=run.band,
-        frequency=run.frequency, period=run.period, seed=run.seed, repeat_of=run.repeat_of,
-    )  # fmt: skip
+    return CandidateRun(**{name: getattr(run, name) for name in CandidateRun.__dataclass_fields__})
 
 
 def prospect(run: CandidateRun, sample_rate: float, start_time: float, scale: float = 1.0) -> Prospect:

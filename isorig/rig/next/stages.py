@@ -8,7 +8,21 @@ import msgspec
 
 from isorig.rig.acquire.plan import RunPlan
 from isorig.rig.model.baseline import Baseline
-from isorig.rig.next.page import Picture
+
+
+class Picture(msgspec.Struct, frozen=True, kw_only=True):
+    """The predictions of two causes for a run around their largest difference, for plotting or storing."""
+
+    truth: str
+    rival: str
+    channel: str
+    sample_rate: float
+    first: int
+    of_truth: list[float]
+    of_rival: list[float]
+    allowed: float
+    distance: float
+    unit: str = ""
 
 
 class InvestigationRun(msgspec.Struct, frozen=True, kw_only=True):

@@ -21,7 +21,7 @@ def main() -> None:
     model = wire_bonder()
     virtual_campaign(model, [VirtualRun(id="warm", configuration="unlocked", gain=70.0, seconds=1.0, start=0.0)])
     drive = Excitation.prepare(np.zeros(1024), 1024.0, oversample=1)
-    scan([model, model], drive, lambda batch: np.zeros(len(batch)))
+    scan([model, model], drive, lambda seen: next(iter(seen.values()))[:, 0])
     still = np.zeros(8)
     slip_operator(still, 1.0)
     for law in ALONG_MOTIONS:

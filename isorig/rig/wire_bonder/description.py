@@ -12,15 +12,7 @@ from isorig.analysis.model.spring import spring
 
 #: The links to what the bodies are mounted on.
 LINKS = {"table": "table", "heatblock": "heatblock", "motor": "isolation"}
-FREE = (
-    "bodies.table.mass",
-    "links.table.stiffness",
-    "links.table.damping",
-    "links.heatblock.stiffness",
-    "links.heatblock.damping",
-    "links.isolation.stiffness",
-    "links.isolation.damping",
-)
+FREE = ("bodies.table.mass", *(f"links.{link}.{key}" for link in LINKS.values() for key in ("stiffness", "damping")))
 FRICTION = "contacts.isolation.law.friction_force"
 
 #: The rig in words, for the reports of recordings without a description.

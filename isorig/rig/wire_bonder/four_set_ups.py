@@ -12,10 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isorig.analysis.campaign import Campaign, ComplexArray, FloatArray, Run, broad
+from isorig.analysis.campaign import Campaign, FloatArray, Run, broad
 from isorig.analysis.errors import AnalysisError, DataError
 from isorig.analysis.isolation.optimum import uncoupled_frequency
-from isorig.analysis.model.rig_model import RigModel, matrices
+from isorig.analysis.model.linear import transfer
+from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.spectra.half_power import HalfPower, half_power, peaks
 from isorig.analysis.spectra.modes import ModalFit, Mode, fit_modes
 from isorig.analysis.spectra.welch import Frf, estimate
@@ -194,19 +195,6 @@ def _width(frf: Frf, guess: float, band: tuple[float, float]) -> float:
     return float(max((size >= size.max() / np.sqrt(2.0)).sum() * frf.resolution, 0.5 * frf.resolution))
 
 
-def head_to_table(values: Mapping[str, float], frequency: FloatArray) -> ComplexArray:
-    """Transfer function head to table of the unlocked wire bonder without friction, shape (bins,).
-
-    `values` as `isorig.rig.wire_bonder.description.THESIS`, masses in kg.
-    """
-    mass, damping, stiffness = matrices(wire_bonder(values, friction=False))
-    s = 2j * np.pi * frequency[:, None, None]
-    push = np.zeros((len(mass), 1))
-    push[2] = -values["head_mass"]
-    motion = np.linalg.solve(s**2 * mass + s * damping + stiffness, push.astype(np.complex128)[None])
-    return np.asarray((s[:, 0] ** 2 * motion[:, 0])[:, 0])
-
-
 def error_surface(set_ups: Mapping[str, SetUp], model: RigModel) -> ErrorSurface:
     """The error surface over table mass and damping, with the other values from the set-ups. Raises DataError if a set-up has no
     mode."""
@@ -219,12 +207,14 @@ def error_surface(set_ups: Mapping[str, SetUp], model: RigModel) -> ErrorSurface
         if mode is None:
             raise DataError(f"the {name}'s set-up has no mode, which the error surface needs; see the reason there")
         values |= {f"{name}_frequency": mode.frequency, f"{name}_damping": mode.damping}
+    table = [sensor.channel for sensor in wire_bonder().sensors].index("table")
     frf, band = set_ups["table"].frf, set_ups["table"].band
     kept = (frf.frequency >= band[0]) & (frf.frequency <= band[1])
     f, measured, std = frf.frequency[kept], np.abs(frf.value[kept]), frf.magnitude_std[kept]
 
     def simulated(mass: float, zeta: float) -> FloatArray:
-        return np.abs(head_to_table({**values, "table_mass": mass, "table_damping": zeta}, f))
+        rig = wire_bonder({**values, "table_mass": mass, "table_damping": zeta}, friction=False)
+        return np.asarray(np.abs(transfer(rig, "unlocked", f)[table]))
 
     def off(mass: float, zeta: float, target: FloatArray) -> float:
         return float(np.mean(np.abs(target - simulated(mass, zeta)) / target))

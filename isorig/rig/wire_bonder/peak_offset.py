@@ -80,7 +80,8 @@ def peak_offset(campaign: Campaign, model: RigModel) -> PeakOffset:
     pairs, reason = [], ""
     for gain in sorted({run.gain for run in campaign.runs}, reverse=True):
         runs = {c: broad(campaign.select(configuration=c, gain=gain)) for c in ("unlocked", "locked")}
-        if not all(any(_excites(run, guess) for run in same) for same in runs.values()):
+        bands = [[run.band or (0.0, np.inf) for run in same] for same in runs.values()]
+        if not all(any(low < AROUND[0] * guess and high > AROUND[1] * guess for low, high in same) for same in bands):
             continue
         try:
             unlocked, locked = (_peak(same, guess) for same in runs.values())
@@ -108,10 +109,6 @@ def loaded_frequencies(model: RigModel, body: str) -> tuple[float, float]:
         for name in ("locked", "unlocked")
     )
     return locked, unlocked - locked
-
-
-def _excites(run: Run, peak: float) -> bool:
-    return run.band is None or (run.band[0] < AROUND[0] * peak and run.band[1] > AROUND[1] * peak)
 
 
 def _peak(runs: list[Run], guess: float) -> Mode:

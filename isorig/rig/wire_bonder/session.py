@@ -8,7 +8,6 @@ from datetime import timedelta
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run, Use
 from isorig.analysis.errors import DataError
@@ -94,14 +93,9 @@ def head_of(take: VirtualRun, sample_rate: float, seed: int) -> FloatArray:
 
 
 def virtual_campaign(
-    model: RigModel,
-    takes: Sequence[VirtualRun] = SESSION,
-    *,
-    noise: float = 1e-3,
-    seed: int = 0,
-    sample_rate: float = 1024.0,
+    model: RigModel, takes: Sequence[VirtualRun] = SESSION, *, noise: float = 1e-3, seed: int = 0, sample_rate: float = 1024.0,
     oversample: int = 16,
-) -> Campaign:
+) -> Campaign:  # fmt: skip
     """A whole session on a virtual rig.
 
     Parameters
@@ -150,13 +144,12 @@ def virtual_campaign(
             )
         head = head_of(take, sample_rate, int(generator.integers(2**31)))
         recorded = records_of(model, head, sample_rate, take.configuration, take.start, oversample=oversample)
-        channels = {
-            name: Channel(
-                name=name, samples=_converted(values + generator.normal(0.0, noise, len(values))),
-                scale=2.0 * FULL_SCALE / 2**BITS, full_scale=FULL_SCALE, about=VIRTUAL,
-            )
-            for name, values in recorded.items()
-        }  # fmt: skip
+        scale, top = 2.0 * FULL_SCALE / 2**BITS, 2 ** (BITS - 1)
+        channels = {}
+        for name, values in recorded.items():
+            counts = np.round((values + generator.normal(0.0, noise, len(values))) / scale)
+            samples = np.clip(counts, -top, top - 1).astype(np.int32)
+            channels[name] = Channel(name=name, samples=samples, scale=scale, full_scale=FULL_SCALE, about=VIRTUAL)
         runs.append(
             Run(
                 id=take.id, configuration=take.configuration, sample_rate=sample_rate, gain=take.gain, channels=channels,
@@ -187,9 +180,3 @@ def known_of(model: RigModel) -> dict[str, float]:
         "heatblock_mass": model.body("heatblock").mass, "table_mass": 250.0, "table_frequency": 11.0,
         "heatblock_frequency": 165.0, "motor_frequency": 5.0, "friction_force": 20.0,
     }  # fmt: skip
-
-
-def _converted(values: FloatArray) -> NDArray[np.int32]:
-    top = 2 ** (BITS - 1)
-    ticks: NDArray[np.int32] = np.clip(np.round(values / (2.0 * FULL_SCALE / 2**BITS)), -top, top - 1).astype(np.int32)
-    return ticks

@@ -9,13 +9,13 @@ from math import pi
 import msgspec
 import numpy as np
 
-from isorig.analysis.campaign import ComplexArray, FloatArray
+from isorig.analysis.campaign import FloatArray
 from isorig.analysis.diagnose.causes.base import exchange
 from isorig.analysis.errors import DataError
 from isorig.analysis.isolation.optimum import isolated
+from isorig.analysis.model.linear import transfer
 from isorig.analysis.model.rig_model import Body, Link, RigModel, Sensor
 from isorig.analysis.simulate import Excitation, scan, simulate
-from isorig.analysis.simulate.state_space import state_space
 
 #: Radius of gyration of the motor, m (its moment of inertia is m r^2), damping ratio of its rocking, and distance of the springs
 #: from the centre of gravity, m, which couples rocking to the table; assumed, as the thesis does not give them.
@@ -65,7 +65,7 @@ def strokes(models: Sequence[RigModel], frequencies: FloatArray, head: FloatArra
     designs = [isolated(model, float(f)) for model in watched for f in frequencies]
     # The time between samples is short compared with a move: linear interpolation keeps its momentum.
     excitation = Excitation.prepare(head, sample_rate, oversample=1)
-    largest = scan(designs, excitation, lambda batch: np.abs(batch.channels["stroke"]).max(axis=1))
+    largest = scan(designs, excitation, lambda seen: np.abs(seen["stroke"]).max(axis=1))
     return largest.astype(np.float64).reshape(len(models), len(frequencies))
 
 
@@ -82,14 +82,9 @@ def lowest_inside(frequency: FloatArray, stroke: FloatArray, allowed: float) -> 
 
 
 def stroke_study(
-    models: Sequence[RigModel],
-    frequencies: FloatArray,
-    head: FloatArray,
-    sample_rate: float,
-    *,
-    limit: float,
+    models: Sequence[RigModel], frequencies: FloatArray, head: FloatArray, sample_rate: float, *, limit: float,
     safety: float = 1.0,
-) -> StrokeStudy:
+) -> StrokeStudy:  # fmt: skip
     """Stroke over isolation frequency, and the lowest frequency that stays within a limit.
 
     The present rig comes first, followed by copies with parameters drawn from their uncertainty. The frequencies are ascending,
@@ -117,22 +112,11 @@ def histories(model: RigModel, head: FloatArray, sample_rate: float) -> dict[str
     return simulate(watched, Excitation.prepare(head, sample_rate, oversample=1)).channels
 
 
-def linear_frf(model: RigModel, frequency: FloatArray, channel: str, *, configuration: str = "unlocked") -> ComplexArray:
-    """Response of a sensor over the drive channel, of the rig without friction and laws, shape (n,).
-
-    c (s - a)^-1 b + d of its state-space model, at s = 2 pi i f.
-    """
-    system = state_space(model, configuration)
-    row = system.outputs.index(channel)
-    s = 2j * pi * np.asarray(frequency)[:, None, None]
-    states = np.linalg.solve(s * np.eye(len(system.a)) - system.a, system.b)
-    return np.asarray((system.c[row] @ states + system.d[row])[:, 0])
-
-
 def linear_ratio(model: RigModel, frequency: FloatArray) -> FloatArray:
     """Isolation ratio |unlocked| / |locked| at the heatblock of the rig without friction, shape (n,); thesis, Eq. 6."""
-    both = [np.abs(linear_frf(model, frequency, "heatblock", configuration=c)) for c in ("unlocked", "locked")]
-    return np.asarray(both[0] / both[1])
+    row = [sensor.channel for sensor in model.sensors].index("heatblock")
+    unlocked, locked = (np.abs(transfer(model, name, frequency)[row]) for name in ("unlocked", "locked"))
+    return np.asarray(unlocked / locked)
 
 
 def rocking(model: RigModel, offset: float, *, frequency: float, bearing_height: float = HEIGHT) -> RigModel:

@@ -13,13 +13,14 @@ from isorig.analysis.deadline import Deadline
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
 from isorig.analysis.model.limits import Limits
+from isorig.analysis.model.linear import transfer
 from isorig.analysis.model.rig_model import Body, Link
 from isorig.analysis.proposals.choice import Comparison, Question, choose, distinguishing_probability
 from isorig.analysis.proposals.hypotheses import hypotheses
 from isorig.analysis.proposals.limits import LargestMotions, largest, peaks_of, reached_so_far, simulated_peaks
 from isorig.analysis.proposals.menu import CandidateRun, covers, menu, rest
 from isorig.analysis.proposals.policy import POLICY
-from isorig.analysis.proposals.precision import KnownPrecision, design, figure_of, std_of, transfer
+from isorig.analysis.proposals.precision import KnownPrecision, design, figure_of, std_of
 from isorig.analysis.proposals.prediction import Predicted, Prospect, distance, drawn_models, left, refit
 from isorig.analysis.simulate import Excitation, simulate
 from isorig.analysis.simulate.excitation import sine, steps, sweep

@@ -11,8 +11,7 @@ from isorig.analysis.trends.change import bent, dated, described, stepped
 from isorig.analysis.trends.cusum import alarms, thresholds
 from isorig.analysis.trends.difference import CauseOfChange, _deviation, _judged
 from isorig.analysis.trends.follow import follow
-from isorig.analysis.trends.scatter import scatter_of
-from isorig.analysis.trends.series import Series
+from isorig.analysis.trends.series import Series, scatter_of
 from isorig.analysis.trends.siblings import siblings
 
 NEVER = (np.inf, np.inf)

@@ -14,8 +14,7 @@ from isorig.analysis.trends.change import dated, described
 from isorig.analysis.trends.cusum import alarms, false_rate, run_length, thresholds
 from isorig.analysis.trends.follow import follow
 from isorig.analysis.trends.policy import POLICY
-from isorig.analysis.trends.scatter import scatter_of
-from isorig.analysis.trends.series import Series
+from isorig.analysis.trends.series import Series, scatter_of
 from isorig.analysis.trends.siblings import siblings
 
 #: Rosner (1983), Table: 54 values of which the last three are outliers (also in the NIST/SEMATECH handbook, 1.3.5.17.3).

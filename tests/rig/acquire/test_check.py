@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from isorig.analysis.campaign import Channel, Run
-from isorig.analysis.spectra.detection import Detection
+from isorig.analysis.spectra.periodic import Detection
 from isorig.rig.acquire.pace import ClockDrift
 from isorig.rig.acquire.recover import Recovered
 from isorig.rig.acquire.run_check import PART, _distortion, check_run, least_sliding

@@ -10,13 +10,13 @@ from scipy import signal
 
 from isorig.analysis.errors import DataError
 from isorig.analysis.isolation.optimum import isolated
+from isorig.analysis.model.linear import transfer
 from isorig.analysis.model.rig_model import matrices
 from isorig.analysis.simulate.move_profile import MOST, Move, Shape, head_acceleration
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 from isorig.rig.wire_bonder.stroke import (
     frictionless,
     histories,
-    linear_frf,
     linear_ratio,
     lowest_inside,
     rocking,
@@ -118,7 +118,7 @@ def test_frequency_response_is_scipys() -> None:
     row = 1  # the heatblock
     system = signal.StateSpace(a, b, a[None, n + row, :], b[None, n + row, :])
     wanted = [(system.C @ np.linalg.solve(2j * np.pi * f * np.eye(2 * n) - a, b) + system.D).item() for f in frequency]
-    np.testing.assert_allclose(linear_frf(rig, frequency, "heatblock"), wanted, rtol=1e-9)
+    np.testing.assert_allclose(transfer(rig, "unlocked", frequency)[2], wanted, rtol=1e-9)
 
 
 def test_softer_springs_isolate_better_and_rocking_needs_an_offset() -> None:

@@ -11,7 +11,7 @@ from isorig.analysis.diagnose.causes.at_link import LinkCause, LinkInRuns
 from isorig.analysis.diagnose.causes.base import Evidence, RecordedRuns, Sizes
 from isorig.analysis.fitting.solve import Free
 from isorig.analysis.laws import Drift
-from isorig.analysis.laws.drift import LinearDrift
+from isorig.analysis.laws.springs import LinearDrift
 from isorig.analysis.model.rig_model import RigModel
 
 
