@@ -68,7 +68,8 @@ def test_intervals_hold_the_truth_with_other_noise_than_white(noise: str) -> Non
     campaign = with_noise(virtual_campaign(model, SHORT, seed=1, noise=0.0), noise, "head", 1)
     found = characterize(campaign, baseline_model(campaign))
     assert found.adequate
-    assert "is related to neither the drive nor the motion: it is taken as noise" in found.noise
+    # White noise of the drive's sensor is known from its spectrum.
+    assert ("is related to neither the drive nor the motion: it is taken as noise" in found.noise) == (noise == NOISES[2])
     for name, truth in truths(model).items():
         entry = found.table[name]
         if not entry.fixed:
@@ -103,7 +104,8 @@ def test_an_error_above_the_limit_is_a_misfit_whatever_its_relation(share: float
             channels[sensor.channel] = replace(channels[sensor.channel], samples=samples)
         runs.append(replace(run, channels=channels))
     found = characterize(replace(clean, runs=tuple(runs)), guessed(stage(), 4))
-    assert found.score.figure == pytest.approx(MOST_NOISE, rel=0.08)
+    # The slow part of this noise does not count: a zero that wanders.
+    assert found.score.figure == pytest.approx(MOST_NOISE, rel=0.1)
     assert (found.score.figure < MOST_NOISE) == noise
     assert (bool(found.noise), found.adequate) == (noise, noise)
 

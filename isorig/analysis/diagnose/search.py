@@ -226,6 +226,8 @@ class Job:
             try:
                 if not (lost or adequate(rough.score, self.floors)):
                     better = (unrolled if rough.candidate.shape else finished)(rough.fit, self.trials)
+                    if not rough.candidate.plausible(better.model):
+                        continue
                     entry = replace(rough, fit=better, score=score(better.model, self.fine))
             except FitError:  # it fits the first seconds only
                 continue

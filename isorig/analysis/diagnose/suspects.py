@@ -188,7 +188,7 @@ class Suspects:
 
     def _only(self, best: Explanation) -> bool:
         # Whether all equations hold but that of one link or contact, at which the best explanation is, by far.
-        broken = [balance for balance in self.equations.balances if self.ranking.residuals.get(balance.name, 0.0) >= HOLDS]
+        broken = [one for one in self.equations.balances if self.ranking.residuals.get(one.name, 0.0) >= HOLDS]
         others = (e.score for e in self.ranking.explanations if (e.kind, e.place) != (best.kind, best.place))
         crossing = [element.name for balance in broken for element, _ in balance.crossing]
         return crossing == [best.place] and best.score >= max(LEAST_SCORE, ONLY * max(others, default=0.0))
@@ -214,7 +214,7 @@ class Suspects:
             left = share_left(self.ranking.residuals, item.residuals)
             parts.setdefault((item.what, item.place), 0.0 if left is None else 1.0 - left)
         largest = sorted(((share, *key) for key, share in parts.items() if share >= CONTRIBUTES), reverse=True)[:MOST]
-        if not self.broken or self.shows or not largest:
+        if not self.broken or self.shows or self.clear or not largest:
             return ""
         listed = ", ".join(f"{what} ({place}) {in_per_cent(share)}" for share, what, place in largest)
         return f"No single cause explains the residuals of the equations of motion; the largest contributions: {listed}."

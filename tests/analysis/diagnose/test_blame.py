@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
@@ -24,6 +25,7 @@ from isorig.analysis.diagnose.suspects import (
     CONTRIBUTES,
     LEAST_SCORE,
     NEARLY,
+    ONLY,
     OWN,
     REPAIRED,
     SHOWN,
@@ -37,14 +39,21 @@ from isorig.analysis.fitting.score import Score
 from isorig.analysis.fitting.trials import prepare
 
 
-def blaming(*scores: tuple[str, str, float], worst: float = 20.0, after: float = 2.0) -> Suspects:
-    """Suspects of explanations (kind, place, score) of an equation with the residual `worst`, `after` with the best."""
+def blaming(
+    *scores: tuple[str, str, float], worst: float = 20.0, after: float = 2.0, crossing: Sequence[str] = ("rail", "belt")
+) -> Suspects:
+    """Suspects of explanations (kind, place, score) of an equation with the residual `worst`, `after` with the best.
+
+    `crossing` are the links whose force is in the equation.
+    """
     explanations = tuple(
         Explanation(kind=kind, place=place, what="force over deflection", score=score, residuals={"table": after}, values={})
         for kind, place, score in scores
     )
     ranking = Ranking(residuals={"table": worst}, explanations=explanations)
-    return Suspects(ranking=ranking, chosen=explanations, places={}, equations=cast(Equations, None))
+    elements = [(SimpleNamespace(name=name), 1.0) for name in crossing]
+    equations = SimpleNamespace(balances=[SimpleNamespace(name=name, crossing=elements) for name in ("table", "load")])
+    return Suspects(ranking=ranking, chosen=explanations, places={}, equations=cast(Equations, equations))
 
 
 @pytest.mark.parametrize(("share", "blamed"), [(NEARLY + 1e-9, True), (NEARLY - 1e-9, False)])
@@ -53,6 +62,22 @@ def test_a_kind_is_blamed_if_it_explains_nearly_as_much_as_the_best(share: float
     assert found.blamed("hardening_stiffness", "rail")
     assert found.blamed("relaxation", "rail") == blamed
     assert not found.blamed("hardening_stiffness", "belt")
+
+
+@pytest.mark.parametrize(
+    ("best", "other", "crossing", "told"),
+    [
+        (0.2, 0.99 / ONLY, ("rail",), True),
+        (0.2, 1.01 / ONLY, ("rail",), False),
+        (0.2, 0.1, ("rail", "belt"), False),  # its link may be either
+        (0.2, 0.1, ("belt",), False),
+        (0.9 * LEAST_SCORE, 0.0, ("rail",), False),
+    ],
+)
+def test_the_only_broken_equation_shows_the_place(best: float, other: float, crossing: tuple[str, ...], told: bool) -> None:
+    found = blaming(("spring_shape", "rail", best), ("memory", "rail", other * best), after=15.0, crossing=crossing)
+    assert found.clear == (("spring_shape", "rail") if told else None)
+    assert not (told and found.spread)
 
 
 def test_the_next_suspects_are_of_another_kind_or_place() -> None:

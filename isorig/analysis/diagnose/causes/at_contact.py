@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -10,7 +10,7 @@ import msgspec
 
 from isorig.analysis.diagnose.causes.at_link import blocked_throughout
 from isorig.analysis.diagnose.causes.base import Amplitudes, Cause, Evidence, RecordedRuns, RigWithCause, Sizes, exchange
-from isorig.analysis.fitting.candidate import Candidate, Reported
+from isorig.analysis.fitting.candidate import Candidate, Reported, always
 from isorig.analysis.fitting.solve import Free
 from isorig.analysis.laws import ContactLaw, Coulomb
 from isorig.analysis.model.rig_model import RigModel
@@ -78,9 +78,13 @@ class ContactCause(Cause):
             yield Candidate(
                 cause=self.name, location=place, family=self.family, rank=self.rank, starts=tuple(starts),
                 free=tuple(replace(one, path=f"{path}.{one.path}") for one in free),
-                dropped=(f"{path}.friction_force", *self.dropped) if self.dropped else (),
+                dropped=(f"{path}.friction_force", *self.dropped) if self.dropped else (), plausible=self.plausible(path),
                 reported=tuple(Reported(name=name, path=f"{path}.{name}", unit=self.law.parameters[name].unit) for name in names),
             )  # fmt: skip
+
+    def plausible(self, path: str) -> Callable[[RigModel], bool]:
+        """Whether a fitted model, with the law at a path, is still what the cause's name says."""
+        return always
 
     def variants(self, contact: ContactInRuns) -> Iterable[Iterable[RigModel]]:
         """The starting points of each variant of the law: variants differ in what no fit changes."""

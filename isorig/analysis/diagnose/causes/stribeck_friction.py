@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import partial
 
 from isorig.analysis.diagnose.causes.at_contact import ContactCause, ContactInRuns
 from isorig.analysis.diagnose.causes.base import Sizes
@@ -10,8 +11,9 @@ from isorig.analysis.fitting.solve import Free
 from isorig.analysis.laws import Stribeck
 from isorig.analysis.model.rig_model import RigModel
 
-#: Highest breakaway force as a multiple of the likely friction, and lowest Stribeck velocity as a share of the largest velocity.
-#: Chosen: dry contacts hold with up to twice their sliding force; a steeper fall than both together is slow to simulate.
+#: Highest breakaway force as a multiple of the likely and of the fitted sliding friction, and lowest Stribeck velocity as a share
+#: of the largest velocity. Chosen: dry contacts hold with up to twice their sliding force; a steeper fall than both together is
+#: slow to simulate.
 MOST_STATIC, LEAST_SPEED = 5.0, 2e-3
 #: Sliding and breakaway force as multiples of the friction, and velocities as shares of the largest, at the starts.
 LEVELS, SPEEDS = ((0.8, 1.3), (0.98, 1.08)), (0.02, 0.1)
@@ -31,6 +33,9 @@ class StribeckFriction(ContactCause):
         "falling over {stribeck_velocity} (exponent {exponent})"
     )
     signs = frozenset({"amplitude", "blocked by the lock", "more at low and high velocity"})
+
+    def plausible(self, path: str) -> Callable[[RigModel], bool]:
+        return partial(_slides, path)
 
     def variants(self, contact: ContactInRuns) -> Iterable[Iterable[RigModel]]:
         return (self.starts(contact, exponent) for exponent in EXPONENTS)
@@ -59,3 +64,8 @@ class StribeckFriction(ContactCause):
         static = contact.friction * (1.0 + size * sizes.weak_to_strong(0.5, 1.2))
         velocity = sizes.between(0.03, 0.12) * contact.speed
         return Stribeck(friction_force=contact.friction, static_force=static, stribeck_velocity=velocity)
+
+
+def _slides(path: str, model: RigModel) -> bool:
+    # What hardly slides with any force falls like a damper that is too weak.
+    return model.get(f"{path}.static_force") <= MOST_STATIC * model.get(f"{path}.friction_force")
