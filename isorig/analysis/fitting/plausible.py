@@ -24,6 +24,7 @@ from isorig.analysis.fitting.wrong_scale import LINEAR, WrongScale, wrong_scale
 from isorig.analysis.model.drafted import drafted
 from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.spectra.clocks import clock_errors
 from isorig.analysis.units import GIVEN, mistaken
 
 if TYPE_CHECKING:
@@ -71,19 +72,20 @@ class Doubt:
         Its path in the model, or drive, sensors or channels with the channel's name, or sample_rate; several are joined by "+".
     kind
         "drafted": the records contradict values that are still those of a draft; "swapped": two channels or masses are exchanged;
-        "place": a sensor is on another body; "sign": inverted; "derivative": another derivative of the motion; "unit": different
-        by a unit conversion factor; "decade": different by another factor, of three or more for records and ten or more for
-        fitted values; "limit": at a bound.
+        "place": a sensor is on another body; "clock": its samples have another rate; "sign": inverted; "derivative": another
+        derivative of the motion; "unit": different by a unit conversion factor; "decade": different by another factor, of three
+        or more for records and ten or more for fitted values; "limit": at a bound.
     ratio
         Fitted divided by given, or recorded by predicted; for drafted values and a sample rate that of the largest resonance; for
         a given value that the records contradict, given divided by likely; for a limit the value divided by it, for swapped
-        channels or masses, another body and another derivative 1, for inverted ones -1.
+        channels or masses, another body and another derivative 1, for inverted ones -1; of a clock the distance of its samples
+        divided by that of the drive's.
     text
         One sentence.
     """
 
     parameter: str
-    kind: Literal["drafted", "swapped", "place", "sign", "derivative", "unit", "decade", "limit"]
+    kind: Literal["drafted", "swapped", "place", "clock", "sign", "derivative", "unit", "decade", "limit"]
     ratio: float
     text: str
 
@@ -149,6 +151,8 @@ def doubts_of_records(given: RigModel, campaign: Campaign, units: Mapping[str, s
     units
         The unit that each channel was read as; SI where none is stated.
     """
+    if clocks := tuple(_of_clocks(given, campaign)):
+        return clocks
     spectra = spectra_of(given, campaign)
     found, agreement = wrong_scale(given, spectra)
     if found is not None and _held_back(given, found):
@@ -171,6 +175,17 @@ def doubts_of_records(given: RigModel, campaign: Campaign, units: Mapping[str, s
         if len(swapped) == 1:
             return tuple(_of_swaps(swapped))
     return tuple(_released(given, campaign)) if found is None else (_of_scale(given, found, units or {}, spectra),)
+
+
+def _of_clocks(given: RigModel, campaign: Campaign) -> Iterable[Doubt]:
+    for name, error in clock_errors(campaign, given.drive.channel).items():
+        stated = max(run.sample_rate for run in campaign.runs if name in run.channels)
+        yield Doubt(
+            parameter=f"sensors.{name}", kind="clock", ratio=1.0 + error,
+            text=f"The delay between {name!r} and the drive changes steadily, by {1e3 * abs(error):.2g} ms in each second: their "
+            f"clocks differ, and the sample rate of {name!r} is {stated / (1.0 + error):.6g} Hz instead of {stated:.6g} Hz; "
+            "measure both with one clock, or resample the record.",
+        )  # fmt: skip
 
 
 def _held_back(given: RigModel, found: WrongScale) -> bool:

@@ -1,0 +1,76 @@
+"""Channels of two instruments whose clocks differ: the delay between them grows with time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from isorig.analysis.campaign import BROAD, Campaign, ComplexArray, FloatArray, Run
+from isorig.analysis.spectra.windows import hanning
+
+#: Number of segments of a run, the least and the largest length of one in samples.
+SEGMENTS, SHORTEST, LONGEST = 16, 128, 8192
+#: Coherence of the change from each segment to the next above which a frequency bin counts, and the number of such bins needed.
+#: Chosen: the change is the same throughout a run, and noise shows none.
+COHERENT, BINS = 0.3, 8
+#: Multiple of its standard error and share that a difference of clocks must exceed: quartz clocks differ by less. Share of the
+#: phases' power that it must explain: a drift of the rig changes them near its resonances only.
+SURE, QUARTZ, STRAIGHT = 6.0, 1e-4, 0.7
+
+
+def clock_errors(campaign: Campaign, drive: str) -> dict[str, float]:
+    """By which share the samples of a channel are further apart than those of the drive, by channel; 0 of none is stated.
+
+    The phase of the cross-spectrum with the drive changes from each segment of a run to the next by 2 pi f T e, where T is the
+    time between them and e that share. All runs that tell must show the same.
+
+    Parameters
+    ----------
+    campaign
+        The measurement.
+    drive
+        The channel of its drive.
+    """
+    found: dict[str, list[tuple[float, float, float]]] = {}
+    for run in campaign.runs:
+        if run.excitation not in BROAD or run.excitation == "sweep":  # each segment of a sweep has other frequencies
+            continue
+        for name in run.sensors:
+            if name != drive and (change := _change(run, name, drive)) is not None:
+                found.setdefault(name, []).append(change)
+    errors = {}
+    for name, changes in found.items():
+        values, stds, straight = np.array(changes).T
+        weight = 1.0 / stds**2
+        mean, std = float(np.sum(weight * values) / np.sum(weight)), float(np.sum(weight) ** -0.5)
+        agree = straight.mean() >= STRAIGHT and np.all(np.abs(values - mean) <= SURE * stds)
+        if agree and abs(mean) > max(SURE * std, QUARTZ):
+            errors[name] = mean
+    return errors
+
+
+def _change(run: Run, name: str, drive: str) -> tuple[float, float, float] | None:
+    # The share in a run, its standard error, and the share of the phases' power that it explains; None if too few bins tell.
+    length = min(1 << int(np.log2(max(len(run) // SEGMENTS, 1))), LONGEST)
+    if length < SHORTEST:
+        return None
+    cross = _segments(run.read(name), length) * _segments(run.read(drive), length).conj()
+    steps = cross[1:] * cross[:-1].conj()
+    total = steps.sum(axis=0)
+    coherence = np.abs(total) ** 2 / np.maximum(len(steps) * np.sum(np.abs(steps) ** 2, axis=0), 1e-300)
+    frequency = np.fft.rfftfreq(length, 1.0 / run.sample_rate)
+    kept = (coherence > COHERENT) & (frequency > 0.0) & (frequency <= run.usable)
+    if np.count_nonzero(kept) < BINS:
+        return None
+    weight, phase = coherence[kept] / (1.0 - np.minimum(coherence[kept], 0.999)), np.angle(total[kept])
+    omega = 2.0 * np.pi * frequency[kept] * length / run.sample_rate
+    power = float(np.sum(weight * omega**2))
+    slope = float(np.sum(weight * omega * phase)) / power
+    left = float(np.sum(weight * (phase - slope * omega) ** 2))
+    straight = 1.0 - left / max(float(np.sum(weight * phase**2)), 1e-300)
+    return slope, float(np.sqrt(left / (np.count_nonzero(kept) - 1) / power)), straight
+
+
+def _segments(values: FloatArray, length: int) -> ComplexArray:
+    # Spectra of the segments of a record, shape (segments, bins).
+    parts = values[: len(values) // length * length].reshape(-1, length)
+    return np.fft.rfft((parts - values.mean()) * hanning(length), axis=1)
