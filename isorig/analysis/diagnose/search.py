@@ -319,6 +319,7 @@ def next_step(job: Job) -> Found | None:
             break
     if source is None:
         return None
+    forms = _with_variants(job, forms)
     # The error remaining after a form that removes nearly all is not due to another place or kind; another law of its own kind is
     # tested anyway.
     nearly = next((entry for entry in forms if job.nearly(entry)), None)
@@ -338,6 +339,31 @@ def next_step(job: Job) -> Found | None:
     if not forms:
         return None
     return _as_shown(best_form(forms, job.now, job.floors), source)
+
+
+def _with_variants(job: Job, forms: list[Entry]) -> list[Entry]:
+    # The forms, the best one in its best variant if it is not adequate.
+    if forms and not adequate(forms[0].score, job.floors):
+        with suppress(OutOfTimeError):
+            return best_fits([*forms, *job.finished(job.entries(_variants(job, forms[0])))], job.floors)
+    return forms
+
+
+def _variants(job: Job, entry: Entry) -> Running:
+    # The other variants of a form, such as a stop at one end only, fitted from its values.
+    candidate, done = entry.candidate, entry.fit
+    seen, found = {done.model.encoded}, list[tuple[Candidate, Fit]]()
+    for cause in CATALOGUE:
+        for other in cause.candidates(job.current.model, job.evidence):
+            for start in other.starts if other.key == candidate.key and _paths(other) == _paths(candidate) else ():
+                model = start.replace(done.values)
+                if model.encoded not in seen:
+                    seen.add(model.encoded)
+                    job.progress(f"fitting another variant of {candidate.cause} ({candidate.location})")
+                    fitted = tried(model, done.free, job.rungs[-1])
+                    if fitted is not None and other.plausible(fitted.model):
+                        found.append((other, fitted))
+    return sorted(found, key=lambda pair: pair[1].cost)
 
 
 def _without_forms(job: Job, source: Source) -> list[Entry]:
