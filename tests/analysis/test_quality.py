@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -191,3 +191,23 @@ def test_any_data_gets_an_answer(
         assert fault.run in fault.text
         assert fault.text.endswith(".")
     assert without(campaign, faults(campaign, reference="head"), names).runs
+
+
+def spoilt(session: Campaign, size: float, channels: Sequence[str], at: int = 3000) -> Campaign:
+    """A session with one sample of the last run off by so many times the rms, in these channels."""
+    run = session.runs[-1]
+    changed_ones = {}
+    for name in channels:
+        values = run.read(name).copy()
+        values[at] += size * values.std()
+        changed_ones[name] = replace(run.channels[name], samples=values, scale=1.0, offset=0.0)
+    return replace(session, runs=(*session.runs[:-1], replace(run, channels={**run.channels, **changed_ones})))
+
+
+@pytest.mark.parametrize(
+    ("size", "channels", "told"), [(25.0, ["motor"], True), (0.5, ["motor"], False), (25.0, ["motor", "table"], False)]
+)
+def test_a_spike_that_no_other_channel_shows(size: float, channels: list[str], told: bool, session: Campaign) -> None:
+    found = [fault for fault in faults(spoilt(session, size, channels), reference="head") if fault.kind == "spike"]
+    assert [(fault.run, fault.channel) for fault in found] == ([(session.runs[-1].id, "motor")] if told else [])
+    assert all("at 2.93 s that no other channel shows" in fault.text for fault in found)

@@ -19,7 +19,7 @@ from isorig.analysis.spectra.noise import noise_level
 from isorig.analysis.spectra.overload import LONGEST, extents, extremes, plateaus
 from isorig.analysis.spectra.welch import Spectra, common_lines, estimate, stretches
 
-Kind = Literal["clipped", "dead", "stuck", "swapped", "noisy", "too short", "not at rest", "no drive"]
+Kind = Literal["clipped", "dead", "stuck", "swapped", "noisy", "too short", "not at rest", "no drive", "spike"]
 #: Kinds that spoil an average of transfer functions; motion before the start spoils only free-run simulations.
 SPOILING: tuple[Kind, ...] = ("clipped", "dead", "stuck", "swapped", "noisy")
 #: Number of flat tops at a record's extreme that indicates a limit.
@@ -28,6 +28,14 @@ ROWS = 3
 DEAD = 1e-4
 #: Share of its rms by which another channel must move while one has a constant value.
 MOVING = 0.01
+#: A spike leaves what its neighbours suggest by this multiple of the largest other such distance of the channel and by this one
+#: of the rms, at this number of samples at most, while no other channel leaves it by this multiple of its 99.9 % quantile.
+#: Chosen: the largest of stops, friction and hammer hits are alike, and show in several channels.
+SPIKE, SPIKY, SPIKE_SAMPLES, AGREED = 3.0, 5.0, 4, 5.0
+#: Samples before and after it in which the channel moves, and the ratio of both from which nothing begins there.
+AROUND, BEGINS = 60, 0.2
+#: Minimum number of samples for such a quantile, and the weights of four neighbours in a cubic interpolation between them.
+QUANTILE, MOMENTS, NEIGHBOURS = 2000, 0.999, (-1.0 / 6.0, 4.0 / 6.0, 0.0, 4.0 / 6.0, -1.0 / 6.0)
 #: Noise above this multiple of the usual level, and above this share of the channel's own rms, is too much.
 NOISY, NOISE_SHARE = 10.0, 0.1
 #: Resolution for checking runs, Hz, and averages needed for a transfer function.
@@ -104,6 +112,7 @@ def _faults(campaign: Campaign, reference: str) -> tuple[Fault, ...]:
     released = _released(campaign, reference)
     found = clipped_or_dead(campaign, reference=reference)
     found += [fault for run in campaign.runs for fault in _short(run)]
+    found += [fault for run in campaign.runs for fault in _spikes(run, reference)]
     hurt = released | {(fault.run, fault.channel) for fault in found if fault.kind == "dead"}
     found += [fault for run in campaign.runs for fault in _stuck(run, reference) if (run.id, fault.channel) not in hurt]
     found += _noisy(campaign, hurt)
@@ -185,6 +194,35 @@ def _stuck(run: Run, reference: str) -> Iterator[Fault]:
                 run=run.id, channel=name, kind="stuck",
                 text=f"run {run.id!r}: {name} has a constant value {len(lasting)} times for up to "
                 f"{max(lasting) / run.sample_rate:.2g} s while others move; check its connector and its cable and measure again.",
+            )  # fmt: skip
+
+
+def _spikes(run: Run, reference: str) -> Iterator[Fault]:
+    # How far each sample is from what its neighbours suggest, in units of the quantile of the channel.
+    if len(run) < QUANTILE:
+        return
+    apart = {}
+    for name in run.sensors:
+        values = run.channels[name].read(0, LONGEST)
+        left = np.abs(values - np.convolve(values, NEIGHBOURS, mode="same"))
+        left[:2] = left[-2:] = 0.0
+        apart[name] = values, left, AGREED * float(np.quantile(left, MOMENTS))
+    for name, (values, left, _) in apart.items():
+        at, rms = int(np.argmax(left)), float(values.std())
+        near = slice(max(at - SPIKE_SAMPLES, 0), at + SPIKE_SAMPLES + 1)
+        size, others = float(left[at]), left.copy()
+        others[near] = 0.0
+        alone = all(float(other[near].max()) <= most for own, (_, other, most) in apart.items() if own != name)
+        if name == reference or not alone or near.start < AROUND or near.stop > len(values) - AROUND:
+            continue
+        before, after = (np.std(part) for part in (values[near.start - AROUND : near.start], values[near.stop :][:AROUND]))
+        if before <= BEGINS * after:
+            continue
+        if size > max(SPIKE * float(others.max()), SPIKY * rms) and np.count_nonzero(left > 0.5 * size) <= SPIKE_SAMPLES:
+            yield Fault(
+                run=run.id, channel=name, kind="spike",
+                text=f"run {run.id!r}: {name} has a spike of {size / rms:.2g} times its rms at {at / run.sample_rate:.4g} s that "
+                "no other channel shows; check its connector and its cable, and measure again or leave that moment out.",
             )  # fmt: skip
 
 
