@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -19,6 +20,7 @@ from isorig.analysis.fitting.solve import Fit
 from isorig.analysis.model.parameter_units import physical_parameters, unit_of
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate.natural import natural_modes
+from isorig.analysis.spectra.hits import looks_hit
 from isorig.rig.files import findings as stored
 from isorig.rig.files.output import write_text
 from isorig.rig.files.rigfile import write_model
@@ -115,8 +117,9 @@ def missing(campaign: Campaign, model: RigModel) -> list[str]:
         said.append(
             "There is only one run: whether an error depends on the level of the drive is not known; record a second level."
         )
-    # A released run ends when the rig stands still, and has no drive to repeat.
-    driven = [run for run in runs if run.excitation != "free"]
+    # A released run, or that of a hammer, ends when the rig stands still, and has no drive to repeat.
+    drive = model.drive.channel
+    driven = [run for run in runs if run.excitation != "free" and not looks_hit(run, drive)]
     slowest = 0.0
     with suppress(AnalysisError):
         modes = [mode.frequency for name in model.configurations for mode in natural_modes(model, name)]
@@ -130,7 +133,7 @@ def missing(campaign: Campaign, model: RigModel) -> list[str]:
         )
     if driven and not any(run.repeat_of or run.period for run in driven):
         said.append("No drive was played twice (repeat_of), so the disturbance is not measured and counts as error.")
-    return said + levels_in_words(campaign, model.drive.channel)
+    return said + (levels_in_words(replace(campaign, runs=tuple(driven)), drive) if driven else [])
 
 
 def _driven(campaign: Campaign, model: RigModel) -> bool:
