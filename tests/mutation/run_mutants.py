@@ -195,7 +195,7 @@ NAMED = (
     ),
     (
         "noise is that of half of the time", "isorig/analysis/spectra/noise.py",
-        "UPPER, CALM = 0.77, 0.25", "UPPER, CALM = 0.77, 0.5",
+        "UPPER, CALM, MOST = 0.77, 0.25, 0.9", "UPPER, CALM, MOST = 0.77, 0.5, 0.9",
     ),
     (
         "a fit is biased from a tenth on", "isorig/analysis/fitting/uncertainty.py",

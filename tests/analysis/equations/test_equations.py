@@ -92,7 +92,9 @@ def test_the_slow_part_is_fitted_up_to_where_noise_is_a_tenth_of_the_deflection(
     usual = HIGHEST_CUT * equations.lowest
     assert equations.cut(balance, element) == usual
     scale = share * NOISY / equations.noise_share(element, SURE * usual)
-    equations.noise = {channel: scale * level for channel, level in equations.noise.items()}
+    equations.records = [
+        changed(record, noise={channel: scale * level for channel, level in record.noise.items()}) for record in equations.records
+    ]
     assert (equations.cut(balance, element) > usual) == raised
 
 
