@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tomllib
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -240,3 +242,23 @@ def test_text_in_a_table_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[
 def test_units_are_found_as_written(name: str) -> None:
     assert known_unit(f" [{name}] ") == name
     assert known_unit(name.replace("^2", "²")) == name
+
+
+@pytest.mark.parametrize(
+    ("names", "setups"),
+    [
+        (("u70", "l70"), ["unlocked", "locked"]),
+        (("up_L1", "down_L2"), ["unlocked", "unlocked"]),  # levels
+        (("free", "motor_locked"), ["unlocked", "locked"]),
+        (("unlocked", "b"), ["unlocked", "unlocked"]),
+    ],
+)
+def test_configurations_by_the_names_of_files(names: Sequence[str], setups: Sequence[str], tmp_path: Path) -> None:
+    files = [tmp_path / f"{name}.csv" for name in names]
+    for file in files:
+        rows = (f"{k / 500:.3f},{np.sin(0.3 * k):.6f},{np.cos(0.2 * k):.6f}" for k in range(2000))
+        file.write_text("\n".join(["time (s),force (N),a (m/s^2)", *rows]))
+    draft = tmp_path / "d.toml"
+    assert main(["import", "--draft", *map(str, files), "-o", str(draft)]) == 0
+    runs = {run["id"]: run.get("configuration", "unlocked") for run in tomllib.loads(draft.read_text())["runs"]}
+    assert [runs[name] for name in names] == setups
