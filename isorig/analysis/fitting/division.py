@@ -54,7 +54,7 @@ def ends(trials: Sequence[Trial]) -> Division:
     return Division(
         fits=tuple(trials), judged=tuple(refined(trial) for trial in trials),
         how=f"the last {100.0 * (1.0 - FIT_SHARE):.0f} % of every run (the last moves of a run that comes to rest, all of a run "
-        "marked as held out), held out from the fits; free-run simulation from the run's first sample",
+        f"marked as held out), held out from the fits; {trials[0].prediction}",
     )  # fmt: skip
 
 

@@ -171,6 +171,13 @@ class Trial:
         corner = min(drive.corner for drive in (excitation, *excitation.others))
         return TAPS + min(round(ENDS * self.sample_rate / corner), self.samples // SHORTER)
 
+    @property
+    def prediction(self) -> str:
+        """How its records are predicted, in words."""
+        if self.motion is not None:
+            return "the drive that the recorded motion requires"
+        return "free-run simulation from the run's first sample"
+
     def recorded(self, name: str) -> str:
         """The channel behind a compared signal: a drive that is computed from the motion of a group of bodies is the drive's."""
         return self.channels[0] if self.motion is not None else name

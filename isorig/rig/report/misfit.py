@@ -94,7 +94,7 @@ def time_charts(trials: Sequence[Trial], models: Mapping[Named, Simulated]) -> l
             for (title, role), responses in models.items():
                 y = responses[trial.run.id][channel][part]
                 traces.append(ChartTrace(name=title, x=seconds, y=y, role=role, panel=panel, style="dash"))
-        about = "." if charts else f": {SECONDS:g} s of held-out data; free-run simulation from the start of the run."
+        about = "." if charts else f": {SECONDS:g} s of held-out data; {trial.prediction}."
         panels = [Panel(label=f"{channel}, {unit(trial.unit_of(channel))}") for channel in trial.channels]
         charts.append(
             Chart(
@@ -109,7 +109,8 @@ def time_charts(trials: Sequence[Trial], models: Mapping[Named, Simulated]) -> l
 class HeldOutRecord:
     """A channel of a run on held-out data: measured and simulated over `time`, each shape (samples,), in `unit`.
 
-    `noise` is its sensor's, `size` the channel's largest standard deviation over the runs.
+    `noise` is its sensor's, `size` the channel's largest standard deviation over the runs, and `prediction` says how the models'
+    values were predicted.
     """
 
     run: str
@@ -120,6 +121,7 @@ class HeldOutRecord:
     models: Mapping[Named, FloatArray]
     noise: float = 0.0
     size: float = 1.0
+    prediction: str = ""
 
 
 def worst_second(trials: Sequence[Trial], judged: Sequence[Trial], models: Mapping[Named, Simulated]) -> HeldOutRecord | None:
@@ -144,7 +146,7 @@ def worst_second(trials: Sequence[Trial], judged: Sequence[Trial], models: Mappi
                     run=trial.run.id, channel=name, unit=trial.unit_of(name),
                     time=np.arange(trial.samples)[part] / trial.sample_rate, measured=trial.measured[row][part],
                     models={key: responses[trial.run.id][name][part] for key, responses in models.items()},
-                    noise=float(trial.noise[row]), size=sizes[name],
+                    noise=float(trial.noise[row]), size=sizes[name], prediction=trial.prediction,
                 )
             )  # fmt: skip
     return worst_of(records)
@@ -185,7 +187,7 @@ def second_chart(record: HeldOutRecord | None) -> Chart | None:
     return Chart(
         name=f"second-{record.run}-{record.channel}",
         caption=f"The second of held-out data with the largest error: {record.channel}, run {record.run}; "
-        "free-run simulation from the start of the run. Below: the residuals, simulated minus measured.",
+        f"{record.prediction}. Below: the residuals, simulated minus measured.",
         panels=[Panel(label=f"{what}, {unit(record.unit)}") for what in (record.channel, "residual")],
         traces=traces, x_label="time, s", x_log=False,
     )  # fmt: skip
