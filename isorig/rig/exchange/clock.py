@@ -236,7 +236,8 @@ def sample_counter(column: Column, first: int = 0) -> tuple[str, str] | None:
 
 def _quantum(readings: FloatArray) -> float:
     # The rounding step of a printed clock, or of one in single precision. With few digits it is largest at the end.
-    short = readings.astype(np.float32)
+    with np.errstate(over="ignore"):  # a damaged reading may exceed single precision
+        short = readings.astype(np.float32)
     single = float(np.spacing(np.abs(short).max())) if np.array_equal(short, readings) else 0.0
     return max(_decimal(readings), _decimal(readings[-BESIDE:]), single)
 

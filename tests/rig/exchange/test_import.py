@@ -244,6 +244,14 @@ def test_units_are_found_as_written(name: str) -> None:
     assert known_unit(name.replace("^2", "²")) == name
 
 
+def test_a_time_beyond_single_precision(tmp_path: Path) -> None:
+    """A damaged number in a time column is refused in one sentence, or read as what it is not: a time."""
+    time = np.arange(600) / 512.0
+    time[300] = 1e60
+    savemat(tmp_path / "a.mat", {"time": time, "force": HEAD, "a": TABLE})
+    assert main(["import", "--draft", str(tmp_path / "a.mat"), "-o", str(tmp_path / "d.toml")]) in (0, 2)
+
+
 @pytest.mark.parametrize(
     ("names", "setups"),
     [
