@@ -153,12 +153,8 @@ class Job:
 
     @cached_property
     def rungs(self) -> tuple[Rung, ...]:
-        """Growing lengths of the runs. If a shorter one shows the misfit too, fits may approach on that.
-
-        A model that stays with the data needs no growing lengths, and neither do its extensions.
-        """
-        every = ladder(self.trials, 0.0 if self.seconds < SCREENS[-1] else self.seconds)
-        return every[-1:] if bare_cost(self.current, every[-1]) < LOST else every
+        """Growing lengths of the runs. If a shorter one shows the misfit too, fits may approach on that."""
+        return ladder(self.trials, 0.0 if self.seconds < SCREENS[-1] else self.seconds)
 
     @property
     def promising(self) -> float:

@@ -1,7 +1,7 @@
 """Inverse dynamics: the drive force from the measured motion, for rigs with bodies that no spring holds.
 
 A simulated run of such a rig drifts away from the measurement. The measured force is therefore compared with the force from the
-equations of motion: positions through a zero-phase low-pass, central differences, then both forces decimated in the same way
+equations of motion: positions through a zero-phase low-pass, differentiated, then both forces decimated in the same way
 (Gautier, Janot and Vandanjon 2013, IEEE Trans. Control Syst. Technol. 21, 428). Where a velocity is not resolved, a dry contact
 may stick: it transmits any force between those of slow sliding in both directions, so the drive is only known within their range.
 
