@@ -26,7 +26,7 @@ from isorig.analysis.lowpass import fast_length, force_edge, low_passed, signal_
 from isorig.analysis.model.linear import floats
 from isorig.analysis.model.rig_model import GROUND, RigModel
 from isorig.analysis.rounding import is_command
-from isorig.analysis.simulate.natural import natural_modes
+from isorig.analysis.simulate.natural import lowest_mode
 from isorig.analysis.simulate.sampling import as_held
 from isorig.analysis.spectra.noise import noise_of_runs
 
@@ -703,5 +703,5 @@ def equations_of(campaign: Campaign, model: RigModel) -> Equations:
 
 def lowest_frequency(model: RigModel, longest: float) -> float:
     """Frequency in Hz of the rig's lowest mode; of a rig without one, forty periods in its longest run of `longest` seconds."""
-    found = [mode.frequency for name in model.configurations for mode in natural_modes(model, name)]
-    return max(min(found), 4.0 / max(longest, 1e-9)) if found else 40.0 / max(longest, 1e-9)
+    found = lowest_mode(model)
+    return max(found, 4.0 / max(longest, 1e-9)) if found else 40.0 / max(longest, 1e-9)

@@ -30,7 +30,7 @@ from isorig.analysis.simulate.inverse import (
     position_from,
     required_drive,
 )
-from isorig.analysis.simulate.natural import natural_modes
+from isorig.analysis.simulate.natural import lowest_mode
 from isorig.analysis.simulate.sampling import FLAT, TAPS, as_held, within
 from isorig.analysis.spectra.hum import hum
 from isorig.analysis.spectra.noise import noise_levels, noise_of_runs, rests
@@ -305,14 +305,9 @@ def _quick(error: FloatArray, lowest: float, rate: float) -> FloatArray:
 
 def zero_errors(campaign: Campaign, model: RigModel) -> dict[str, str]:
     """A sentence for each accelerometer on a rig that springs hold whose zero is wrong or wanders, by channel."""
-    lowest = _lowest_mode(model)
-    return wandering(campaign, model.drive.channel, lowest) if lowest > 0.0 and not model.imposed else {}
-
-
-def _lowest_mode(model: RigModel) -> float:
-    # Its frequency in Hz; 0 without one, or of a rig with a body that no spring holds.
-    modes = [mode.frequency for name in model.configurations for mode in natural_modes(model, name)]
-    return 0.0 if model.free_free or floats(model) else min(modes, default=0.0)
+    if model.free_free or model.imposed or floats(model) or not (lowest := lowest_mode(model)):
+        return {}
+    return wandering(campaign, model.drive.channel, lowest)
 
 
 def simulated(model: RigModel, trial: Trial, motion: Mapping[str, FloatArray]) -> FloatArray:
@@ -372,7 +367,7 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
         A required channel is missing or no run remains.
     """
     noises = noise_of_runs(campaign, tuple(drive.channel for drive in model.drives))
-    lowest, wrong = SLOW * _lowest_mode(model), frozenset(zero_errors(campaign, model))
+    lowest, wrong = SLOW * lowest_mode(model), frozenset(zero_errors(campaign, model))
     by_drive: list[tuple[Run, int, Mapping[str, float]]] = []
     trials = []
     for run, noise, of_drive in zip(campaign.runs, noises, drive_noises(campaign, model.drive.channel), strict=True):

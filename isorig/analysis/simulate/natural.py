@@ -55,3 +55,8 @@ def natural_modes(model: RigModel, configuration: str) -> tuple[NaturalMode, ...
             size = float(abs(root))
             found.append(NaturalMode(frequency=size / (2.0 * pi), damping=float(-root.real) / size, shape=turned / largest))
     return tuple(sorted(found, key=lambda mode: mode.frequency))
+
+
+def lowest_mode(model: RigModel) -> float:
+    """Frequency in Hz of the lowest mode in any configuration; 0 of a rig without modes."""
+    return min((mode.frequency for name in model.configurations for mode in natural_modes(model, name)), default=0.0)

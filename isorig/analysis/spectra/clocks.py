@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from isorig.analysis.campaign import BROAD, Campaign, ComplexArray, FloatArray, Run
+from isorig.analysis.campaign import BROAD, Campaign, ComplexArray, FloatArray, Run, once
 from isorig.analysis.spectra.windows import hanning
 
 #: Number of segments of a run, the least and the largest length of one in samples.
@@ -17,6 +17,7 @@ COHERENT, BINS = 0.3, 8
 SURE, QUARTZ, STRAIGHT = 6.0, 1e-4, 0.7
 
 
+@once
 def clock_errors(campaign: Campaign, drive: str) -> dict[str, float]:
     """By which share the samples of a channel are further apart than those of the drive, by channel; 0 of none is stated.
 

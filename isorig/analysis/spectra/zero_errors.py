@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from isorig.analysis.campaign import Campaign, FloatArray
+from isorig.analysis.campaign import Campaign, FloatArray, once
 from isorig.analysis.wording import of_signal
 
 #: A mean acceleration is no motion if it changes the velocity within the run by more than this factor of the vibration's largest
@@ -47,6 +47,7 @@ def zero_errors(campaign: Campaign) -> dict[str, str]:
     return found
 
 
+@once
 def wandering(campaign: Campaign, drive: str, lowest: float) -> dict[str, str]:
     """A sentence for each accelerometer whose zero wanders or is wrong, by channel.
 

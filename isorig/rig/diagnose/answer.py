@@ -19,7 +19,7 @@ from isorig.analysis.fitting.score import RESAMPLED
 from isorig.analysis.fitting.solve import Fit
 from isorig.analysis.model.parameter_units import physical_parameters, unit_of
 from isorig.analysis.model.rig_model import RigModel
-from isorig.analysis.simulate.natural import natural_modes
+from isorig.analysis.simulate.natural import lowest_mode
 from isorig.analysis.spectra.hits import looks_hit
 from isorig.rig.files import findings as stored
 from isorig.rig.files.output import write_text
@@ -122,8 +122,7 @@ def missing(campaign: Campaign, model: RigModel) -> list[str]:
     driven = [run for run in runs if run.excitation != "free" and not looks_hit(run, drive)]
     slowest = 0.0
     with suppress(AnalysisError):
-        modes = [mode.frequency for name in model.configurations for mode in natural_modes(model, name)]
-        slowest = min((f for f in modes if f > 0.0), default=0.0)
+        slowest = lowest_mode(model)
     short = [run for run in driven if slowest and run.duration * slowest < PERIODS]
     if short:
         which = f"run {short[0].id!r}" + (f" and {len(short) - 1} more" if len(short) > 1 else "")
