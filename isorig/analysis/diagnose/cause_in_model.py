@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from typing import Any
 
-from isorig.analysis.diagnose.causes import CATALOGUE
+from isorig.analysis.diagnose.causes import same_form
 from isorig.analysis.diagnose.causes.base import Evidence
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.candidate import Candidate
@@ -58,9 +58,7 @@ def with_cause(
         What the records show of the model.
     """
     own = [item.path for item in candidate.free]
-    proposed = (c for cause in CATALOGUE if cause.name == candidate.cause for c in cause.candidates(model, evidence))
-    alike = (c for c in proposed if c.key == candidate.key and [item.path for item in c.free] == own)
-    found = next(alike, None)
+    found = next(same_form(candidate, model, evidence), None)
     if found is None:
         return None
     try:

@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray
-from isorig.analysis.diagnose.causes import CATALOGUE
+from isorig.analysis.diagnose.causes import proposed, same_form
 from isorig.analysis.diagnose.causes.base import Evidence, Kind
 from isorig.analysis.diagnose.free_shapes import free_shapes
 from isorig.analysis.diagnose.kinds import SHAPED, kind_of
@@ -349,16 +349,15 @@ def _variants(job: Job, entry: Entry) -> Running:
     # The other variants of a form, such as a stop at one end only, fitted from its values.
     candidate, done = entry.candidate, entry.fit
     seen, found = {done.model.encoded}, list[tuple[Candidate, Fit]]()
-    for cause in CATALOGUE:
-        for other in cause.candidates(job.current.model, job.evidence):
-            for start in other.starts if other.key == candidate.key and _paths(other) == _paths(candidate) else ():
-                model = start.replace(done.values)
-                if model.encoded not in seen:
-                    seen.add(model.encoded)
-                    job.progress(f"fitting another variant of {candidate.cause} ({candidate.location})")
-                    fitted = tried(model, done.free, job.rungs[-1])
-                    if fitted is not None and other.plausible(fitted.model):
-                        found.append((other, fitted))
+    starts = ((other, start) for other in same_form(candidate, job.current.model, job.evidence) for start in other.starts)
+    for other, start in starts:
+        model = start.replace(done.values)
+        if model.encoded not in seen:
+            seen.add(model.encoded)
+            job.progress(f"fitting another variant of {candidate.cause} ({candidate.location})")
+            fitted = tried(model, done.free, job.rungs[-1])
+            if fitted is not None and other.plausible(fitted.model):
+                found.append((other, fitted))
     return sorted(found, key=lambda pair: pair[1].cost)
 
 
@@ -417,7 +416,7 @@ class Suspected:
     @cached_property
     def known(self) -> frozenset[tuple[str, str]]:
         """Cause and place of every candidate that was considered."""
-        return frozenset(c.key for cause in CATALOGUE for c in cause.candidates(self.job.current.model, self.job.evidence))
+        return frozenset(candidate.key for candidate in proposed(self.job.current.model, self.job.evidence))
 
     @cached_property
     def _started(self) -> Starts:
@@ -544,8 +543,8 @@ class Suspected:
             return [], None
         extended = replace(job.current, model=model, free=free)
         evidence = job.evidence if len(model.links) == len(job.current.model.links) else job.evidence_of(model)
-        proposed = (c for c in then.candidates(extended, evidence) if c.cause not in ALWAYS)
-        candidates = [c for c in proposed if not then.alike(c.key, first.key)]
+        others = (c for c in then.candidates(extended, evidence) if c.cause not in ALWAYS)
+        candidates = [c for c in others if not then.alike(c.key, first.key)]
         own = {f.path for f in first.free}
         starts = _started(candidates, then, extended)
         starts = _with_curve(starts, then, extended, evidence) if curves else starts
@@ -564,7 +563,7 @@ class Suspected:
         blamed = [start for start in order[1:] if then.blamed(start[0].cause, start[0].location)]
         found: Starts = []
         for nearest, _, pair in [order[0], *blamed][:PAIRS]:
-            for candidate in (c for cause in CATALOGUE for c in cause.candidates(current.model, self.job.evidence)):
+            for candidate in proposed(current.model, self.job.evidence):
                 if candidate.key == nearest.key:
                     free = candidate.parameters(current.model, current.free)
                     found.append((candidate, free, candidate.starts[0].replace(_values_at(pair, [f.path for f in free]))))
@@ -635,8 +634,8 @@ class Screened:
     @cached_property
     def _screened(self) -> list[ScreenedCandidate]:
         job, current = self.job, self._screen.current
-        proposed = [c for cause in CATALOGUE for c in cause.candidates(current.model, job.evidence) if self._sought(c)]
-        ranked = self._screen.ranked([c for c in proposed if self.tried is None or not self.tried.includes(c.location)])
+        sought = [candidate for candidate in proposed(current.model, job.evidence) if self._sought(candidate)]
+        ranked = self._screen.ranked([c for c in sought if self.tried is None or not self.tried.includes(c.location)])
         least = current.cost if job.left >= POLICY.rest else (1.0 - POLICY.worth) * current.cost
         return ranked if ranked and (job.left >= POLICY.rest or ranked[0].cost < least) else []
 
@@ -825,7 +824,7 @@ def _kind_and_form(
     for entry in (entry for k, entry in enumerate(forms) if (k == 0 and entry.kind in SHAPED) or entry.place == place):
         # A rig whose baseline has no friction has no Stribeck friction to try before it has some.
         model = msgspec.structs.replace(entry.fit.model, free=tuple(free.path for free in entry.fit.free))
-        for candidate in (c for cause in CATALOGUE for c in cause.candidates(model, job.evidence)):
+        for candidate in proposed(model, job.evidence):
             if (kind_of(candidate.cause), candidate.location) == entry.place and candidate.key not in known:
                 free = candidate.parameters(model, entry.fit.free)
                 starts += [(candidate, free, start) for start in candidate.starts]

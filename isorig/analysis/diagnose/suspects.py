@@ -10,7 +10,7 @@ from math import pi
 import numpy as np
 
 from isorig.analysis.deadline import ask_time
-from isorig.analysis.diagnose.causes import CATALOGUE, FOUND_AS
+from isorig.analysis.diagnose.causes import CATALOGUE, FOUND_AS, proposed
 from isorig.analysis.diagnose.causes.base import Evidence, Kind
 from isorig.analysis.diagnose.free_shapes import free_shapes
 from isorig.analysis.diagnose.kinds import kind_of
@@ -268,9 +268,9 @@ class Suspects:
 
     def candidates(self, current: Fit, evidence: Evidence) -> list[Candidate]:
         """The catalogue's candidates at the suspected places, and those that are always tried."""
-        proposed = [c for cause in CATALOGUE for c in cause.candidates(current.model, self._located(evidence))]
         untested = {("wrong_mass", body) for body in self.equations.unscaled}
-        found = [c for c in proposed if c.cause in ALWAYS or c.key in untested or self.includes(c.cause, c.location)]
+        every = proposed(current.model, self._located(evidence))
+        found = [c for c in every if c.cause in ALWAYS or c.key in untested or self.includes(c.cause, c.location)]
         curves = {e: left for e in self.chosen if (left := self._of_curve(e, current, evidence)) is not None}
         return self._comparable(found, current, curves)
 

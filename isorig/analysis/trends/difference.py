@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray
-from isorig.analysis.diagnose.causes import CATALOGUE
+from isorig.analysis.diagnose.causes import proposed
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.errors import AnalysisError, FitError
 from isorig.analysis.fitting.candidate import Candidate
@@ -140,7 +140,7 @@ def explanations(
         found.append(_of_parameter(one[0].path, earlier, done, freed.misfit(done, changed) + np.log(freed.size)))
     evidence = observe(campaign, still.model, trials, earlier, earlier)
     with np.errstate(all="ignore"):  # a cause that does not fit may diverge
-        screened = Screen(still, whole).ranked([c for cause in CATALOGUE for c in cause.candidates(still.model, evidence)])
+        screened = Screen(still, whole).ranked(list(proposed(still.model, evidence)))
     distinct: dict[tuple[str, str], ScreenedCandidate] = {}
     for item in screened:
         distinct.setdefault(item.candidate.key, item)

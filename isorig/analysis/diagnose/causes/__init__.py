@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from importlib import import_module
 from pkgutil import iter_modules
 
-from isorig.analysis.diagnose.causes.base import Cause, SignKind
+from isorig.analysis.diagnose.causes.base import Cause, Evidence, SignKind
+from isorig.analysis.fitting.candidate import Candidate
+from isorig.analysis.model.rig_model import RigModel
 
 _FILES = [import_module(f"{__name__}.{module.name}") for module in iter_modules(__path__)]
 
@@ -22,6 +24,18 @@ FOUND_AS: Mapping[str, frozenset[str]] = {
     what: frozenset(cause.name for cause in CATALOGUE if what in cause.found_as)
     for what in sorted({what for cause in CATALOGUE for what in cause.found_as})
 }
+
+
+def proposed(model: RigModel, evidence: Evidence) -> Iterator[Candidate]:
+    """The candidates of all causes for a model with this evidence."""
+    return (candidate for cause in CATALOGUE for candidate in cause.candidates(model, evidence))
+
+
+def same_form(candidate: Candidate, model: RigModel, evidence: Evidence) -> Iterator[Candidate]:
+    """The candidates for a model with the cause, place and free parameters of one for another model: its variants, too."""
+    paths = [free.path for free in candidate.free]
+    own = (c for cause in CATALOGUE if cause.name == candidate.cause for c in cause.candidates(model, evidence))
+    return (c for c in own if c.key == candidate.key and [free.path for free in c.free] == paths)
 
 
 def supported(sign: SignKind, *places: str) -> tuple[tuple[str, str], ...]:
