@@ -51,12 +51,12 @@ def budget(model: RigModel, trials: Sequence[Trial], noise: FloatArray) -> Budge
     model
         The fitted model.
     trials
-        What judges it: of each trial what comes after `fitted` samples.
+        What judges it: the held-out samples of each.
     noise
         Error that the sensors' noise makes, as a share of the signal, shape (runs, channels).
     """
-    left = [trial.measured[:, trial.fitted :] - expected(model, trial)[:, trial.fitted :] for trial in trials]
-    signal = np.stack([np.mean(trial.measured[:, trial.fitted :] ** 2, axis=1) for trial in trials])
+    left = [(trial.measured - expected(model, trial))[:, trial.held_out] for trial in trials]
+    signal = np.stack([np.mean(trial.measured[:, trial.held_out] ** 2, axis=1) for trial in trials])
     pairs = repeated(trials)
     shaken = disturbance(model, trials) ** 2 * signal if pairs else None
     parts = _powers(trials, left, noise**2 * signal, shaken) / np.maximum(signal, 1e-300)[:, :, None]
@@ -129,7 +129,7 @@ def _shared(trials: Sequence[Trial], left: Sequence[FloatArray]) -> tuple[FloatA
         a, b = left[one][:, :n], left[other][:, :n]
         same = np.mean(a * b, axis=1)
         apart = 0.5 * (a - b)
-        drive = segments(trials[one], trials[one].excitation.recorded[trials[one].fitted :][:n])
+        drive = segments(trials[one], trials[one].excitation.recorded[trials[one].held_out][:n])
         for channel in range(shape[1]):
             error = segments(trials[one], apart[channel])
             if len(drive) and len(error) == len(drive):

@@ -577,7 +577,8 @@ class _Search:
             return found
         try:
             judged = found.division.judged
-            floors = None if found.division.beginnings else self.floors([last.fit.model], judged)
+            same = len(judged) == len(fits) and not found.division.beginnings
+            floors = self.floors([last.fit.model], judged) if same else None
             fit = assessed(last.fit, fits, self._campaign.known, floors).fit
         except (OutOfTimeError, FitError):
             return found

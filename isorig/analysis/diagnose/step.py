@@ -164,18 +164,23 @@ class Found:
 def best_form(forms: Sequence[Entry], now: Score, floors: FloatArray) -> Found:
     """The step to the form with the least error, or to the simplest of those that the data cannot distinguish from it."""
     entries = sorted(forms, key=lambda entry: float(np.mean(np.log(entry.score.blocks))))
-    best = entries[0]
-
-    def alike(rival: Entry) -> bool:
-        behind = margin_in_errors(best.score, rival.score)
-        return rivals_alike(best.score.error, rival.score.error, floors, behind)
-
-    close = [entry for entry in entries if entry is best or alike(entry)]
+    close = alike(entries, floors)
     # Of indistinguishable candidates, the simplest is used.
     carried = simplest(close)
     apart = [entry.score for entry in entries if all(entry is not other for other in close)]
     twins = {entry.candidate.key for entry in close if entry is not carried}
     return found_step(carried, entries, now, twins, confidence(carried.score, apart))
+
+
+def alike(entries: Sequence[Entry], floors: FloatArray) -> list[Entry]:
+    """The first of these entries, and those that the data cannot distinguish from it."""
+    best, *others = entries
+
+    def as_good(rival: Entry) -> bool:
+        behind = margin_in_errors(best.score, rival.score)
+        return rivals_alike(best.score.error, rival.score.error, floors, behind)
+
+    return [best, *(entry for entry in others if as_good(entry))]
 
 
 def simplest(entries: Sequence[Entry]) -> Entry:
@@ -220,10 +225,7 @@ def best_kind(
     sureness = wins(units(chosen.score), apart)
     twins = {(entry.candidate.cause, entry.candidate.location) for entry in close if entry is not chosen}
     if standing:
-        carried = min(
-            (e for e in standing if ratio(e.score.error, standing[0].score.error, floors) < POLICY.matters),
-            key=lambda entry: (len(entry.candidate.free), entry.candidate.rank),
-        )
+        carried = min(alike(standing, floors), key=lambda entry: (len(entry.candidate.free), entry.candidate.rank))
         # A form at another place that cannot be excluded stands for the free shape there.
         for other in close:
             form = next((e for e in entries if e.place == other.place and e.candidate.shape is None), None)

@@ -224,10 +224,10 @@ class Regressions:
     def _bent(self, balance: Balance, element: Element, shape: Shape) -> float:
         # Residual of an equation without friction with a shape. The time domain is better where the slow part of an integrated
         # deflection shifts a curve over it, where rare events count, and for friction, which holds while the element slides:
-        # there the ratio of the residuals counts. Rigs that are moved and rest have few segments that tell.
+        # there the ratio of the residuals counts. Rigs that are moved and rest have few segments that tell, except a decay.
         before = self.on.prepared[balance.name].solved.residual
         moved = self.on.in_time(balance, element, sliding=True)
-        if moved is not None and moved[0].rests:
+        if moved is not None and moved[0].rests and not self.on.spectra.loud_at_start:
             return before * self.on.in_motion(balance, element, shape)
         left = self.on.shaped(balance, element, shape).residual
         if left <= self.least or before < self.least:
@@ -333,7 +333,8 @@ class Regressions:
     ) -> tuple[dict[str, float], float]:  # fmt: skip
         # Residuals with a resonator that rings longer than a segment, filtered over whole runs, and its mass.
         columns = {
-            run: self.on.spectra.segments(filtered(spectrum, n, self.on.rate, mode))[None] for run, (spectrum, n) in bases.items()
+            run: self.on.spectra.segments(filtered(spectrum, n, self.on.rate, mode), run)[None]
+            for run, (spectrum, n) in bases.items()
         }
         solved = {
             name: item.shaped({run: columns[run] for run in item.weights}, held_out=False) for name, item in spectral.items()
@@ -653,7 +654,10 @@ class Regressions:
         for name, item in inside.items():
             columns = {
                 record.index: np.stack(
-                    [self.on.spectra.segments(self._error(item.rows, item.solved.values, channel, found)) for found in own]
+                    [
+                        self.on.spectra.segments(self._error(item.rows, item.solved.values, channel, found), record.index)
+                        for found in own
+                    ]
                 )
                 for record, own in zip(self.on.records, errors, strict=True)
                 if record.index in item.weights

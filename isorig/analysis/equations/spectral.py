@@ -23,6 +23,9 @@ SPACING = 1.0 / 120.0
 #: Rounds of solving for the coefficients and weighting by them, and the factor from the given values within which weights use
 #: them. Chosen: coefficients of a wrong equation may be anything, and weights from them would hide the fault.
 ROUNDS, TRUSTED = 3, 2.0
+#: rms of a channel in the first half segment of a run over that of the whole run, from which on its start is the loudest part, as
+#: after a release. Chosen: a steady motion has 1, a decay within a quarter of the run 2.
+LOUD = 1.5
 
 #: A row of an equation: coefficients of signals, each a number or one value per frequency bin.
 Row = Mapping[tuple[str, int], "complex | ComplexArray"]
@@ -304,6 +307,7 @@ class Spectra:
         self.octaves = (1.0 / self.frequency) / (1.0 / self.frequency).sum()
         self.orders = orders
         self.runs: list[RunSpectra] = []
+        self.loud_at_start: set[int] = set()
 
     def _independent(self, power: Mapping[str, FloatArray]) -> ComplexArray:
         # Cross-spectral matrices of independent errors with these power spectra in the channels, shape (bins, signals, signals).
@@ -318,7 +322,11 @@ class Spectra:
 
     def add(self, run: int, signals: Mapping[tuple[str, int], FloatArray], noise: Mapping[str, float]) -> None:
         """Add a run: its signals, each shape (n,), and the standard deviation of the sensor noise in each measured channel."""
-        segments = np.stack([self.segments(signals[name]) for name in self.names])
+        half = self.length // 2
+        motions = [signals[channel, order] for channel, order in self.orders.items()]
+        if any(float(np.std(values[:half])) > LOUD * float(np.std(values)) for values in motions):
+            self.loud_at_start.add(run)
+        segments = np.stack([self.segments(signals[name], run) for name in self.names])
         count = segments.shape[1]
         if count:
             power = np.einsum("isf,jsf->fij", segments.conj(), segments, optimize=True) / count
@@ -327,7 +335,7 @@ class Spectra:
             bent = {}
             for name, order in self.orders.items():
                 values = signals[name, order]
-                error = self.segments(ACCURACY * values**2 / max(float(np.abs(values).max()), 1e-300))
+                error = self.segments(ACCURACY * values**2 / max(float(np.abs(values).max()), 1e-300), run)
                 bent[name] = np.mean(np.abs(error) ** 2, axis=0)
             self.runs.append(
                 RunSpectra(
@@ -335,9 +343,15 @@ class Spectra:
                 )
             )
 
-    def segments(self, values: FloatArray) -> ComplexArray:
-        """Spectra of a signal's segments at the chosen bins, shape (segments, bins)."""
+    def segments(self, values: FloatArray, run: int) -> ComplexArray:
+        """Spectra of a signal's segments in a run at the chosen bins, shape (segments, bins).
+
+        The first segment lacks the ends of integrated motions. Where the motion is largest at the start of a run, its middle is
+        there: before, all signals are zero, which satisfies any equation.
+        """
         step = self.length // 2
+        if run in self.loud_at_start:
+            values = np.concatenate([np.zeros(step + step // 2), values])
         starts = np.arange(step // 2, len(values) - self.length + 1, step)
         if len(starts) == 0:
             starts = np.arange(0, max(len(values) - self.length, 0) + 1, self.length)

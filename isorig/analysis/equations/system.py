@@ -662,7 +662,7 @@ class Equations:
             if not any(item.run == run for item in self.spectra.runs):
                 continue
             parts = shape.columns(course)
-            columns[run] = np.stack([self.spectra.segments(part) for part in parts.T])
+            columns[run] = np.stack([self.spectra.segments(part, run) for part in parts.T])
         count = len(next(iter(columns.values())))
         penalty = None
         if shape.smooth:

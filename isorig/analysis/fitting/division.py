@@ -52,9 +52,9 @@ def coarsened(trial: Trial) -> Trial:
 def ends(trials: Sequence[Trial]) -> Division:
     """Fits use the beginnings of all runs, and are judged by the ends."""
     return Division(
-        fits=tuple(trials), judged=tuple(refined(trial) for trial in trials),
-        how=f"the last {100.0 * (1.0 - FIT_SHARE):.0f} % of every run (the last moves of a run that comes to rest, all of a run "
-        f"marked as held out), held out from the fits; {trials[0].prediction}",
+        fits=tuple(trials), judged=tuple(refined(trial) for trial in trials if trial.fitted < trial.samples),
+        how=f"the last {100.0 * (1.0 - FIT_SHARE):.0f} % of every run (the last moves of a run that comes to rest, all of the "
+        f"second strongest of several decays and of a run marked as held out), held out from the fits; {trials[0].prediction}",
     )  # fmt: skip
 
 

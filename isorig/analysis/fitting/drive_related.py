@@ -58,7 +58,7 @@ def drive_related(trials: Sequence[Trial], left: Sequence[FloatArray]) -> FloatA
     trials
         The runs.
     left
-        Residuals of each run from its sample `fitted` on, shape (channels, samples).
+        Residuals of each run in its held-out samples, shape (channels, samples).
 
     Returns
     -------
@@ -67,9 +67,9 @@ def drive_related(trials: Sequence[Trial], left: Sequence[FloatArray]) -> FloatA
     powers = np.zeros((2, len(trials), len(left[0])))
     groups: dict[tuple[str, int], list[int]] = defaultdict(list)  # segments of one length have the same lines
     for k, trial in enumerate(trials):
-        groups[trial.run.configuration, _segment(trial, trial.samples - trial.fitted)].append(k)
+        groups[trial.run.configuration, _segment(trial, trial.held_out.stop - trial.held_out.start)].append(k)
     for group in groups.values():
-        driven = {k: segments(trials[k], trials[k].excitation.recorded[trials[k].fitted : trials[k].samples]) for k in group}
+        driven = {k: segments(trials[k], trials[k].excitation.recorded[trials[k].held_out]) for k in group}
         drives = {k: spectra for k, spectra in driven.items() if len(spectra)}
         members = list(drives)
         for channel in range(len(left[0])):

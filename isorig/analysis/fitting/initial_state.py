@@ -50,6 +50,9 @@ DEAD = 1e12
 HELD = 1e-9
 #: Standard deviation of the prior as a multiple of the rms of the motion: so weak that it only holds what no record shows.
 PRIOR = 10.0
+#: Standard deviation of a described state: of a position as a share of the largest one, of a velocity as a share of what that
+#: becomes at the lowest mode. Chosen: a hand pulls, and a trigger starts a record, about as accurately.
+DESCRIBED = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +91,9 @@ class MovingStart:
     sigma, offset
         Allowed error of each channel and magnitude of its mean over the run, shape (channels,).
     sizes
-        Rms of position and velocity of each body in this run.
+        Rms of position and velocity of each body in this run; of a described state its standard deviations over `PRIOR`.
+    given
+        The described state; empty for rest.
     near
         The state with the linear part of the rig as described.
     values, inverse
@@ -102,6 +107,7 @@ class MovingStart:
     sigma: FloatArray
     offset: FloatArray
     sizes: State
+    given: State = field(default_factory=dict)
     near: State = field(default_factory=dict)
     values: FloatArray = field(default_factory=lambda: np.zeros(0))
     inverse: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
@@ -159,6 +165,7 @@ class _Errors:
         self._width, self._count = self._basis.shape[1], len(start.measured)
         most = np.maximum(np.max([list(size) for size in start.sizes.values()], axis=0), HELD)
         sizes = np.maximum(np.array([start.sizes.get(name, tuple(most)) for name in self._names]).T, 1e-3 * most[:, None])
+        self._center = self.values_of(start.given)[: 2 * self._width]
         self._prior = np.vstack([np.kron(np.eye(2)[k], self._basis / (PRIOR * sizes[k][:, None])) for k in range(2)])
         # The offsets are linear: their columns below those of the state.
         constant = np.kron(np.diag(1.0 / start.sigma), np.ones((n - TAPS, 1)))
@@ -187,7 +194,7 @@ class _Errors:
         except SimulationError:  # least squares take a shorter step
             return np.full(len(self._offsets), LOST)
         errors = ((predicted - start.measured[:, : self._n]) / start.sigma[:, None])[:, TAPS:].ravel()
-        rows = np.concatenate([errors, self._prior @ state, np.zeros(self._count)])
+        rows = np.concatenate([errors, self._prior @ (state - self._center), np.zeros(self._count)])
         return np.asarray(rows + self._offsets @ values[2 * self._width :])
 
     def slopes(self, values: FloatArray) -> FloatArray:
@@ -224,16 +231,32 @@ def moving_start(model: RigModel, run: PreparedRun, allowed: float) -> MovingSta
     linear = msgspec.structs.replace(
         model, contacts=(), links=tuple(msgspec.structs.replace(link, laws=()) for link in model.links), free=()
     )
+    given = described_state(model, run.configuration)
     rms, offset = run.measured.std(axis=1), np.abs(run.measured.mean(axis=1))
     sigma = np.hypot(run.noise, allowed * rms)
     try:
         begun = MovingStart(
             configuration=run.configuration, start_time=run.start_time, measured=run.measured[:, :n], offset=offset,
-            sigma=np.where(sigma > 0.0, sigma, DEAD), sizes=_sizes(linear, run),
+            sigma=np.where(sigma > 0.0, sigma, DEAD), given=given,
+            sizes=_accuracy(given, 2.0 * np.pi * modes[0].frequency) if given else _sizes(linear, run),
         )  # fmt: skip
         return replace(begun, near=begun.state(linear, run.excitation))
     except (SimulationError, ModelError):
         return None
+
+
+def described_state(model: RigModel, configuration: str) -> State:
+    """The described positions and velocities at the start of runs of a configuration; empty if none is described."""
+    setup = model.configurations[configuration]
+    names = {**setup.initial_position, **setup.initial_velocity}
+    return {name: (setup.initial_position.get(name, 0.0), setup.initial_velocity.get(name, 0.0)) for name in names}
+
+
+def _accuracy(given: State, lowest: float) -> State:
+    # The prior's sizes of a described state: all bodies move about as much as the largest.
+    most = max(max(abs(position), abs(velocity) / lowest) for position, velocity in given.values())
+    size = DESCRIBED / PRIOR * most
+    return dict.fromkeys(given, (size, lowest * size))
 
 
 def begins_in_motion(model: RigModel, run: PreparedRun) -> bool:

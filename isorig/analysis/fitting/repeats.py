@@ -79,7 +79,7 @@ def _power(trials: Sequence[Trial], pairs: Sequence[tuple[int, int]], left: Sequ
     share = []
     for one, other in pairs:
         a, b = trials[one], trials[other]
-        part = slice(max(a.fitted, b.fitted), min(a.samples, b.samples))
+        part = slice(max(a.held_out.start, b.held_out.start), min(a.samples, b.samples))
         if part.stop - part.start < 16:
             continue
         noise = 0.5 * (a.usable_noise**2 + b.usable_noise**2)
@@ -156,7 +156,7 @@ def _spectrum(one: Trial, other: Trial, left: FloatArray, right: FloatArray) -> 
 
 def _unrelated(trials: Sequence[Trial], left: Sequence[FloatArray]) -> FloatArray:
     # Power of the held-out residuals, beyond the noise, that no transfer function from the drive explains, (runs, channels).
-    later = [values[:, trial.fitted : trial.samples] for trial, values in zip(trials, left, strict=True)]
+    later = [values[:, trial.held_out] for trial, values in zip(trials, left, strict=True)]
     whole = np.stack([np.mean(values**2, axis=1) for values in later])
     noise = np.stack([trial.usable_noise**2 for trial in trials])
     return np.asarray(np.maximum(whole - noise - drive_related(trials, later)[1], 0.0))

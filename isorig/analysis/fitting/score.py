@@ -61,17 +61,12 @@ class Score:
         return float(np.median(self.error))
 
 
-def held_out(trial: Trial) -> slice:
-    """The held-out samples of a trial, without the edge of the record."""
-    return slice(trial.fitted, trial.samples)
-
-
 def signal_powers(trials: Sequence[Trial]) -> FloatArray:
     """Mean square of the held-out record of each run and channel, at least that of `QUIET` of the channel's largest run.
 
     A body that friction holds for a whole run has no signal to compare an error with. Shape (runs, channels).
     """
-    powers = np.stack([np.mean(trial.measured[:, held_out(trial)] ** 2, axis=1) for trial in trials])
+    powers = np.stack([np.mean(trial.measured[:, trial.held_out] ** 2, axis=1) for trial in trials])
     return np.asarray(np.maximum(powers, np.maximum(QUIET**2 * powers.max(axis=0), 1e-60)))
 
 
@@ -80,11 +75,11 @@ def score(model: RigModel, trials: Sequence[Trial]) -> Score:
 
     def one(job: tuple[Trial, FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
         trial, signal = job
-        part = held_out(trial)
+        part = trial.held_out
         try:
             predicted = expected(model, trial)[:, part]
         except (SimulationError, ModelError):
-            predicted = np.full((len(trial.channels), trial.samples - trial.fitted), 1e6)
+            predicted = np.full((len(trial.channels), part.stop - part.start), 1e6)
         measured = trial.measured[:, part]
         error = predicted - measured
         relative = np.sqrt(np.mean(error**2, axis=1) / signal)
@@ -108,7 +103,7 @@ def noise_floor(model: RigModel, trials: Sequence[Trial]) -> FloatArray:
     generator = np.random.default_rng(7)
 
     def through(trial: Trial, noises: Sequence[FloatArray]) -> FloatArray:
-        part = held_out(trial)
+        part = trial.held_out
         if trial.motion is not None and trial.shaken is not None:
             off = required_drive(model, trial.motion) - required_drive(model, trial.shaken)
             return np.asarray(np.mean(off[:, part] ** 2, axis=1))[None]

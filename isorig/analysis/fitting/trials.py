@@ -11,9 +11,16 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from isorig.analysis.campaign import MOTION, BoolArray, Campaign, FloatArray, Run
+from isorig.analysis.campaign import MOTION, BoolArray, Campaign, FloatArray, IntArray, Run
 from isorig.analysis.errors import DataError
-from isorig.analysis.fitting.initial_state import MovingStart, PreparedRun, State, begins_in_motion, moving_start
+from isorig.analysis.fitting.initial_state import (
+    MovingStart,
+    PreparedRun,
+    State,
+    begins_in_motion,
+    described_state,
+    moving_start,
+)
 from isorig.analysis.lowpass import fast_length
 from isorig.analysis.model.linear import floats
 from isorig.analysis.model.rig_model import GROUND, RigModel, Sensor
@@ -66,6 +73,9 @@ SIGNAL_SHARE = 0.01
 #: Runs from which on more than this share of them must show that they begin in motion. Chosen: an imperfect lock, hum and a
 #: baseline without friction show it in a few runs that begin at rest; records cut out of a motion in nearly all.
 MANY, MOST = 3, 0.5
+#: Periods of the lowest mode for which a released rig moves from which on its records tell the state at their start better than
+#: the description. Chosen: within one or two a state and a friction imitate each other.
+DECAYS = 5.0
 #: Number of simulated motions that a trial caches: those of the baseline, the model so far, and a candidate.
 CACHED = 3
 
@@ -163,6 +173,11 @@ class Trial:
     def samples(self) -> int:
         """Length of the record."""
         return int(self.measured.shape[1])
+
+    @property
+    def held_out(self) -> slice:
+        """The held-out samples, on which models are judged; all samples of a run that is fitted as a whole."""
+        return slice(self.fitted if self.fitted < self.samples else 0, self.samples)
 
     @property
     def uncertain_end(self) -> int:
@@ -384,9 +399,8 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
             by_drive.append((run, stop, noise))
             continue
         drive = run.channel(model.drive.channel).read(0, stop)
-        setup = model.configurations[run.configuration]
         still = all(rests(run.channel(d.channel).read(0, stop), noise.get(d.channel, 0.0)) for d in model.drives)
-        if still and not (setup.initial_position or setup.initial_velocity):
+        if still and not described_state(model, run.configuration):
             continue
         names = tuple(sensor.channel for sensor in model.sensors)
         measured = np.stack([run.channel(name).read(0, stop) for name in names])
@@ -412,24 +426,49 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
         return _by_drive(campaign, model, by_drive)
     if not trials:
         raise DataError(f"{campaign.source or 'the campaign'} has no run that a fit can use; measure at least one")
-    return _with_starts(trials, model)
+    return _with_decays_held_out(_with_starts(trials, model))
 
 
 def _with_starts(trials: Sequence[Trial], model: RigModel) -> tuple[Trial, ...]:
-    # Runs of one campaign are cut alike: if most begin in motion, so do all whose initial state is not described.
-    runs = {}
+    # Runs of one campaign are cut alike: if most begin in motion, so do all whose initial state is not described. A described
+    # state is as accurate as a hand and a trigger are, and a decay repeats its error for many periods: the records tell more.
+    rest, released = dict[int, PreparedRun](), dict[int, PreparedRun]()
     for index, trial in enumerate(trials):
-        setup = model.configurations[trial.run.configuration]
-        if trial.motion is None and not (setup.initial_position or setup.initial_velocity):
-            runs[index] = PreparedRun(
+        if trial.motion is None:
+            described = described_state(model, trial.run.configuration)
+            (released if described else rest)[index] = PreparedRun(
                 configuration=trial.run.configuration, start_time=trial.start_time, excitation=trial.excitation,
                 measured=trial.measured, noise=trial.noise,
             )  # fmt: skip
-    moving = sum(begins_in_motion(model, run) for run in runs.values())
-    if moving == 0 or (len(runs) >= MANY and moving <= MOST * len(runs)):
-        return tuple(trials)
-    starts = {index: moving_start(model, run, SIGNAL_SHARE) for index, run in runs.items()}
+    moving = sum(begins_in_motion(model, run) for run in rest.values())
+    if moving == 0 or (len(rest) >= MANY and moving <= MOST * len(rest)):
+        rest = {}
+    long = DECAYS / max(lowest_mode(model), 1e-9)
+    decays = {index: run for index, run in released.items() if _lasting(trials[index]) >= long}
+    starts = {index: moving_start(model, run, SIGNAL_SHARE) for index, run in (rest | decays).items()}
     return tuple(replace(trial, moving=starts.get(index)) for index, trial in enumerate(trials))
+
+
+def _lasting(trial: Trial) -> float:
+    # Seconds for which a run moves, of a decay without its end at rest.
+    moving = np.diff(_course(trial.measured), prepend=0.0)
+    return float(np.sum(moving > FADED * moving.max())) / BLOCKS * trial.samples / trial.sample_rate
+
+
+def _with_decays_held_out(trials: Sequence[Trial]) -> tuple[Trial, ...]:
+    # Of several free decays the second strongest is held out, and the others are fitted as a whole: the end of a decay is its
+    # weakest part, where an effect of large motions does not show.
+    alike = [k for k, trial in enumerate(trials) if trial.fitted > 0 and trial.motion is None and decays(trial.measured)]
+    if len(alike) < 2:
+        return tuple(trials)
+    _, judged, *_ = sorted(alike, key=lambda k: -float(np.mean(trials[k].measured ** 2)))
+    fitted = {k: 0 if k == judged else trials[k].samples for k in alike}
+    return tuple(replace(trial, fitted=fitted.get(k, trial.fitted)) for k, trial in enumerate(trials))
+
+
+def decays(measured: FloatArray) -> bool:
+    """Whether records, shape (channels, n), have a single move that decays, so that their end is at rest."""
+    return _comes_to_rest(_course(measured)) and not len(_between_moves(_course(measured)))
 
 
 def fit_samples(measured: FloatArray) -> int:
@@ -443,19 +482,32 @@ def fit_samples(measured: FloatArray) -> int:
     measured
         The responses, shape (channels, n).
     """
-    parts = np.array_split(measured, BLOCKS, axis=1)
-    power = np.stack([part.var(axis=1) for part in parts])
-    course = np.cumsum(np.mean(power / np.maximum(power.sum(axis=0), 1e-300), axis=1))
-    if course[-1] == 0.0 or course[-1] - course[round(FIT_SHARE * BLOCKS) - 1] >= STILL_MOVES:  # nothing moves, or its end does
+    course = _course(measured)
+    if not _comes_to_rest(course):
         return round(FIT_SHARE * int(measured.shape[1]))
-    moving = np.diff(course, prepend=0.0)
-    between = np.flatnonzero((course >= BETWEEN[0]) & (course <= BETWEEN[1]) & (moving <= CALM * moving.max()))
+    moving, between = np.diff(course, prepend=0.0), _between_moves(course)
     if len(between):
         last = between[moving[between] <= moving[between].min()][-1]
-    else:  # one move that decays
+    else:
         lasting = np.flatnonzero(moving > FADED * moving.max())
         last = lasting[round(FIT_SHARE * len(lasting)) - 1]
-    return int(sum(part.shape[1] for part in parts[: last + 1]))
+    return int(sum(part.shape[1] for part in np.array_split(measured, BLOCKS, axis=1)[: last + 1]))
+
+
+def _course(measured: FloatArray) -> FloatArray:
+    # Share of the motion until the end of each block of the run.
+    power = np.stack([part.var(axis=1) for part in np.array_split(measured, BLOCKS, axis=1)])
+    return np.asarray(np.cumsum(np.mean(power / np.maximum(power.sum(axis=0), 1e-300), axis=1)))
+
+
+def _comes_to_rest(course: FloatArray) -> bool:
+    return bool(course[-1] > 0.0 and course[-1] - course[round(FIT_SHARE * BLOCKS) - 1] < STILL_MOVES)
+
+
+def _between_moves(course: FloatArray) -> IntArray:
+    # Calm blocks, with enough of the motion before and after them.
+    moving = np.diff(course, prepend=0.0)
+    return np.flatnonzero((course >= BETWEEN[0]) & (course <= BETWEEN[1]) & (moving <= CALM * moving.max()))
 
 
 def onset_of(drive: FloatArray) -> int:

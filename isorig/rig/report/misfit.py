@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.fitting.score import Score, held_out
+from isorig.analysis.fitting.score import Score
 from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.model.rig_model import RigModel
 from isorig.rig.report.charts import Chart, ChartTrace, Panel, Role, spread_over
@@ -138,7 +138,7 @@ def worst_second(trials: Sequence[Trial], judged: Sequence[Trial], models: Mappi
             sizes[name] = max(sizes.get(name, 0.0), float(np.std(trial.measured[row])))
     records = []
     for trial in trials:
-        part = held_out(held[trial.run.id])
+        part = held[trial.run.id].held_out
         part = slice(part.start, part.stop - round(ENDS * trial.sample_rate))
         for row, name in enumerate(trial.channels):
             records.append(

@@ -163,7 +163,7 @@ def place_force(link: Link, trials: Sequence[Trial], models: Mapping[Named, tupl
 
 def _in_run(link: Link, trial: Trial, models: Mapping[Named, tuple[RigModel, Simulated]]) -> PlaceForce | None:
     owners = [owner for owner, _ in models.values()]
-    first = max(trial.fitted - round(EDGE * trial.sample_rate), 0)
+    first = max(trial.held_out.start - round(EDGE * trial.sample_rate), 0)
     # The deflection of a link is that of its first end relative to its second.
     end, sign = (link.b, -1.0) if link.a == GROUND else (link.a, 1.0)
 

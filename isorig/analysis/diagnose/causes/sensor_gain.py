@@ -15,6 +15,7 @@ class SensorGain(ChannelCause):
     """A wrong sensitivity."""
 
     kind = "sensor"
+    rank = 1  # an instrument is calibrated; a mass or an inertia of a description may be a guess
     phrase = "the {place} channel reads {factor} of the true value"
     signs = frozenset({"independent of amplitude", "constant ratio", "ratio of rigid bodies"})
     found_as = frozenset({"gain"})
