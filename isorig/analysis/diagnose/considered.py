@@ -62,6 +62,9 @@ def all_considered(
     found: dict[tuple[str, str], ConsideredCandidate] = {}
     for before, entries in searches:
         best = min(entries, key=lambda entry: excess(entry.score.error, floors))
+        near = [
+            entry.candidate.key for entry in entries if ratio(entry.score.error, best.score.error, floors) < POLICY.form_close
+        ]
         for entry in entries:
             key = entry.candidate.key
             if whole <= 0.0:
@@ -72,7 +75,8 @@ def all_considered(
                 share += sum(found[gone].share or 0.0 for gone in replaced if gone in found and gone != key and gone[1] == key[1])
             # A named cause that is fitted again with itself in place removes hardly anything then.
             if key not in found or (key in named and share > (found[key].share or 0.0)):
-                found[key] = _considered(entry, share, best, floors, key in named, any(key in one for one in sets))
+                alike = any(key in one for one in sets)
+                found[key] = _considered(entry, share, best, floors, key in named, alike, len(set(near)) > 1)
             if key in replaced and key not in named:
                 why = f"It removes {_percent(share)}; a more general friction at the same place replaces it."
                 found[key] = replace(found[key], standing="ruled out", why=why)
@@ -99,7 +103,10 @@ def _needless(entry: Entry) -> ConsideredCandidate:
     )  # fmt: skip
 
 
-def _considered(entry: Entry, share: float, best: Entry, floors: FloatArray, named: bool, together: bool) -> ConsideredCandidate:
+def _considered(
+    entry: Entry, share: float, best: Entry, floors: FloatArray, named: bool, together: bool, several: bool
+) -> ConsideredCandidate:  # fmt: skip
+    # `together`: it is reported as indistinguishable from another one; `several`: others come as close as the best.
     behind = ratio(entry.score.error, best.score.error, floors)
     percent = _percent(share)
     if together:
@@ -107,7 +114,7 @@ def _considered(entry: Entry, share: float, best: Entry, floors: FloatArray, nam
     elif named:
         standing = "established" if share >= POLICY.explained else "main contributor"
         why = f"It removes {percent} on held-out data."
-    elif share >= POLICY.main and behind < POLICY.form_close:
+    elif several and share >= POLICY.main and behind < POLICY.form_close:
         standing = "one of several"
         why = f"It removes {percent}; its error is {behind:.3g} times that of the best candidate, which does not rule it out."
     elif share >= POLICY.main and entry is best:

@@ -16,7 +16,7 @@ from isorig.analysis.model.drafted import DAMPING, MASS, STIFFNESS
 from isorig.analysis.model.rig_model import GROUND, Body, Configuration, Drive, Link, RigModel, Sensor
 from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.clock import is_time, is_uneven_time, rises_evenly, sample_counter, says_time, seconds_per, time_unit
-from isorig.rig.exchange.table import STREAMED, Column, ForeignTable
+from isorig.rig.exchange.table import STREAMED, UNTITLED, Column, ForeignTable
 from isorig.rig.exchange.tree import PLAIN
 from isorig.rig.exchange.units import UNITS, known_unit
 from isorig.rig.files.recording import GAIN, RESERVED
@@ -336,7 +336,9 @@ def _name(source: str, column: Column, taken: set[str], words: Sequence[tuple[st
 
 
 def _run_text(part: _Part) -> str:
-    return re.split(r"[./]", part.group)[-1] or part.table.path.stem
+    # A program's default name of a group says nothing.
+    group = re.split(r"[./]", part.group)[-1]
+    return part.table.path.stem if not group or UNTITLED.fullmatch(group) else group
 
 
 def _configurations(parts: Sequence[_Part]) -> list[str]:

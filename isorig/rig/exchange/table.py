@@ -19,6 +19,8 @@ AGAIN = "copy it again from its source"
 #: Maximum number of columns from one multidimensional array.
 COLUMNS_MOST = 256
 
+#: LabVIEW's name of a channel or a group that was given none.
+UNTITLED = re.compile(r"Untitled( \d+)?")
 #: Name of the streamed gain in files whose `gain` is a single number for the run.
 STREAMED = "gain_streamed"
 

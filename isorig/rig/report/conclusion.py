@@ -152,13 +152,16 @@ def _error(holdout: HeldOut, extended: bool) -> str:
 def _ruled_out(findings: Findings) -> str:
     unconfirmed, out = (_fitted(findings, standing) for standing in ("not confirmed", "ruled out"))
     named = {(step.cause, step.location) for step in findings.steps}
-    unsure = [pair for pair in _fitted(findings, "main contributor") if (pair[1].cause, pair[1].location) not in named]
+    # Those that the data cannot distinguish from a named cause are listed as such.
+    open_ones = ("main contributor",) if findings.steps else ("main contributor", "one of several")
+    unsure = [pair for pair in _fitted(findings, *open_ones) if (pair[1].cause, pair[1].location) not in named]
     alike = [f"{words(c.cause)} at {with_article(c.location)}" for group in findings.indistinguishable for c in group[1:]]
     said = []
     if unconfirmed:
         said.append(f"Of this kind and place, not confirmed, with the error each leaves: {_listed(unconfirmed)}.")
     if unsure:
-        said.append(f"Not certain enough to be named, with the error it leaves: {_listed(unsure)}.")
+        which = "each leaves" if len(unsure) > 1 else "it leaves"
+        said.append(f"Not certain enough to be named, with the error {which}: {_listed(unsure)}.")
     if out:
         said.append(f"Ruled out, with the error each leaves: {_listed(out)}.")
     if alike:
@@ -166,9 +169,9 @@ def _ruled_out(findings: Findings) -> str:
     return " ".join(said)
 
 
-def _fitted(findings: Findings, standing: str) -> list[tuple[float, TriedCause]]:
-    # Fitted candidates of a status with their held-out errors, the smallest first.
-    fitted = [(c.holdout_error, c) for c in findings.candidates if c.standing == standing and c.holdout_error is not None]
+def _fitted(findings: Findings, *standings: str) -> list[tuple[float, TriedCause]]:
+    # Fitted candidates of some status with their held-out errors, the smallest first.
+    fitted = [(c.holdout_error, c) for c in findings.candidates if c.standing in standings and c.holdout_error is not None]
     return sorted(fitted, key=lambda pair: pair[0])
 
 

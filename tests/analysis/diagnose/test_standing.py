@@ -69,6 +69,15 @@ def test_a_cause_to_which_the_equations_point_is_not_ruled_out_by_its_fit(pointe
     assert {c.location: c.standing for c in found if c.holdout_error is not None} == {"x": x, "a": "ruled out"}
 
 
+@pytest.mark.parametrize(
+    ("second", "standing"), [(0.09, "main contributor"), (0.03 * POLICY.form_close * 0.99, "one of several")]
+)
+def test_the_only_candidate_that_explains_most_is_the_main_contributor(second: float, standing: str) -> None:
+    first, entries = scored(0.1), [entry("sensor_gain", "x", 0.03), entry("sensor_gain", "a", second)]
+    found = all_considered([(first, entries)], [], (), {}, first, FLOORS, stage(), (), None)
+    assert next(c.standing for c in found if c.location == "x") == standing
+
+
 def test_no_candidate_has_a_share_of_a_baseline_that_became_adequate_during_the_search() -> None:
     searches = [(scored(0.1), [entry("sensor_gain", "x", 0.004)])]
     found, *_ = all_considered(searches, [], (), {}, scored(0.004), FLOORS, stage(), (), None)

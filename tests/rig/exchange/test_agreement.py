@@ -18,6 +18,7 @@ from isorig.analysis.fitting.trials import SHORTEST
 from isorig.analysis.spectra.overload import FREQUENT
 from isorig.rig.cli import main
 from isorig.rig.exchange.clock import BREAK, BREAKS_MOST, breaks, is_uneven_time
+from isorig.rig.exchange.formats.text import read_text
 from isorig.rig.exchange.importing import RATE_AGREES, STEADY, shortcomings
 from isorig.rig.exchange.table import Column
 from isorig.rig.files.recording import read
@@ -386,13 +387,13 @@ def drafted(folder: Path, name: str) -> str:
 def test_names_of_the_file(tmp_path: Path) -> None:
     """ID lines of universal files, names in MATLAB structures, groups of untitled TDMS channels."""
     uff = pyuff.UFF(str(tmp_path / "a.uff"))
-    for node, name in ((1, "Shaker force"), (12, "Top plate"), (3, "Gyro A [deg/s]")):
+    for node, name, entity in ((1, "Shaker force", "Shaker for"), (12, "Top plate", "NONE"), (3, "Gyro A [deg/s]", "NONE")):
         part = {
             "type": 58, "binary": 0, "func_type": 1, "rsp_node": node, "rsp_dir": 3, "ref_node": 0, "ref_dir": 0, "data": X,
             "x": np.arange(N) / RATE, "id1": name, "id2": "NONE", "id3": "NONE", "id4": "NONE", "id5": "NONE",
             "abscissa_spacing": 1, "abscissa_inc": 1.0 / RATE, "abscissa_spec_data_type": 17, "num_pts": N, "abscissa_min": 0.0,
             "ordinate_spec_data_type": {1: 13, 12: 12, 3: 0}[node], "orddenom_spec_data_type": 0, "ord_data_type": 4,
-            "ver_num": 0, "load_case_id": 0, "rsp_ent_name": "NONE", "ref_ent_name": "NONE",
+            "ver_num": 0, "load_case_id": 0, "rsp_ent_name": entity, "ref_ent_name": "NONE",
         }  # fmt: skip
         uff.write_sets(part, "add")
     struct = np.array([{"name": n, "values": X, "unit": u, "fs": RATE} for n, u in (("force", "N"), ("top", "g"))], dtype=object)
@@ -409,6 +410,20 @@ def test_names_of_the_file(tmp_path: Path) -> None:
     assert "[channels.force]" in text
     assert "[channels.top]" in text
     assert text.count("[[runs]]") == 1
+    with TdmsWriter(tmp_path / "sweep.tdms") as writer:
+        writer.write_segment([ChannelObject("Untitled", name, X, {"wf_increment": 1.0 / RATE}) for name in ("force", "top")])
+    assert 'id = "sweep"' in drafted(tmp_path, "sweep.tdms")
+
+
+@pytest.mark.parametrize(("separator", "mark"), [(";", "."), (";", ","), ("\t", "."), ("  ", ",")])
+def test_a_drive_that_begins_late_after_whole_zeros(separator: str, mark: str, tmp_path: Path) -> None:
+    """The first rows have no decimal mark."""
+    rows = [["t", "force", "top"], *([str(k), "0", "0"] for k in range(300))]
+    rows += [[str(k), f"{x:.6f}".replace(".", mark), f"{2.0 * x:.6f}".replace(".", mark)] for k, x in enumerate(X, 300)]
+    (tmp_path / "a.txt").write_text("\n".join(separator.join(row) for row in rows))
+    assert "[channels.force]    # " in drafted(tmp_path, "a.txt")
+    columns = read_text(tmp_path / "a.txt").columns
+    np.testing.assert_allclose(columns["top"].values[300:], 2.0 * X, atol=1e-6)
 
 
 def test_units_in_names(tmp_path: Path) -> None:

@@ -9,9 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from isorig.rig.errors import PlanError, RecordingError
-from isorig.rig.exchange.table import Column, ForeignTable, Format
-
-UNTITLED = re.compile(r"Untitled( \d+)?")
+from isorig.rig.exchange.table import UNTITLED, Column, ForeignTable, Format
 
 
 def read_tdms(path: Path) -> ForeignTable:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -66,7 +67,7 @@ def read_text(path: Path) -> ForeignTable:
     number."""
     text = decoded(content_of(path, FILE_MOST))
     lines = [line.rstrip("\r\n") for line in io.StringIO(text[: 1 << 20]).readlines()[:HEAD_LINES]]
-    style = _style(lines, path)
+    style = _with_decimal_of(text, _style(lines, path))
     frame = _frame(text, style, path)
     names, units = _head(lines[: style.first], style)
     rate = _rate(lines[: style.first])
@@ -179,6 +180,16 @@ def _style(lines: Sequence[str], path: Path) -> _Style:
             "export it with decimal points, or separated by semicolons or tabs"
         )
     return best[1]
+
+
+def _with_decimal_of(text: str, style: _Style) -> _Style:
+    # The first rows may be whole numbers, as before a drive begins: then the first mark in the rows below tells.
+    if style.clocks or style.separator == ",":
+        return style
+    marks = (line for line in itertools.islice(io.StringIO(text), style.first, None) if "." in line or "," in line)
+    line = next(marks, "").split("#", 1)[0]
+    other = "." if style.decimal == "," else ","
+    return replace(style, decimal=other) if other in line and style.decimal not in line else style
 
 
 def _are_halves(lines: Sequence[str], style: _Style) -> bool:

@@ -36,6 +36,8 @@ AXES = {0: ""} | {
 }
 #: Lines of text at the start of a dataset.
 ID_LINES = ("id1", "id2", "id3", "id4", "id5")
+#: Number of characters of an entity name in data set 58.
+ENTITY_LONGEST = 10
 #: Text before a channel's full name in the fourth and fifth line of a dataset written by this program.
 RESPONSE, REFERENCE = "response ", "reference "
 #: Hz per unit of frequency, in lower case.
@@ -159,7 +161,12 @@ def _name(item: Mapping[str, Any], end: str) -> str:
     lines = (str(item.get(line, "")).strip() for line in ("id4", "id5"))
     mark = RESPONSE if end == "rsp" else REFERENCE
     whole = next((line[len(mark) :] for line in lines if line.startswith(mark)), "")
-    return whole or _label(item, f"{end}_ent_name")
+    entity = _label(item, f"{end}_ent_name")
+    # The field has room for few characters: an ID line may have the whole name.
+    texts = (
+        [text for line in ID_LINES if (text := _label(item, line)).startswith(entity)] if len(entity) == ENTITY_LONGEST else []
+    )
+    return whole or next(iter(texts), entity)
 
 
 def _label(item: Mapping[str, Any], key: str) -> str:
