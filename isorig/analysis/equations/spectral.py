@@ -23,6 +23,8 @@ SPACING = 1.0 / 120.0
 #: Rounds of solving for the coefficients and weighting by them, and the factor from the given values within which weights use
 #: them. Chosen: coefficients of a wrong equation may be anything, and weights from them would hide the fault.
 ROUNDS, TRUSTED = 3, 2.0
+#: Fewest samples of a segment.
+SHORTEST = 256
 #: rms of a channel in the first half segment of a run over that of the whole run, from which on its start is the loudest part, as
 #: after a release. Chosen: a steady motion has 1, a decay within a quarter of the run 2.
 LOUD = 1.5
@@ -295,7 +297,6 @@ class Spectra:
     ) -> None:  # fmt: skip
         self.rate, self.length, self.names = rate, length, tuple(names)
         self.index = {name: k for k, name in enumerate(self.names)}
-        self.window = np.hanning(length)
         frequency = np.fft.rfftfreq(length, 1.0 / rate)
         kept: list[int] = []
         for k, f in enumerate(frequency):
@@ -330,7 +331,7 @@ class Spectra:
         count = segments.shape[1]
         if count:
             power = np.einsum("isf,jsf->fij", segments.conj(), segments, optimize=True) / count
-            window = float((self.window**2).sum())
+            window = float((np.hanning(self._own(len(signals[self.names[0]]))) ** 2).sum())
             of_noise = {name: np.full(len(self.bins), level**2 * window) for name, level in noise.items()}
             bent = {}
             for name, order in self.orders.items():
@@ -347,18 +348,25 @@ class Spectra:
         """Spectra of a signal's segments in a run at the chosen bins, shape (segments, bins).
 
         The first segment lacks the ends of integrated motions. Where the motion is largest at the start of a run, its middle is
-        there: before, all signals are zero, which satisfies any equation.
+        there: before, all signals are zero, which satisfies any equation. A run shorter than a segment has its own, which zeros
+        lengthen.
         """
-        step = self.length // 2
+        own = self._own(len(values))
+        step = own // 2
         if run in self.loud_at_start:
             values = np.concatenate([np.zeros(step + step // 2), values])
-        starts = np.arange(step // 2, len(values) - self.length + 1, step)
+        starts = np.arange(step // 2, len(values) - own + 1, step)
         if len(starts) == 0:
-            starts = np.arange(0, max(len(values) - self.length, 0) + 1, self.length)
-        if len(values) < self.length:
+            starts = np.arange(0, max(len(values) - own, 0) + 1, own)
+        if len(values) < own:
             return np.zeros((0, len(self.bins)), dtype=complex)
-        view = np.lib.stride_tricks.sliding_window_view(values, self.length)[starts]
-        return np.fft.rfft(view * self.window, axis=1)[:, self.bins]
+        view = np.lib.stride_tricks.sliding_window_view(values, own)[starts]
+        return np.asarray(np.fft.rfft(view * np.hanning(own), self.length, axis=1)[:, self.bins])
+
+    def _own(self, samples: int) -> int:
+        # Samples of a segment in a run: a power of two with at least two segments in it if the run is too short.
+        shorter = 2 ** int(np.log2(max(samples // 2, 1)))
+        return self.length if samples >= self.length or shorter < SHORTEST else shorter
 
     def parts(self, matrix: ComplexArray, power: ComplexArray) -> FloatArray:
         """Power of each row's parts, summed over channels, shape (bins, rows)."""

@@ -19,7 +19,7 @@ from isorig.analysis.equations.motion import (
     usable_stop,
 )
 from isorig.analysis.equations.sliding import ROUNDS, TAPS, Columns, Sliding, SlidingFit, SlidingRun
-from isorig.analysis.equations.spectral import Prepared, Row, Solved, Spectra
+from isorig.analysis.equations.spectral import SHORTEST, Prepared, Row, Solved, Spectra
 from isorig.analysis.laws import Coulomb
 from isorig.analysis.laws.base import NO_LINK
 from isorig.analysis.lowpass import fast_length, force_edge, low_passed, signal_edge
@@ -30,8 +30,8 @@ from isorig.analysis.simulate.natural import lowest_mode
 from isorig.analysis.simulate.sampling import as_held
 from isorig.analysis.spectra.noise import noise_of_runs
 
-#: Periods of the lowest mode in a segment, and its shortest length in samples.
-SEGMENT_PERIODS, SHORTEST = 20.0, 256
+#: Periods of the lowest mode in a segment.
+SEGMENT_PERIODS = 20.0
 #: Lowest frequency of spectra, and below which integrals have no content, in multiples of the lowest mode.
 LOWEST, CUT = 0.3, 0.1
 #: Frequency up to which the slow part of an element's integrated deflection is fitted, at most, in multiples of the lowest mode;
@@ -442,7 +442,7 @@ class Equations:
         noise: list[float] = []
         edge = self.edge
         for record, signals in zip(records, all_signals, strict=True):
-            if record.configuration not in balance.configurations or len(next(iter(signals.values()))) < self.length:
+            if record.configuration not in balance.configurations or len(next(iter(signals.values()))) < SHORTEST:
                 continue
             force = way * self.combined(signals, self.force_row(balance))
             d, v = self.elongation(signals, element, SURE * cut)
