@@ -49,6 +49,14 @@ def test_the_answer_names_the_cause_with_its_size_and_the_error() -> None:
     assert said.lines == [said.answer, said.ruled_out, said.next]
 
 
+def test_what_was_tried_on_top_of_the_answer_is_no_rival_of_it() -> None:
+    tried = [msgspec.to_builtins(each) for each in findings().candidates]
+    tried[1]["holdout_error"] = 0.9 * findings().holdout.extended
+    said = conclude(findings(candidates=tried)).ruled_out
+    assert said.startswith(f"Tried in addition, and not certain, with the error then left: {tried[1]['cause'].replace('_', ' ')}")
+    assert "Ruled out, with the error each leaves: " in said
+
+
 def test_a_cause_to_which_the_equations_point_is_not_ruled_out() -> None:
     """Its fit leaves much of the error where no simulation follows the records."""
     tried = findings().candidates

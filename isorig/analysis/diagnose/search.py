@@ -28,7 +28,7 @@ from isorig.analysis.diagnose.suspects import ALWAYS, BROKEN, STANDS_ALIKE, Susp
 from isorig.analysis.equations.system import HOLDS, Equations, equations_of
 from isorig.analysis.errors import FitError, ModelError, OutOfTimeError
 from isorig.analysis.fitting.candidate import Candidate
-from isorig.analysis.fitting.excess import excess, share_removed
+from isorig.analysis.fitting.excess import excess, ratio, share_removed
 from isorig.analysis.fitting.ladder import (
     AGREES,
     BEHIND,
@@ -830,10 +830,19 @@ def _kind_and_form(
                 starts += [(candidate, free, start) for start in candidate.starts]
     if starts:
         more = followed(starts, job.rungs, job.current, job.progress, job.promising)
-        forms = best_fits([*forms, *job.finished(job.entries(more))], job.floors)
+        extended = [entry for entry in job.finished(job.entries(more)) if _extends(entry, forms, job.floors)]
+        forms = best_fits([*forms, *extended], job.floors)
         named = best_kind(forms, shapes, job.now, job.floors, job.evidence)
     stand = any(adequate(entry.score, job.floors) for entry in forms)
     return best_form(forms, job.now, job.floors) if stand else named
+
+
+def _extends(entry: Entry, forms: Sequence[Entry], floors: FloatArray) -> bool:
+    # Whether a more general law leaves clearly less than the forms at its place.
+    simpler = [form for form in forms if form.place == entry.place]
+    return adequate(entry.score, floors) or all(
+        ratio(form.score.error, entry.score.error, floors) >= POLICY.form_alike for form in simpler
+    )
 
 
 def _together(

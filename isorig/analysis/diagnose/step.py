@@ -166,7 +166,7 @@ def best_form(forms: Sequence[Entry], now: Score, floors: FloatArray) -> Found:
     entries = sorted(forms, key=lambda entry: float(np.mean(np.log(entry.score.blocks))))
     close = alike(entries, floors)
     # Of indistinguishable candidates, the simplest is used.
-    carried = simplest(close)
+    carried = determined(simplest(close), [entry for entry in entries if entry.place == simplest(close).place], floors)
     apart = [entry.score for entry in entries if all(entry is not other for other in close)]
     twins = {entry.candidate.key for entry in close if entry is not carried}
     return found_step(carried, entries, now, twins, confidence(carried.score, apart))
@@ -186,6 +186,25 @@ def alike(entries: Sequence[Entry], floors: FloatArray) -> list[Entry]:
 def simplest(entries: Sequence[Entry]) -> Entry:
     """Of indistinguishable entries the one of lowest rank, then with fewest parameters."""
     return min(entries, key=lambda entry: (entry.candidate.rank, len(entry.candidate.free)))
+
+
+def determined(carried: Entry, mates: Sequence[Entry], floors: FloatArray) -> Entry:
+    """The entry, or, if the data do not determine its values, the simplest of its kind and place that comes close to it."""
+    if is_determined(carried):
+        return carried
+    simpler = [
+        entry
+        for entry in mates
+        if len(entry.candidate.free) < len(carried.candidate.free) and is_determined(entry)
+        if ratio(entry.score.error, carried.score.error, floors) < POLICY.form_close
+    ]
+    return simplest(simpler) if simpler else carried
+
+
+def is_determined(entry: Entry) -> bool:
+    """Whether the data determine a form's own values: each one's standard uncertainty is smaller than the value."""
+    own = [free for free in entry.candidate.free if free.log]
+    return all(entry.fit.std.get(free.path, 0.0) < abs(entry.fit.model.get(free.path)) for free in own)
 
 
 def without_form(found: Found, share: float) -> tuple[Step, Found]:
@@ -226,6 +245,7 @@ def best_kind(
     twins = {(entry.candidate.cause, entry.candidate.location) for entry in close if entry is not chosen}
     if standing:
         carried = min(alike(standing, floors), key=lambda entry: (len(entry.candidate.free), entry.candidate.rank))
+        carried = determined(carried, mates, floors)
         # A form at another place that cannot be excluded stands for the free shape there.
         for other in close:
             form = next((e for e in entries if e.place == other.place and e.candidate.shape is None), None)

@@ -162,6 +162,11 @@ def _ruled_out(findings: Findings) -> str:
     if unsure:
         which = "each leaves" if len(unsure) > 1 else "it leaves"
         said.append(f"Not certain enough to be named, with the error {which}: {_listed(unsure)}.")
+    # What leaves less than the model with its causes was tried on top of these.
+    further = [pair for pair in out if findings.steps and pair[0] < findings.holdout.extended]
+    out = [pair for pair in out if pair not in further]
+    if further:
+        said.append(f"Tried in addition, and not certain, with the error then left: {_listed(further)}.")
     if out:
         said.append(f"Ruled out, with the error each leaves: {_listed(out)}.")
     if alike:
