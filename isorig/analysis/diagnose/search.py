@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray
+from isorig.analysis.deadline import out_of_time
 from isorig.analysis.diagnose.causes import proposed, same_form
 from isorig.analysis.diagnose.causes.base import Evidence, Kind
 from isorig.analysis.diagnose.free_shapes import free_shapes
@@ -300,6 +301,7 @@ def next_step(job: Job) -> Found | None:
     whole = job.left >= POLICY.rest and not job.forms_only
     for each in sources(job):
         rough = job.entries(each.forms[:FINALISTS])
+        whole = whole and not out_of_time()
         if whole and job.steps > 1 and not any(adequate(entry.score, job.floors) or job.nearly(entry) for entry in rough):
             both = _together(job, each.pairs(), rough)
             if both is not None:
@@ -308,7 +310,7 @@ def next_step(job: Job) -> Found | None:
         allowed = [entry for entry in more if job.explains(entry) or each.allows(entry)]
         source = each if source is None or (more and not source.leads) or job.helps(allowed) else source
         forms = best_fits([*forms, *allowed], job.floors)
-        if more and not each.doubtful(forms):
+        if more and (out_of_time() or not each.doubtful(forms)):
             break
         shapes = _without_forms(job, each) if whole and each.leads and not more else shapes
         if any(job.nearly(entry) and each.shown(*entry.candidate.key) for entry in shapes or ()):
@@ -385,6 +387,9 @@ def sources(job: Job) -> Iterator[Source]:
         # Where bodies have no sensors, the misfit of all records tells more about the place than equations that rest on
         # estimates.
         job.progress("the misfit can come from " + ", ".join(sorted(possible.possible)))
+        found = job.suspects
+        if found is not None and found.exact and possible.includes(found.chosen[0].place):
+            yield Suspected(job=job, found=found)
         yield Screened(job=job, places=possible)
     elif not job.judged_by_drive and job.suspects is not None:
         yield Suspected(job=job, found=job.suspects)
@@ -435,7 +440,7 @@ class Suspected:
         near = job.left < 1.0 and not self.found.tentative
         limit = LEAVES * misfit(job.current.model, job.rungs[-1].problem) if near else np.inf
         run = verified(starts, job.rungs[-1], job.progress, sure=self.found.shows, limit=limit)
-        if job.left < 1.0 or len(job.rungs) == 1 or (job.stays(run) and run[0][1].cost < LOST):
+        if job.left < 1.0 or len(job.rungs) == 1 or out_of_time() or (job.stays(run) and run[0][1].cost < LOST):
             return run
         # Impacts soon make two motions differ, however close their parameters are.
         again = followed(starts, job.rungs, job.current, job.progress, job.promising)

@@ -164,6 +164,16 @@ class Suspects:
         """Whether the best explanation is more than a guess."""
         return self.chosen[0].score >= SHOWN
 
+    @property
+    def exact(self) -> bool:
+        """Whether the best explanation repairs a broken equation in which no motion is estimated."""
+        before, after = self.ranking.residuals, self.chosen[0].residuals
+        return any(
+            before[one.name] >= BROKEN and after[one.name] <= REPAIRED * before[one.name] and self.equations.exact(one)
+            for one in self.equations.balances
+            if one.name in before
+        )
+
     def blamed(self, cause: str, place: str) -> bool:
         """Whether no explanation of another kind or place is clearly better."""
         return self.score_of(cause, place) >= NEARLY * self.chosen[0].score

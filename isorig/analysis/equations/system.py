@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,7 @@ from isorig.analysis.equations.motion import (
 )
 from isorig.analysis.equations.sliding import ROUNDS, TAPS, Columns, Sliding, SlidingFit, SlidingRun
 from isorig.analysis.equations.spectral import SHORTEST, Prepared, Row, Solved, Spectra
+from isorig.analysis.fitting.trials import zero_errors
 from isorig.analysis.laws import Coulomb
 from isorig.analysis.laws.base import NO_LINK
 from isorig.analysis.lowpass import fast_length, force_edge, low_passed, signal_edge
@@ -37,6 +38,9 @@ LOWEST, CUT = 0.3, 0.1
 #: Frequency up to which the slow part of an element's integrated deflection is fitted, at most, in multiples of the lowest mode;
 #: otherwise `CUT` times the element's own: what its sensors' errors integrate to there exceeds the motion of a stiff element.
 HIGHEST_CUT = 0.4
+#: The same, in multiples of the element's own frequency, if the zero of one of its sensors wanders: its integral reaches up to
+#: the motion. Chosen: with 0.2 to 0.4 simulated joints with such sensors showed their curve, with 0.1 they did not.
+WANDERING_CUT = 0.3
 #: Noise of an element's integrated deflection, as a share of its rms, above which its slow part is fitted up to a higher
 #: frequency. Chosen: noise of a tenth makes a stiffness appear one per cent lower.
 NOISY = 0.1
@@ -88,9 +92,14 @@ class Equations:
         The rig with its given or fitted values.
     noise
         Standard deviation of each channel's sensor noise in each run, by channel.
+    wandering
+        Channels of acceleration whose zero wanders.
     """
 
-    def __init__(self, campaign: Campaign, model: RigModel, noise: Sequence[Mapping[str, float]]) -> None:
+    def __init__(
+        self, campaign: Campaign, model: RigModel, noise: Sequence[Mapping[str, float]], wandering: Collection[str] = ()
+    ) -> None:  # fmt: skip
+        self.wandering = frozenset(wandering)
         self.hidden = estimable(model)
         self.model, self.combos = model, Combinations(model, self.hidden)
         # Where no spring holds a body, its position counts from the start of a run.
@@ -213,7 +222,8 @@ class Equations:
         signals: dict[tuple[str, int], FloatArray] = {}
         for channel, values in record.channels.items():
             if channel in orders:
-                found = derivatives(values, orders[channel], self.rate, 0.0 if self.counted else CUT * self.lowest, np.inf)
+                low = 0.0 if self.counted else (LOWEST if channel in self.wandering else CUT) * self.lowest
+                found = derivatives(values, orders[channel], self.rate, low, np.inf)
                 signals |= {(channel, order): part for order, part in found.orders.items()}
             else:
                 signals[channel, -1] = values
@@ -267,6 +277,11 @@ class Equations:
                 for name, weight in self.body_row(body).items():
                     row[name] = row.get(name, 0.0) + self.model.body(body).mass * weight
         return row
+
+    def exact(self, balance: Balance) -> bool:
+        """Whether all motions in an equation are measured, and none is estimated."""
+        estimates = {estimate_of(body) for body in self.hidden}
+        return all(channel not in estimates for row in self.rows(balance)[0] for channel, _ in row)
 
     def unknown_masses(self, balance: Balance) -> tuple[str, ...]:
         """The masses of a balance that are solved for: the free ones, unless nothing else sets the scale."""
@@ -383,7 +398,10 @@ class Equations:
 
         The sensors' errors integrate to more than the motion there, or their noise to more than `NOISY` of it.
         """
-        highest = CUT * self.own_frequency(element, balance)
+        own = self.own_frequency(element, balance)
+        if self.wandering & set(self.combos.of(element.weights, 0) or {}):
+            return WANDERING_CUT * own
+        highest = CUT * own
         found = min(highest, HIGHEST_CUT * self.lowest)
         while found < highest and self.noise_share(element, SURE * found) > NOISY:
             found = min(2.0 * found, highest)
@@ -698,7 +716,8 @@ def _read(run: Run, model: RigModel) -> dict[str, FloatArray]:
 
 def equations_of(campaign: Campaign, model: RigModel) -> Equations:
     """The equations of a campaign for a rig with the causes found so far."""
-    return Equations(campaign, model, noise_of_runs(campaign, tuple(drive.channel for drive in model.drives)))
+    noise = noise_of_runs(campaign, tuple(drive.channel for drive in model.drives))
+    return Equations(campaign, model, noise, zero_errors(campaign, model))
 
 
 def lowest_frequency(model: RigModel, longest: float) -> float:

@@ -291,7 +291,12 @@ def verified(
         if any(one is candidate and done.cost <= AGREES for one, done in climbed):
             continue  # another starting point of it cannot fit better than the data allow
         progress(f"fitting {candidate.cause} ({candidate.location})")
-        done = tried(model, free, rung)
+        try:
+            done = tried(model, free, rung)
+        except OutOfTimeError:
+            if climbed:  # what was fitted until then is the answer
+                break
+            raise
         if done is not None and candidate.plausible(done.model):
             climbed.append((candidate, done))
     climbed.sort(key=lambda pair: pair[1].cost)
