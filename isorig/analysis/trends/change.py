@@ -62,26 +62,18 @@ def dated(value: FloatArray, variance: FloatArray) -> tuple[int, int, int]:
     likely dates that together reach 95 %.
     """
     weight = 1.0 / variance
-    evidence = _evidence_by_date(value, weight)
+    moment = weight * (value - np.average(value, weights=weight))
+    evidence = np.zeros(len(value) - 1)
+    # Of the parts before and after each date, by running sums from both ends; the common sum of squares is left out.
+    for way in (slice(None), slice(None, None, -1)):
+        total, first = (np.cumsum(part[way])[:-1][way] for part in (weight, moment))
+        evidence += 0.5 * (first**2 / total - np.log(total))
     probability = np.exp(evidence - evidence.max())
     probability /= probability.sum()
     order = np.argsort(-probability, kind="stable")
     enough = int(np.searchsorted(np.cumsum(probability[order]), POLICY.date_confidence)) + 1
     inside = order[:enough] + 1
     return int(order[0]) + 1, int(inside.min()), int(inside.max())
-
-
-def _evidence_by_date(value: FloatArray, weight: FloatArray) -> FloatArray:
-    # Log evidence of a step before each of the indices 1 to n - 1, from running sums.
-    ahead, behind = (_parts(v, w) for v, w in ((value, weight), (value[::-1], weight[::-1])))
-    return np.asarray((ahead[0][:-1] + behind[0][::-1][1:]) - 0.5 * (np.log(ahead[1][:-1]) + np.log(behind[1][::-1][1:])))
-
-
-def _parts(value: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
-    # -chi^2/2 about the mean, and the sum of weights, of the first 1, 2, ... n values.
-    shifted = value - np.average(value, weights=weight)
-    total, first, second = np.cumsum(weight), np.cumsum(weight * shifted), np.cumsum(weight * shifted**2)
-    return -0.5 * (second - first**2 / total), total
 
 
 def described(time: FloatArray, value: FloatArray, variance: FloatArray, *, alarm: int, begin: int = 0) -> DatedChange:
