@@ -19,18 +19,10 @@ AT_BODIES = ("extra_mode", "wrong_mass")
 
 
 def hypotheses(model: RigModel, peaks: LargestMotions, sample_rate: float) -> tuple[Variant, ...]:
-    """Every cause of the catalogue at every place, at its smallest relevant size, added to a model.
+    """Every cause of the catalogue at every place, at its smallest relevant size, added to the model of the runs so far.
 
-    A cause at a body whose motion is imposed is left out where no record contains it.
-
-    Parameters
-    ----------
-    model
-        The model that explains the runs so far.
-    peaks
-        Largest magnitudes in the strongest allowed runs: sizes are relative to these.
-    sample_rate
-        Hz.
+    Sizes are relative to `peaks`, the largest magnitudes in the strongest allowed runs; the sample rate is in Hz. A cause at a
+    body whose motion is imposed is left out where no record contains it.
     """
     links = [link.name for link in model.links]
     channels = (model.drive.channel, *(sensor.channel for sensor in model.sensors))

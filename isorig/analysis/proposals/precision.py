@@ -84,17 +84,8 @@ def figure_unit(name: str, model: RigModel) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class PreciseRun:
-    """A run for a parameter.
-
-    Parameters
-    ----------
-    prospect
-        The run, no longer than necessary.
-    std
-        The parameter's relative standard uncertainty after it.
-    peaks
-        Peaks of the model, and of others drawn from its covariance, in it.
-    """
+    """A run for a parameter, no longer than necessary: its relative standard uncertainty after it, and the peaks of the model and
+    of others drawn from its covariance, in it."""
 
     prospect: Prospect
     std: float

@@ -26,18 +26,10 @@ SECOND = "second "
 
 @dataclass(frozen=True, kw_only=True)
 class Remedy:
-    """A change that would distinguish two causes.
+    """A change that would distinguish two causes: the run with the required distance, in standard errors.
 
-    Parameters
-    ----------
-    prospect
-        The run with the required distance.
-    distance
-        Distance in standard errors.
-    peaks
-        Peaks of that run, if it exceeds a limit.
-    channel
-        The additional sensor, if one is needed: "deflection <link>" or "second <channel>".
+    `peaks` are those of a run that exceeds a limit; `channel` is the additional sensor, if one is needed: "deflection <link>" or
+    "second <channel>".
     """
 
     prospect: Prospect
@@ -52,18 +44,8 @@ def further(
 ) -> Remedy | None:  # fmt: skip
     """The run with the smallest stroke beyond the limits that would distinguish a pair of causes; None if no raised gain does.
 
-    Parameters
-    ----------
-    comparison
-        The question.
-    pair
-        The two causes.
-    beyond
-        Candidates with gains raised by a factor.
-    peaks
-        Peaks of the remaining models in a candidate.
-    progress
-        Called before every candidate; when the deadline in force is over there is no answer.
+    `beyond` gives the candidates with gains raised by a factor, `peaks` the peaks of the remaining models in a candidate.
+    `progress` is called before every candidate; when the deadline in force is over there is no answer.
     """
     with suppress(OutOfTimeError):
         for factor in POLICY.raised_gains:
@@ -71,7 +53,7 @@ def further(
             found = [(farther(comparison.distances([pairs]), pair), prospect) for prospect, pairs in seen.pairs]
             enough = [Remedy(prospect=p, distance=size, peaks=peaks(p)) for size, p in found if size >= POLICY.distinguishable]
             if enough:
-                return min(enough, key=_stroke)
+                return min(enough, key=lambda remedy: max(remedy.peaks.stroke.values(), default=0.0) if remedy.peaks else 0.0)
             ask_time()
             progress("searching beyond the limits")
     return None
@@ -90,11 +72,6 @@ def another_sensor(comparison: Comparison, seen: ComparedRuns, pair: tuple[Key, 
                 if size >= POLICY.distinguishable:
                     found.append(Remedy(prospect=prospect, distance=size, channel=channel))
     return max(found, key=lambda remedy: remedy.distance, default=None)
-
-
-def _stroke(remedy: Remedy) -> float:
-    assert remedy.peaks is not None
-    return max(remedy.peaks.stroke.values(), default=0.0)
 
 
 def farther(apart: Sequence[PairDistance], pair: tuple[Key, Key]) -> float:

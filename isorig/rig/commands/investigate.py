@@ -58,9 +58,8 @@ def investigate(
     from isorig.rig.acquire.terminal import Terminal
     from isorig.rig.commands.diagnose import LIMIT
     from isorig.rig.errors import PlanError, RigError
-    from isorig.rig.next.investigation import PAGE, Terms, described_rig, read_investigation
+    from isorig.rig.next.investigation import PAGE, Terms, described_rig, measuring, read_investigation
     from isorig.rig.next.investigation import investigate as go_on
-    from isorig.rig.next.measuring import measuring
     from isorig.rig.next.plan_file import limits_of
     from isorig.rig.next.policy import POLICY
     from isorig.rig.next.stages import Investigation

@@ -69,7 +69,7 @@ def next_(
         if for_ is not None:
             from isorig.rig.next.required_uncertainty import propose_for, required_uncertainty
 
-            proposal = propose_for(now, required_uncertainty(for_), budget=seconds, tell=status.update)
+            proposal = propose_for(now, *required_uncertainty(for_), budget=seconds, tell=status.update)
         else:
             proposal = propose(now, budget=seconds, tell=status.update)
     head = summary(proposal, now.rivals)

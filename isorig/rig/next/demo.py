@@ -9,8 +9,7 @@ from isorig.rig.acquire.plan import as_virtual
 from isorig.rig.acquire.plan_check import read_plan
 from isorig.rig.acquire.session import MeasuredRun, Operator
 from isorig.rig.errors import OutputError
-from isorig.rig.next.investigation import PAGE, STATE, Terms, described_rig, investigate
-from isorig.rig.next.measuring import measuring
+from isorig.rig.next.investigation import PAGE, STATE, Terms, described_rig, investigate, measuring
 from isorig.rig.next.plan_file import limits_of, with_runs
 from isorig.rig.next.stages import Investigation
 from isorig.rig.process.terminal import show_table

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import msgspec
@@ -16,6 +16,9 @@ from isorig.analysis.proposals.policy import POLICY as PROPOSALS
 from isorig.analysis.proposals.precision import figure_unit, named_figures, std_of
 from isorig.analysis.wording import capitalized, sized
 from isorig.rig.acquire.plan import Plan
+from isorig.rig.acquire.recorder import working_file
+from isorig.rig.acquire.session import Decision, Operator, acquire
+from isorig.rig.acquire.store import whole_runs
 from isorig.rig.diagnose.many import diagnose_file
 from isorig.rig.errors import PlanError
 from isorig.rig.files.inputs import content_of
@@ -65,6 +68,33 @@ class Terms:
     choose: Choose = propose
     limit: float | None = None
     tell: Callable[[str], None] = lambda text: None
+
+
+def measuring(wire: str, operator: Operator, consent: Callable[[str], Decision] | None = None, *, force: bool = False) -> Measure:
+    """A function that measures a plan's runs with the instrument at a port.
+
+    `consent` is asked before each run by its name, if given; with `force` a run starts even if the pre-run check fails.
+    """
+
+    def measure(plan: Plan, recording: Path) -> Measured:
+        stopped = False
+
+        def decide(name: str) -> Decision:
+            nonlocal stopped
+            decision = "take" if consent is None else consent(name)
+            stopped = stopped or decision == "end"
+            return decision
+
+        left = {name for run in plan.runs for name in run.ids()} - whole_runs(recording, plan)
+        broken_off = working_file(recording).exists()
+        if left or broken_off:
+            resume = broken_off or recording.exists()
+            # The proposals keep to the strokes by a model fitted to the runs so far, which knows more than the description.
+            chosen = msgspec.structs.replace(plan, limits=msgspec.structs.replace(plan.limits, stroke={}))
+            acquire(chosen, wire, recording, replace(operator, decide=decide), resume=resume, force=force)
+        return Measured(names=sorted(whole_runs(recording, plan)), stopped=stopped)
+
+    return measure
 
 
 def investigate(plan: Plan, folder: Path, begun: Investigation, terms: Terms) -> Investigation:

@@ -50,9 +50,7 @@ def write_design(folder: Path, plan: DesignPlan, values: RigValues, found: Desig
         "format": "rig-design", "format_version": 1, "limit_m": plan.limit, "safety_factor": plan.safety,
         "present_frequency_hz": found.present,
         "studies": {
-            name: {
-                "lowest_hz": _finite(s.lowest), "std_hz": s.std, "recommended_hz": _finite(s.recommended), "draws": len(s.draws),
-            }
+            name: {"lowest_hz": s.lowest, "std_hz": s.std, "recommended_hz": s.recommended, "draws": len(s.draws)}
             for name, s in found.studies.items()
         },
         "median_ratio_5_to_15_hz": {
@@ -62,7 +60,7 @@ def write_design(folder: Path, plan: DesignPlan, values: RigValues, found: Desig
         "bond": {
             "distance_m": bond.distance, "seconds": bond.seconds, "tolerance_m": bond.tolerance,
             "cases": {
-                name: {"largest_m": r.largest, "settling_s": _finite(r.settling), "stroke_m": found.stroke(name)}
+                name: {"largest_m": r.largest, "settling_s": r.settling, "stroke_m": found.stroke(name)}
                 for name, r in found.bonds.items()
             },
         },
@@ -91,10 +89,6 @@ def write_design(folder: Path, plan: DesignPlan, values: RigValues, found: Desig
 def _plain(name: str) -> str:
     # The name of a case as a column name.
     return name.replace(",", "").replace(" ", "_")
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
 
 
 def stroke_figure(designed: Designed) -> Figure:

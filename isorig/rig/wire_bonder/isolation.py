@@ -17,7 +17,6 @@ from isorig.analysis.isolation.ratio import (
     STITCH,
     Isolated,
     IsolationRatio,
-    Peaks,
     friction_bound,
     isolated_share,
     isolation_frequency,
@@ -204,24 +203,21 @@ def write_isolation(folder: Path, found: Compared, notes: Sequence[str]) -> list
             name: {"share": one.share, "std": one.std, "band_hz": list(one.band), "gain": one.gain}
             for name, one in found.isolated.items()
         },
-        "peaks": {name: _peaks(ratio.peaks) for name, ratio in found.ratios.items()},
+        # Not available (null) if the drive does not excite them.
+        "peaks": {
+            name: {
+                "unlocked_hz": r.peaks.unlocked, "locked_hz": r.peaks.locked, "ratio": r.peaks.ratio, "ratio_std": r.peaks.std,
+                "ratio_by_line": r.peaks.by_line,
+            }
+            for name, r in found.ratios.items()
+        },
         "peak_offset": {name: _offset(offset) for name, offset in found.offsets.items()}, "text": said,
     }  # fmt: skip
     write_json(folder / "isolation.json", content)
     return said
 
 
-def _peaks(peaks: Peaks) -> dict[str, float | None]:
-    # None if the drive does not excite them.
-    named = {
-        "unlocked_hz": peaks.unlocked, "locked_hz": peaks.locked, "ratio": peaks.ratio, "ratio_std": peaks.std,
-        "ratio_by_line": peaks.by_line,
-    }  # fmt: skip
-    return {name: value if np.isfinite(value) else None for name, value in named.items()}
-
-
 def _offset(offset: PeakOffset) -> dict[str, Any]:
-    finite = np.isfinite(offset.slope)
     return {
         "gains": [
             {
@@ -231,6 +227,6 @@ def _offset(offset: PeakOffset) -> dict[str, Any]:
             }
             for pair in offset.pairs
         ],
-        "mass_loading_hz": offset.mass_loading, "slope_hz_per_gain": offset.slope if finite else None,
-        "slope_std_hz_per_gain": offset.slope_std if finite else None, "verdict": offset.verdict,
+        "mass_loading_hz": offset.mass_loading, "slope_hz_per_gain": offset.slope,
+        "slope_std_hz_per_gain": offset.slope_std, "verdict": offset.verdict,
     }  # fmt: skip
