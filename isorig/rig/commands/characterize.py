@@ -38,6 +38,7 @@ def characterize(campaign: Path, *, output: Output, model: str | None = None) ->
     from isorig.rig.files.parameter_table import characterize_campaign, drive_levels, write_characterization
     from isorig.rig.files.recording import read
     from isorig.rig.files.rigfile import read_rig
+    from isorig.rig.model.baseline import CHECK_FIRST
     from isorig.rig.process.terminal import show_table
     from isorig.rig.report.measurement import fits_page
     from isorig.rig.report.sections import number
@@ -62,7 +63,7 @@ def characterize(campaign: Path, *, output: Output, model: str | None = None) ->
         for name, e in table.items()
     ]
     for doubt in found.doubts:
-        print(f"CHECK UNITS, CHANNELS AND GIVEN VALUES FIRST. {doubt.text}")
+        print(f"{CHECK_FIRST} {doubt.text}")
     title = f"{campaign.name}: held-out error {of_signal(found.error)}, noise alone {found.noise_alone}"
     show_table(title, ("parameter", "value", "std", "unit", "method", "note"), rows)
     if common:

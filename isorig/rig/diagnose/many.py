@@ -112,6 +112,13 @@ def time_limit(seconds: float | None) -> float | None:
     return None if seconds is not None and math.isinf(seconds) else seconds
 
 
+def tolerated(share: float) -> float:
+    """The same share of the signal. Raises RigError if it is not a valid tolerance."""
+    if not 0.0 <= share < math.inf:
+        raise RigError(f"--tolerance is {share:g}; give a share of the signal that is not negative, e.g. 0.05 for 5 %")
+    return share
+
+
 def _answer(job: tuple[Path, Path], **how: Any) -> CampaignOutcome:
     try:
         return diagnose_file(*job, **how)

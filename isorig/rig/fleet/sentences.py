@@ -58,8 +58,8 @@ def change_words(track: Track, change: DatedChange) -> str:
 
 def changes_words(incident: Incident) -> list[str]:
     """The most significant changes of a date in words, and the number of the others."""
-    more = len(incident.changes) - 3
-    first = [change_words(track, change) for track, change in incident.changes[:3]]
+    more = len(incident.changes) - POLICY.stated_changes
+    first = [change_words(track, change) for track, change in incident.changes[: POLICY.stated_changes]]
     return [*first, f"{more} more parameters"] if more > 0 else first
 
 

@@ -273,7 +273,8 @@ def answered(rivals: Rivals) -> list[str]:
         why = "The data cannot distinguish" if one.why == "indistinguishable" else "Closest, but not certain"
         sentences.append(f"{why}: {listed([model.key for model in one.models] + one.twins)}.")
     if rivals.ruled_out:
-        sentences.append(f"Ruled out: {listed(rivals.ruled_out[:6])}{' and others' if len(rivals.ruled_out) > 6 else ''}.")
+        most = POLICY.listed_ruled_out
+        sentences.append(f"Ruled out: {listed(rivals.ruled_out[:most])}{' and others' if len(rivals.ruled_out) > most else ''}.")
     return [*sentences, _figures(rivals)]
 
 

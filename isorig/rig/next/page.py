@@ -50,7 +50,7 @@ def _distances(choice: Choice) -> Table:
     fitted = f": {rivals[0]}" if len(rivals) == 1 else ""
     rows = [
         (
-            cause(each.truth), *(() if fitted else (cause(each.rival),)), number(min(each.distance, 999.0), 3),
+            cause(each.truth), *(() if fitted else (cause(each.rival),)), number(min(each.distance, POLICY.largest_distance), 3),
             number(each.probability, 2),
         ) for each in apart
     ]  # fmt: skip
@@ -72,7 +72,7 @@ def picture_of(pair: PredictedPair) -> Picture:
     return Picture(
         truth=cause(pair.truth), rival=cause(pair.rival), channel=pair.channel, sample_rate=pair.sample_rate, first=first,
         of_truth=pair.of_truth[part].tolist(), of_rival=pair.of_rival[part].tolist(), allowed=pair.allowed,
-        distance=min(pair.distance, 999.0), unit=SI_UNIT[pair.truth.model.sensor(pair.channel).quantity],
+        distance=min(pair.distance, POLICY.largest_distance), unit=SI_UNIT[pair.truth.model.sensor(pair.channel).quantity],
     )  # fmt: skip
 
 

@@ -14,6 +14,7 @@ from isorig.analysis.campaign import Campaign, broad
 from isorig.analysis.errors import AnalysisError, DataError
 from isorig.analysis.isolation.ratio import (
     ABOVE,
+    MOSTLY_STUCK,
     STITCH,
     Isolated,
     IsolationRatio,
@@ -72,8 +73,7 @@ def given_models(model: Path | None, parameters: Path | None, method: Method | N
     if parameters is None and method is not None:
         raise PlanError("--method needs a parameter table; give one with --parameters")
     if parameters is not None:
-        wanted: tuple[Method, ...] = ("joint", "half-power") if method is None else (method,)
-        for each in wanted:
+        for each in CALLED if method is None else (method,):
             try:
                 seed = read_rig_values(parameters, each)
             except PlanError as error:
@@ -142,10 +142,10 @@ def isolation_sentences(compared: Compared) -> list[str]:
                 f"{above.gain:g} is {with_std(step, std)} of that at gain {below.gain:g}."
             )
     for gain, share in compared.stuck.items():
-        sentences.append(
-            f"At gain {gain:g} the simulated motor is stuck {100 * share:.0f} % of the time"
-            + ("; while stuck, the rig behaves like a locked one, which brings the ratio close to 1." if share > 0.5 else ".")
+        meaning = (
+            "; while stuck, the rig behaves like a locked one, which brings the ratio close to 1" if share > MOSTLY_STUCK else ""
         )
+        sentences.append(f"At gain {gain:g} the simulated motor is stuck {100 * share:.0f} % of the time{meaning}.")
     for name, peaks in ((name, r.peaks) for name, r in compared.ratios.items()):
         if np.isfinite(peaks.ratio):
             sentences.append(
@@ -164,6 +164,7 @@ def isolation_sentences(compared: Compared) -> list[str]:
 
 
 def _differences(measured: IsolationRatio, other: IsolationRatio, name: str) -> Iterator[str]:
+    by = "as simulated" if name == "simulated" else f"by the {name}" if name == CALLED["joint"] else f"by {name}"
     for low, high in ((0.0, 5.0), (5.0, 9.0), (9.0, 15.0), (15.0, np.inf)):
         kept = (measured.frequency >= low) & (measured.frequency < high)
         if not kept.any():
@@ -172,13 +173,9 @@ def _differences(measured: IsolationRatio, other: IsolationRatio, name: str) -> 
         top = f"{high:g}" if np.isfinite(high) else f"{measured.frequency[-1]:g}"
         if np.isfinite(off):
             yield (
-                f"From {max(low, measured.frequency[0]):g} to {top} Hz the ratio {_by(name)} differs from the measured one by "
+                f"From {max(low, measured.frequency[0]):g} to {top} Hz the ratio {by} differs from the measured one by "
                 f"{by_factor(off)} (median over frequency bins)."
             )
-
-
-def _by(name: str) -> str:
-    return "as simulated" if name == "simulated" else f"by the {name}" if name == CALLED["joint"] else f"by {name}"
 
 
 def write_isolation(folder: Path, found: Compared, notes: Sequence[str]) -> list[str]:

@@ -65,20 +65,15 @@ def about(read: FourSetUps) -> dict[str, Any]:
     if read.surface is not None:
         mass, damping, error = read.surface.best
         rows["error_surface"] = {
-            "table_mass": _pair(mass, read.surface.std[0]), "table_damping": _pair(damping, read.surface.std[1]),
-            "mean_relative_error": error,
+            "table_mass": {"value": mass, "std": read.surface.std[0]},
+            "table_damping": {"value": damping, "std": read.surface.std[1]}, "mean_relative_error": error,
         }  # fmt: skip
     return {**rows, "refused": read.refused}
 
 
-def _pair(value: float | None, std: float | None) -> dict[str, float | None]:
-    return {"value": value, "std": std}
-
-
 def _of_mode(mode: Mode | None) -> dict[str, Any]:
-    if mode is None:
-        return {"frequency_hz": _pair(None, None), "damping": _pair(None, None)}
-    return {"frequency_hz": _pair(mode.frequency, mode.frequency_std), "damping": _pair(mode.damping, mode.damping_std)}
+    names = {"frequency_hz": "frequency", "damping": "damping"}
+    return {key: {"value": getattr(mode, name, None), "std": getattr(mode, f"{name}_std", None)} for key, name in names.items()}
 
 
 def _page(campaign: Campaign, found: Characterization, read: FourSetUps) -> str:
@@ -191,14 +186,15 @@ def _surface_section(surface: ErrorSurface) -> Section:
                 ChartTrace(name="simulated", x=surface.frequency, y=surface.simulated, role="simulated"),
             ],
         ),
-        Chart(
-            name="error-over-mass", caption="The error over the table's mass, at the best damping.", x_label="table mass, kg",
-            panels=[Panel(label="mean relative error")], traces=[ChartTrace(name="error", x=surface.mass, y=surface.error[row])],
-        ),
-        Chart(
-            name="error-over-damping", caption="The error over the table's damping, at the best mass.", x_label="damping ratio",
-            panels=[Panel(label="mean relative error")],
-            traces=[ChartTrace(name="error", x=surface.damping, y=surface.error[:, column])],
+        *(
+            Chart(
+                name=f"error-over-{one}", caption=f"The error over the table's {one}, at the best {other}.", x_label=label,
+                panels=[Panel(label="mean relative error")], traces=[ChartTrace(name="error", x=x, y=y)],
+            )
+            for one, other, label, x, y in (
+                ("mass", "damping", "table mass, kg", surface.mass, surface.error[row]),
+                ("damping", "mass", "damping ratio", surface.damping, surface.error[:, column]),
+            )
         ),
     ]  # fmt: skip
     return Section(title="Effective table: error surface", text=[text], charts=charts)
