@@ -48,15 +48,9 @@ class CampaignOutcome(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def diagnose_file(
-    file: Path,
-    folder: Path,
-    baseline: Baseline,
-    tell: Callable[[str], None] = lambda text: None,
-    *,
-    tolerance: float = 0.0,
-    limit: float | None = None,
-    page: bool = True,
-) -> CampaignOutcome:
+    file: Path, folder: Path, baseline: Baseline, tell: Callable[[str], None] = lambda text: None, *, tolerance: float = 0.0,
+    limit: float | None = None, page: bool = True,
+) -> CampaignOutcome:  # fmt: skip
     """Diagnose one recording into a folder; `tell` is called with a line for each stage, and `page` is whether to write a page.
 
     The `tolerance` is the error, as a share of the signal, that counts as adequate, and `limit` the seconds of processor time for
@@ -79,14 +73,9 @@ def diagnose_file(
 
 
 def diagnose_files(
-    jobs: Sequence[tuple[Path, Path]],
-    baseline: Baseline,
-    *,
-    scheduler: str | None = None,
-    again: bool = False,
-    tolerance: float = 0.0,
-    limit: float | None = None,
-) -> Iterator[CampaignOutcome]:
+    jobs: Sequence[tuple[Path, Path]], baseline: Baseline, *, scheduler: str | None = None, again: bool = False,
+    tolerance: float = 0.0, limit: float | None = None,
+) -> Iterator[CampaignOutcome]:  # fmt: skip
     """Diagnose recordings into a folder each, yielding outcomes as they arrive; those with an answer come first.
 
     With `again`, those are diagnosed, too. For the scheduler see `shared_out`, for tolerance and limit `diagnose_file`.
