@@ -24,8 +24,8 @@ from isorig.analysis.proposals.prediction import (
     distance,
     drawn_models,
     evaluated,
-    left,
     refit,
+    remaining_distance,
 )
 
 
@@ -213,7 +213,7 @@ class Comparison:
                 if truth.key == rival.key:
                     continue
                 step = refit(rival.free, [run[i, k][0] for run in (*self._hand, pairs)])
-                apart = left(pairs[i, k][0], step)
+                apart = remaining_distance(pairs[i, k][0], step)
                 row = int(np.argmax(apart))
                 if not POLICY.indistinguishable < apart[row] < np.inf:
                     continue
@@ -247,7 +247,7 @@ class Comparison:
         for (i, k), found in pairs.items():
             for n, moments in enumerate(found if fitted[k].key in pair else ()):
                 step = refit(fitted[k].free, [*(run[i, k][n] for run in self._hand), moments])
-                apart = np.maximum(apart, left(moments, step))
+                apart = np.maximum(apart, remaining_distance(moments, step))
         return {s.channel: size for s, size in zip(reference.sensors, apart.tolist(), strict=True) if s in further}
 
     def distances(self, pairs: Sequence[Pairs]) -> list[PairDistance]:

@@ -55,7 +55,7 @@ class LargestMotions:
         return ""
 
 
-def largest(peaks: Sequence[LargestMotions]) -> LargestMotions:
+def largest_of(peaks: Sequence[LargestMotions]) -> LargestMotions:
     """The largest peaks of several models, one by one."""
     return LargestMotions(
         stroke=_most([p.stroke for p in peaks]), speed=_most([p.speed for p in peaks]), drive=max(p.drive for p in peaks),
@@ -101,7 +101,7 @@ def simulated_peaks(models: Sequence[RigModel], excitation: Excitation, configur
             motion = {sensor.channel: np.array([inf]) for sensor in rig.sensors}
         return peaks_of(rig, motion, drive, excitation.sample_rate)
 
-    return largest(side_by_side(one, models))
+    return largest_of(side_by_side(one, models))
 
 
 def reached_so_far(limits: Limits, model: RigModel, peaks: LargestMotions) -> Limits:

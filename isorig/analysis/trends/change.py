@@ -50,7 +50,7 @@ class DatedChange:
         return (self.after - self.before) / max(self.std, 1e-300)
 
 
-def dated(value: FloatArray, variance: FloatArray) -> tuple[int, int, int]:
+def date_of_step(value: FloatArray, variance: FloatArray) -> tuple[int, int, int]:
     """The first index after a single step, and the ends of its 95 % interval.
 
     The series has two values or more, and `variance` is that of each about its level, shape (n,).
@@ -76,19 +76,19 @@ def dated(value: FloatArray, variance: FloatArray) -> tuple[int, int, int]:
     return int(order[0]) + 1, int(inside.min()), int(inside.max())
 
 
-def described(time: FloatArray, value: FloatArray, variance: FloatArray, *, alarm: int, begin: int = 0) -> DatedChange:
+def change_in(time: FloatArray, value: FloatArray, variance: FloatArray, *, alarm: int, begin: int = 0) -> DatedChange:
     """The change in a series that contains one, with its date, its size and its kind.
 
     The series is that from the change before it to the one after it, shape (n,), n at least 2. The campaign `alarm` raised the
     alarm; the first of these campaigns is `begin`.
     """
     weight = 1.0 / variance
-    first, earliest, latest = dated(value, variance)
-    knee = bent(time, value, weight)
-    difference = knee.likelihood - stepped(value, weight, [first])
+    first, earliest, latest = date_of_step(value, variance)
+    knee = fitted_knee(time, value, weight)
+    difference = knee.likelihood - likelihood_of_steps(value, weight, [first])
     clear = np.log(POLICY.likelihood_ratio)
     if difference > clear:
-        return drifting(time, knee, alarm, begin)
+        return drift_of(time, knee, alarm, begin)
     before, after = (float(np.average(value[part], weights=weight[part])) for part in (slice(first), slice(first, None)))
     return DatedChange(
         kind="step" if difference < -clear else "step or drift", first=begin + first, earliest=begin + earliest,
@@ -113,7 +113,7 @@ class Knee:
     likelihood: float
 
 
-def bent(time: FloatArray, value: FloatArray, weight: FloatArray) -> Knee:
+def fitted_knee(time: FloatArray, value: FloatArray, weight: FloatArray) -> Knee:
     """The best constant level followed by a straight line from a campaign (except the last) on, by weighted least squares."""
     fits = [_line(np.maximum(time - time[k], 0.0), value, weight) for k in range(len(time) - 1)]
     likelihood = np.array([fit[-1] for fit in fits])
@@ -138,14 +138,14 @@ def _line(since: FloatArray, value: FloatArray, weight: FloatArray) -> tuple[flo
     return float(level), float(slope), float(np.sqrt(covariance[1, 1])), float(-0.5 * (weight * left**2).sum())
 
 
-def stepped(value: FloatArray, weight: FloatArray, firsts: list[int]) -> float:
+def likelihood_of_steps(value: FloatArray, weight: FloatArray, firsts: list[int]) -> float:
     """Log likelihood of levels with a step before each of some indices."""
     parts = zip(np.split(value, firsts), np.split(weight, firsts), strict=True)
     return float(sum(-0.5 * (w * (x - np.average(x, weights=w)) ** 2).sum() for x, w in parts))
 
 
-def drifting(time: FloatArray, knee: Knee, alarm: int, begin: int) -> DatedChange:
-    """A drift as a change, as `described`; `first` is the first campaign after its start."""
+def drift_of(time: FloatArray, knee: Knee, alarm: int, begin: int) -> DatedChange:
+    """A drift as a change, as `change_in`; `first` is the first campaign after its start."""
     run = float(time[-1] - time[knee.at])
     return DatedChange(
         kind="drift", first=begin + knee.at + 1, earliest=begin + knee.earliest + 1, latest=begin + knee.latest + 1,

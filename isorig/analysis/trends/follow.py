@@ -9,7 +9,7 @@ from itertools import groupby
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.trends.change import DatedChange, bent, dated, described, drifting, stepped
+from isorig.analysis.trends.change import DatedChange, change_in, date_of_step, drift_of, fitted_knee, likelihood_of_steps
 from isorig.analysis.trends.cusum import alarms
 from isorig.analysis.trends.policy import POLICY
 from isorig.analysis.trends.series import Series
@@ -23,7 +23,7 @@ class Followed:
     changes: tuple[DatedChange, ...]
     level: float
     std: float
-    alone: tuple[int, ...]
+    outlying: tuple[int, ...]
 
 
 def follow(series: Series, between: float, limits: Sequence[float]) -> Followed:
@@ -42,7 +42,7 @@ def follow(series: Series, between: float, limits: Sequence[float]) -> Followed:
     touched = {k for change in changes for k in range(change.earliest, change.alarm + 1)}
     return Followed(
         changes=changes, level=level, std=float(1.0 / np.sqrt(weight.sum())),
-        alone=tuple(k for k in sorted(far - touched) if not {k - 1, k + 1} & far),
+        outlying=tuple(k for k in sorted(far - touched) if not {k - 1, k + 1} & far),
     )  # fmt: skip
 
 
@@ -50,7 +50,7 @@ def _changes(series: Series, variance: FloatArray, at: Sequence[int], rising: Se
     # First the dates from the data up to each alarm; then each change from all data between its neighbours.
     firsts, begin = [], 0
     for alarm in at:
-        firsts.append(begin + dated(series.value[begin : alarm + 1], variance[begin : alarm + 1])[0])
+        firsts.append(begin + date_of_step(series.value[begin : alarm + 1], variance[begin : alarm + 1])[0])
         begin = firsts[-1]
     ends = [*firsts[1:], len(series)]
     found: list[DatedChange] = []
@@ -65,7 +65,7 @@ def _changes(series: Series, variance: FloatArray, at: Sequence[int], rising: Se
         for k in same:
             begin = found[-1].first if found else 0
             part = slice(begin, ends[k])
-            found.append(described(series.time[part], series.value[part], variance[part], alarm=at[k], begin=begin))
+            found.append(change_in(series.time[part], series.value[part], variance[part], alarm=at[k], begin=begin))
     return tuple(found)
 
 
@@ -75,7 +75,7 @@ def _one_drift(series: Series, variance: FloatArray, part: slice, firsts: Sequen
     if len(firsts) < 2:
         return None
     time, value, weight = series.time[part], series.value[part], 1.0 / variance[part]
-    knee = bent(time, value, weight)
-    steps = stepped(value, weight, [first - part.start for first in firsts])
+    knee = fitted_knee(time, value, weight)
+    steps = likelihood_of_steps(value, weight, [first - part.start for first in firsts])
     drifts = knee.likelihood + (len(firsts) - 1) * np.log(len(time)) >= steps
-    return drifting(time, knee, alarm, part.start) if drifts else None
+    return drift_of(time, knee, alarm, part.start) if drifts else None

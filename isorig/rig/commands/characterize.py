@@ -42,7 +42,7 @@ def characterize(campaign: Path, *, output: Output, model: str | None = None) ->
     from isorig.rig.process.terminal import show_table
     from isorig.rig.report.measurement import fits_page
     from isorig.rig.report.sections import number
-    from isorig.rig.wire_bonder.set_ups_page import about, write_set_ups
+    from isorig.rig.wire_bonder.set_ups_page import set_ups_content, write_set_ups
 
     measured = read(campaign)
     given = None if model is None else read_rig(model)
@@ -53,7 +53,7 @@ def characterize(campaign: Path, *, output: Output, model: str | None = None) ->
             more: dict[str, Any] = {} if model is None else {"model": model}
         else:
             status.update("evaluating the set-ups separately")
-            more = {"set_ups": about(write_set_ups(output, measured, found))}
+            more = {"set_ups": set_ups_content(write_set_ups(output, measured, found))}
     path = write_characterization(output, measured, found, more)
     table = ({} if found.head_mass is None else {"head_mass": found.head_mass}) | found.table
     # A note that applies to several values is printed once.

@@ -59,7 +59,7 @@ def investigate(
     from isorig.rig.commands.diagnose import LIMIT
     from isorig.rig.diagnose.many import tolerated
     from isorig.rig.errors import PlanError, RigError
-    from isorig.rig.next.investigation import PAGE, Terms, described_rig, measuring, read_investigation
+    from isorig.rig.next.investigation import PAGE, Terms, described_rig, measure_with, read_investigation
     from isorig.rig.next.investigation import investigate as go_on
     from isorig.rig.next.plan_file import limits_of
     from isorig.rig.next.policy import POLICY
@@ -88,7 +88,7 @@ def investigate(
         operator = Operator(
             lock=(lambda configuration: None) if yes else terminal.ask, watch=terminal.watch, taken=terminal.taken
         )
-        measure = measuring(wire, operator, None if yes else terminal.consent, force=force)
+        measure = measure_with(wire, operator, None if yes else terminal.consent, force=force)
         terms = Terms(
             most_runs=runs, seconds=seconds, limits=limits_of(described_rig(own, baseline), own, limits),
             work=POLICY.comparison_seconds, measure=measure, limit=LIMIT, tell=terminal.say,

@@ -85,5 +85,5 @@ def next_(
     write_plan(output, with_runs(base, runs), why, head)
     page = write_text(output.with_suffix(".html"), proposal_page(proposal, now, names))
     for name, item in zip(names, proposal.runs, strict=True):
-        print(f"{name}: {now.described(item.run)}", *why[name], sep="\n  ")
+        print(f"{name}: {now.run_words(item.run)}", *why[name], sep="\n  ")
     print(output, page, sep="\n")

@@ -13,7 +13,7 @@ from isorig.analysis.fitting.solve import base_parameters
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.proposals.policy import POLICY as PROPOSALS
-from isorig.analysis.proposals.precision import figure_unit, named_figures, std_of
+from isorig.analysis.proposals.precision import named_parameters, std_of_parameter, unit_of_parameter
 from isorig.analysis.wording import capitalized, sized
 from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.recorder import working_file
@@ -29,7 +29,7 @@ from isorig.rig.next.page import investigation_page, picture_of
 from isorig.rig.next.plan_file import run_names, with_runs, write_plan
 from isorig.rig.next.policy import POLICY
 from isorig.rig.next.proposal import UNNAMED, Proposal, propose, single_driven, situation
-from isorig.rig.next.runs import described, planned
+from isorig.rig.next.runs import planned, run_words
 from isorig.rig.next.sentences import inseparable, listed, reasons, summary, twins, unfitted
 from isorig.rig.next.stages import Investigation, InvestigationRun, InvestigationStage, diagnosis_folder
 from isorig.rig.report.sections import CUT_SHORT, words
@@ -70,7 +70,9 @@ class Terms:
     tell: Callable[[str], None] = lambda text: None
 
 
-def measuring(wire: str, operator: Operator, consent: Callable[[str], Decision] | None = None, *, force: bool = False) -> Measure:
+def measure_with(
+    wire: str, operator: Operator, consent: Callable[[str], Decision] | None = None, *, force: bool = False
+) -> Measure:
     """A function that measures a plan's runs with the instrument at a port.
 
     `consent` is asked before each run by its name, if given; with `force` a run starts even if the pre-run check fails.
@@ -110,9 +112,9 @@ def investigate(plan: Plan, folder: Path, begun: Investigation, terms: Terms) ->
         if step == "diagnosed":
             investigation = _next_stage(plan, folder, investigation, terms)
         elif step == "proposed":
-            investigation, stopped = _measured(plan, folder, investigation, terms)
+            investigation, stopped = _measure(plan, folder, investigation, terms)
         else:
-            investigation = _diagnosed(folder, investigation, terms)
+            investigation = _diagnose(folder, investigation, terms)
         write_json(folder / STATE, investigation)
         write_text(folder / PAGE, investigation_page(investigation))
     return investigation
@@ -135,10 +137,10 @@ def _next_stage(plan: Plan, folder: Path, investigation: Investigation, terms: T
     if not investigation.stages and plan.runs:
         alone = len(plan.described().configurations) == 1
         why = ["It is part of the plan."]
-        runs = [InvestigationRun(plan=run, description=described(run, alone), why=why) for run in plan.runs]
+        runs = [InvestigationRun(plan=run, description=run_words(run, alone), why=why) for run in plan.runs]
         stage = InvestigationStage(number=number, kind="plan", asked=["What do the planned runs show?"], runs=runs)
-        return _with(folder, plan, investigation, stage, terms)
-    if over := _over(investigation, terms):
+        return _with_stage(folder, plan, investigation, stage, terms)
+    if over := _reason_to_end(investigation, terms):
         return msgspec.structs.replace(investigation, ended=over)
     if investigation.diagnosed:
         rivals = read_rivals(folder / diagnosis_folder(investigation.diagnosed[-1]))
@@ -155,17 +157,17 @@ def _next_stage(plan: Plan, folder: Path, investigation: Investigation, terms: T
     names = run_names(len(proposal.runs), [run.id for run in investigation.runs])
     runs = [
         InvestigationRun(
-            plan=planned(item.run, name), description=now.described(item.run), why=reasons(item, proposal, now),
+            plan=planned(item.run, name), description=now.run_words(item.run), why=reasons(item, proposal, now),
             pictures=[picture_of(pair) for pair in item.choice.predicted_pairs] if item.choice is not None else [],
             promised=item.choice.probability if item.choice is not None else None,
         )
         for name, item in zip(names, proposal.runs, strict=True)
     ]  # fmt: skip
     stage = InvestigationStage(number=number, kind=proposal.kind, asked=summary(proposal, now.rivals), runs=runs)
-    return _with(folder, plan, investigation, stage, terms)
+    return _with_stage(folder, plan, investigation, stage, terms)
 
 
-def _with(folder: Path, plan: Plan, investigation: Investigation, stage: InvestigationStage, terms: Terms) -> Investigation:
+def _with_stage(folder: Path, plan: Plan, investigation: Investigation, stage: InvestigationStage, terms: Terms) -> Investigation:
     investigation = msgspec.structs.replace(investigation, stages=[*investigation.stages, stage])
     why = {run.plan.id: run.why for each in investigation.stages for run in each.runs}
     write_plan(folder / SESSION, with_runs(plan, investigation.runs), why)
@@ -175,7 +177,7 @@ def _with(folder: Path, plan: Plan, investigation: Investigation, stage: Investi
     return investigation
 
 
-def _measured(plan: Plan, folder: Path, investigation: Investigation, terms: Terms) -> tuple[Investigation, bool]:
+def _measure(plan: Plan, folder: Path, investigation: Investigation, terms: Terms) -> tuple[Investigation, bool]:
     stage = investigation.stages[-1]
     found = terms.measure(with_runs(plan, investigation.runs), folder / RECORDING)
     taken = [run for run in stage.runs if set(run.plan.ids()) & set(found.names)]
@@ -189,7 +191,7 @@ def _measured(plan: Plan, folder: Path, investigation: Investigation, terms: Ter
     return msgspec.structs.replace(investigation.with_last(stage), declined=declined), False
 
 
-def _diagnosed(folder: Path, investigation: Investigation, terms: Terms) -> Investigation:
+def _diagnose(folder: Path, investigation: Investigation, terms: Terms) -> Investigation:
     stage = investigation.stages[-1]
     if all(run.plan.excitation == "free" for each in investigation.stages for run in each.runs):
         # A run at rest alone cannot be diagnosed.
@@ -201,7 +203,7 @@ def _diagnosed(folder: Path, investigation: Investigation, terms: Terms) -> Inve
         folder / RECORDING, place, investigation.baseline, tolerance=investigation.tolerance, limit=terms.limit
     )
     found = read_rivals(place)
-    answer = [*answered(found), *([CUT_SHORT] if outcome.cut_short else [])]
+    answer = [*diagnosis_sentences(found), *([CUT_SHORT] if outcome.cut_short else [])]
     stage = msgspec.structs.replace(
         stage, step="diagnosed", verdict=found.verdict, named=found.named, answer=answer,
         open=[[model.key for model in one.models] + one.twins for one in found.open],
@@ -232,7 +234,7 @@ def described_rig(plan: Plan, baseline: Baseline) -> RigModel:
     return single_driven(plan.nominal(friction=baseline == "coulomb"))
 
 
-def _over(investigation: Investigation, terms: Terms) -> str:
+def _reason_to_end(investigation: Investigation, terms: Terms) -> str:
     """The reason to end an investigation before the next run is selected; empty if it continues."""
     known = investigation.diagnosed
     if known and known[-1].named and not known[-1].open and known[-1].verdict in ("explained", "partly explained"):
@@ -259,7 +261,7 @@ def _nothing_left(investigation: Investigation, proposal: Proposal, rivals: Riva
     return "No allowed run is informative."
 
 
-def answered(rivals: Rivals) -> list[str]:
+def diagnosis_sentences(rivals: Rivals) -> list[str]:
     """The result of a diagnosis, in sentences."""
     verdict = {
         "adequate": "The model explains all runs down to the noise: no cause is needed so far.",
@@ -275,14 +277,14 @@ def answered(rivals: Rivals) -> list[str]:
     if rivals.ruled_out:
         most = POLICY.listed_ruled_out
         sentences.append(f"Ruled out: {listed(rivals.ruled_out[:most])}{' and others' if len(rivals.ruled_out) > most else ''}.")
-    return [*sentences, _figures(rivals)]
+    return [*sentences, _parameters(rivals)]
 
 
-def _figures(rivals: Rivals) -> str:
+def _parameters(rivals: Rivals) -> str:
     variant = rivals.explains.variant()
     shown = []
-    for name, figure in named_figures(variant.model).items():
-        std = std_of(variant, figure)
+    for name, value_of in named_parameters(variant.model).items():
+        std = std_of_parameter(variant, value_of)
         if std > 0.0:
-            shown.append(f"{words(name)} {sized(figure(variant.model), figure_unit(name, variant.model), std)}")
+            shown.append(f"{words(name)} {sized(value_of(variant.model), unit_of_parameter(name, variant.model), std)}")
     return f"Parameters: {', '.join(shown)}."

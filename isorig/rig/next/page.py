@@ -38,7 +38,7 @@ def proposal_sections(proposal: Proposal, now: Situation, names: Sequence[str]) 
         predicted_pairs = () if item.choice is None else item.choice.predicted_pairs
         charts = [prediction_chart(picture_of(pair), f"{name}-{k + 1}") for k, pair in enumerate(predicted_pairs)]
         tables = [] if item.choice is None else [_distances(item.choice)]
-        text = [f"{capitalized(now.described(item.run))}.", *reasons(item, proposal, now)]
+        text = [f"{capitalized(now.run_words(item.run))}.", *reasons(item, proposal, now)]
         sections.append(Section(title=f"Run {name}", text=text, tables=tables, charts=charts))
     return [*sections, _limits(proposal, now)]
 
@@ -112,7 +112,7 @@ def _limits(proposal: Proposal, now: Situation) -> Section:
         pair = getattr(limits, key)
         if pair is not None:
             rows.append((key, f"{pair[0]:.4g} to {pair[1]:.4g}{of}"))
-    refused = [] if proposal.chosen is None else [(now.described(run), why) for run, why in proposal.chosen.refused.items()]
+    refused = [] if proposal.chosen is None else [(now.run_words(run), why) for run, why in proposal.chosen.refused.items()]
     tables = [Table(columns=("limit", "value"), rows=rows)]
     if refused:
         tables.append(Table(columns=("candidate", "refused because"), rows=refused))

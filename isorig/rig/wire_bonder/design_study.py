@@ -19,7 +19,7 @@ from isorig.analysis.simulate.move_profile import Move, head_acceleration
 from isorig.rig.errors import PlanError
 from isorig.rig.files.tomlfile import read_toml
 from isorig.rig.virtual.levels import MOVE_RATE
-from isorig.rig.wire_bonder.move_isolation import MoveIsolation, MoveResponse, isolation_by_level, move_within, on_move
+from isorig.rig.wire_bonder.move_isolation import MoveIsolation, MoveResponse, isolation_by_level, move_within, response_to_move
 from isorig.rig.wire_bonder.parameters import RigValues
 from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 from isorig.rig.wire_bonder.stroke import StrokeStudy, frictionless, histories, linear_ratio, rocking, stroke_study
@@ -234,7 +234,7 @@ def _case(model: RigModel, bond: BondPlan, head: FloatArray) -> DesignCase:
 def bonding(model: RigModel, bond: BondPlan) -> dict[str, MoveResponse]:
     """The heatblock relative to the table during the bond's move, locked and unlocked."""
     move = move_within(bond.distance, bond.seconds)
-    return {c: on_move(model, move, tolerance=bond.tolerance, configuration=c) for c in ("locked", "unlocked")}
+    return {c: response_to_move(model, move, tolerance=bond.tolerance, configuration=c) for c in ("locked", "unlocked")}
 
 
 def stroke_of(bodies: Mapping[str, FloatArray]) -> float:

@@ -170,7 +170,7 @@ PAIRS = (
 )  # fmt: skip
 
 
-def drawing(seed: int, kind: str) -> Draw:
+def generator_of(seed: int, kind: str) -> Draw:
     """The random numbers of an effect: they follow from its name, so they stay the same when the catalogue grows."""
     return np.random.default_rng([seed, crc32(kind.encode())])
 
@@ -179,7 +179,7 @@ def drawn_effect(kind: str, model: RigModel, size: float, draw: Draw) -> Hidden:
     """An effect of one of `KINDS`, or a pair of effects, added with random place and parameters; `size` 1 is full size."""
     runs, hidden = amplitudes_of(model), Hidden(model=model)
     for each in PAIRS[int(draw.integers(len(PAIRS)))] if kind == "two" else (kind,):
-        more = hide(each, hidden.model, runs, size, draw)
+        more = one_effect(each, hidden.model, runs, size, draw)
         parameters = {**hidden.parameters, **more.parameters}
         hidden = replace(more, truth=hidden.truth + more.truth, parameters=parameters, known=known_of(model))
     return hidden
@@ -195,12 +195,12 @@ def hidden_in(model: RigModel, kind: str | None, size: float, seed: int) -> Hidd
     if not 0.0 < size <= SIZE_MOST:
         raise RigError(f"the size of the effect is {size:g}; give one above 0 and up to {SIZE_MOST:g}, 1 is full size")
     try:
-        return drawn_effect(kind, model, size, drawing(seed, kind))
+        return drawn_effect(kind, model, size, generator_of(seed, kind))
     except (ModelError, KeyError):
         raise RigError(f"the rig {model.name!r} has no place for {kind!r}; effects are hidden in a wire bonder") from None
 
 
-def hide(kind: str, model: RigModel, runs: Amplitudes, size: float, draw: Draw) -> Hidden:
+def one_effect(kind: str, model: RigModel, runs: Amplitudes, size: float, draw: Draw) -> Hidden:
     """One effect added to a rig, its parameters scaled by the largest motions of the rig."""
     if kind == "none":
         return Hidden(model=model)
@@ -215,7 +215,7 @@ def hide(kind: str, model: RigModel, runs: Amplitudes, size: float, draw: Draw) 
     )  # fmt: skip
 
 
-def played(hidden: Hidden, takes: Sequence[VirtualRun], seed: int, noise: float = 1e-3) -> Campaign:
+def campaign_with(hidden: Hidden, takes: Sequence[VirtualRun], seed: int, noise: float = 1e-3) -> Campaign:
     """A session on a rig with a hidden effect; see `virtual_campaign`."""
     campaign = virtual_campaign(hidden.model, takes, seed=seed, noise=noise)
     runs = list(campaign.runs)

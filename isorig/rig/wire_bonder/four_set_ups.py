@@ -103,7 +103,7 @@ class FourSetUps:
     refused: dict[str, str]
 
 
-def classic(campaign: Campaign, model: RigModel) -> FourSetUps:
+def evaluated_set_ups(campaign: Campaign, model: RigModel) -> FourSetUps:
     """Evaluate the thesis's four set-ups for a campaign of the wire bonder.
 
     Each set-up needs a run whose drive covers its band; the model has expected frequencies and the known masses.

@@ -32,7 +32,7 @@ from isorig.rig.files.output import write_csv, write_json
 from isorig.rig.files.rigfile import read_model
 from isorig.rig.model.baseline import baseline_model
 from isorig.rig.model.prediction import Model, measured_and_simulated
-from isorig.rig.wire_bonder.four_set_ups import classic, rig_of_set_ups
+from isorig.rig.wire_bonder.four_set_ups import evaluated_set_ups, rig_of_set_ups
 from isorig.rig.wire_bonder.parameters import CALLED, Method, read_rig_values
 from isorig.rig.wire_bonder.peak_offset import PeakOffset, peak_offset
 
@@ -107,7 +107,7 @@ def compared_isolation(
     refused = ""
     try:
         guess = baseline_model(whole)
-        rig = models[0].rig if models else rig_of_set_ups(classic(campaigns["measured"], guess), guess)
+        rig = models[0].rig if models else rig_of_set_ups(evaluated_set_ups(campaigns["measured"], guess), guess)
         # Where the highest gain measured in both configurations ends below, the ratio exists, but not the single number.
         with suppress(DataError):
             above = ABOVE * isolation_frequency(rig)

@@ -70,7 +70,7 @@ def move_within(distance: float, seconds: float, *, shape: Shape = "sine") -> Mo
     return Move(distance=distance, acceleration=factor * abs(distance) / seconds**2, pause=0.0, shape=shape)
 
 
-def on_move(model: RigModel, move: Move, *, tolerance: float, configuration: str = "unlocked") -> MoveResponse:
+def response_to_move(model: RigModel, move: Move, *, tolerance: float, configuration: str = "unlocked") -> MoveResponse:
     """Simulate one move of the head from rest and evaluate the heatblock relative to the table.
 
     `tolerance` is that of the bond, m in either direction.
@@ -102,7 +102,9 @@ def isolation_by_level(
     if "locked" not in model.configurations:
         raise DataError(f"the rig {model.name!r} has no locked configuration to compare with; describe one")
     moves = [Move(distance=distance, acceleration=float(a), pause=0.0) for a in accelerations]
-    free, fixed = ([on_move(model, move, tolerance=tolerance, configuration=c) for move in moves] for c in ("unlocked", "locked"))
+    free, fixed = (
+        [response_to_move(model, move, tolerance=tolerance, configuration=c) for move in moves] for c in ("unlocked", "locked")
+    )
     return MoveIsolation(
         acceleration=np.asarray(accelerations, dtype=np.float64), unlocked=np.array([r.largest for r in free]),
         locked=np.array([r.largest for r in fixed]), settling=np.array([r.settling for r in free]), tolerance=tolerance,

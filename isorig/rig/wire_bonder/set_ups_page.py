@@ -21,7 +21,7 @@ from isorig.rig.report.misfit import misfit_charts, simulated, time_charts
 from isorig.rig.report.page import Report, Section, Table, build_report
 from isorig.rig.report.sections import number, provenance_section, words
 from isorig.rig.wire_bonder.figures import set_ups_figure, surface_figure
-from isorig.rig.wire_bonder.four_set_ups import ErrorSurface, FourSetUps, SetUp, classic
+from isorig.rig.wire_bonder.four_set_ups import ErrorSurface, FourSetUps, SetUp, evaluated_set_ups
 
 JOINT: tuple[str, Role] = ("joint fit", "simulated")
 BIASED = (
@@ -42,8 +42,8 @@ EXACT = (
 
 
 def write_set_ups(folder: Path, campaign: Campaign, found: Characterization) -> FourSetUps:
-    """Write fits.html, set-ups.png and error-surface.png; the classic readings."""
-    read = classic(without(campaign, found.faults, ("head", "motor", "table", "heatblock")), baseline_model(campaign))
+    """Write fits.html, set-ups.png and error-surface.png; the evaluated set-ups."""
+    read = evaluated_set_ups(without(campaign, found.faults, ("head", "motor", "table", "heatblock")), baseline_model(campaign))
     if read.set_ups:
         save(set_ups_figure(read.set_ups), folder / "set-ups.png")
     if read.surface is not None:
@@ -52,8 +52,8 @@ def write_set_ups(folder: Path, campaign: Campaign, found: Characterization) -> 
     return read
 
 
-def about(read: FourSetUps) -> dict[str, Any]:
-    """The classic readings as plain values, by the names of the parameter table."""
+def set_ups_content(read: FourSetUps) -> dict[str, Any]:
+    """The evaluated set-ups as plain values, by the names of the parameter table."""
     rows: dict[str, Any] = {}
     for item in read.set_ups:
         half = item.half_power

@@ -20,7 +20,7 @@ AROUND = pytest.mark.parametrize("share", [0.98, 1.02])
 TRACK = Track(
     name="links.isolation.stiffness", unit="N/m", log=False, campaigns=tuple(range(12)),
     series=Series(time=7.0 * np.arange(12), value=np.zeros(12), std=np.ones(12)),
-    followed=Followed(changes=(), level=0.0, std=1.0, alone=()),
+    followed=Followed(changes=(), level=0.0, std=1.0, outlying=()),
 )  # fmt: skip
 
 
