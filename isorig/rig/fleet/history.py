@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.trends import policy as trends
-from isorig.analysis.trends.change import DatedChange
+from isorig.analysis.trends.change import DatedChange, Followed, follow
 from isorig.analysis.trends.cusum import thresholds
-from isorig.analysis.trends.follow import Followed, follow
 from isorig.analysis.trends.series import Scatter, Series, scatter_of
 from isorig.analysis.trends.siblings import Siblings, siblings
 from isorig.analysis.wording import with_std

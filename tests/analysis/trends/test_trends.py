@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 from scipy.stats import binomtest, kstest
 
 from isorig.analysis.errors import DataError
-from isorig.analysis.trends.change import change_in, date_of_step
+from isorig.analysis.trends.change import change_in, date_of_step, follow
 from isorig.analysis.trends.cusum import alarms, false_rate, run_length, thresholds
-from isorig.analysis.trends.follow import follow
 from isorig.analysis.trends.policy import POLICY
 from isorig.analysis.trends.series import Series, scatter_of
 from isorig.analysis.trends.siblings import siblings

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from made_up import drawn_fleet
 
-from isorig.analysis.trends.change import DatedChange
-from isorig.analysis.trends.follow import Followed
+from isorig.analysis.trends.change import DatedChange, Followed
 from isorig.analysis.trends.series import Series
 from isorig.rig.fleet.history import DiagnosedCampaign, Incident, NewCause, Track, TrackedRig, _joined, _named, followed
 from isorig.rig.fleet.sentences import _pause, change_words, is_confirmed
