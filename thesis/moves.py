@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 from isorig.rig.wire_bonder.description import wire_bonder
 from isorig.rig.wire_bonder.design_files import bond_figure, level_figure
 from isorig.rig.wire_bonder.design_study import BOND, BondPlan, bonding
-from isorig.rig.wire_bonder.move_isolation import MoveIsolation, MoveResponse, isolation_by_level, level_for, move_within
-from isorig.rig.wire_bonder.stroke import frictionless
+from isorig.rig.wire_bonder.move_isolation import MoveIsolation, MoveResponse, isolation_by_level, move_within
+from isorig.rig.wire_bonder.stroke import frictionless, lowest_inside
 from thesis.campaign import Played
 from thesis.published_values import Stated, below
 from thesis.step import Row, Step, judged
@@ -75,6 +75,11 @@ def moves(played: Played, bond: BondPlan = BOND) -> Step:
         title="98 % and 60 %: isolation on a move", rows=rows, text=text, tables=[table],
         pictures={"moves": _levels(found), "bond": bond_figure({played.candidate.name: responses}, bond)},
     )  # fmt: skip
+
+
+def level_for(levels: MoveIsolation, isolation: float) -> float:
+    """Lowest acceleration above which moves isolate at least this much, m/s^2, linearly interpolated; NaN if there is none."""
+    return lowest_inside(levels.acceleration, -levels.isolation, -isolation)
 
 
 def _at(found: MoveIsolation, level: float) -> float:

@@ -312,6 +312,11 @@ def evaluated(prospects: Sequence[Prospect], evaluate: Callable[[Prospect], T], 
     return found
 
 
+def models_within_limits(variant: Variant) -> tuple[RigModel, ...]:
+    """The models of a remaining cause that must stay within the limits: the fitted one, and others drawn from its uncertainty."""
+    return drawn_models(variant, POLICY.simulated_draws, 5) if variant.free else (variant.model,)
+
+
 def drawn_models(variant: Variant, count: int, seed: int) -> tuple[RigModel, ...]:
     """The model and others drawn from its covariance, `count` in all; the standard deviation of a value is limited."""
     generator = np.random.default_rng(seed)

@@ -19,7 +19,7 @@ from isorig.analysis.proposals.hypotheses import hypotheses
 from isorig.analysis.proposals.limits import LargestMotions, largest_of, reached_so_far
 from isorig.analysis.proposals.menu import CandidateRun, candidate_runs, covers_all_modes, run_at_rest
 from isorig.analysis.proposals.policy import POLICY as PROPOSALS
-from isorig.analysis.proposals.prediction import Key, Prospect, Variant, drawn_models
+from isorig.analysis.proposals.prediction import Key, Prospect, Variant, models_within_limits
 from isorig.analysis.proposals.remedies import Remedy, another_sensor, beyond_limits, pair_distance
 from isorig.analysis.simulate import simulate
 from isorig.analysis.spectra.noise import noise_levels
@@ -260,11 +260,7 @@ def _compared(
     with deadline:
         seen = comparison.seen(prospects, now.limits, tell)
     surviving = (*question.rivals, *(question.truths if question.supposed else (now.explains,)))
-    models = [
-        model
-        for variant in surviving
-        for model in (drawn_models(variant, PROPOSALS.simulated_draws, 5) if variant.free else (variant.model,))
-    ]
+    models = [model for variant in surviving for model in models_within_limits(variant)]
 
     def kept(one: Prospect) -> LargestMotions:
         return one.peaks(models, whole=True)
@@ -332,7 +328,7 @@ def _stronger_run(now: Situation, budget: float) -> Proposed | None:
         if not peaks.beyond(now.limits):
             ratios = [size / reached[name] for name, size in peaks.stroke.items() if reached.get(name, 0.0) > 0.0]
             ranked.append((max(ratios, default=0.0), one))
-    models = drawn_models(now.explains, PROPOSALS.simulated_draws, 5)
+    models = models_within_limits(now.explains)
     for ratio, one in sorted(ranked, key=lambda item: -item[0]):
         peaks = one.peaks(models, whole=True)
         if ratio > 1.0 and not peaks.beyond(now.limits):

@@ -10,7 +10,7 @@ from isorig.analysis.deadline import Deadline
 from isorig.analysis.errors import AnalysisError
 from isorig.analysis.proposals.policy import POLICY as PROPOSALS
 from isorig.analysis.proposals.precision import KnownPrecision, parameter_by_name, runs_for_uncertainty
-from isorig.analysis.proposals.prediction import drawn_models, evaluated
+from isorig.analysis.proposals.prediction import evaluated, models_within_limits
 from isorig.rig.errors import PlanError
 from isorig.rig.next.policy import POLICY
 from isorig.rig.next.proposal import Proposal, Proposed, Situation
@@ -39,11 +39,13 @@ def propose_for(now: Situation, name: str, wanted: float, *, budget: float, tell
         known = KnownPrecision(variant, parameter_by_name(variant.model, name), now.rivals.noise, now.taken)
     except AnalysisError as error:
         raise PlanError(f"--for {name}: {error}") from None
-    runs = [replace(run, seconds=min(2.0 * run.seconds, now.limits.seconds or run.seconds)) for run in now.candidates()]
+    runs = [
+        replace(run, seconds=min(PROPOSALS.longer * run.seconds, now.limits.seconds or run.seconds)) for run in now.candidates()
+    ]
     prospects = [now.prospect(run) for run in runs if run.repeat_of is None]
     with Deadline(POLICY.comparison_seconds):
         candidates = evaluated(prospects, known.information, tell)
-    models = drawn_models(variant, PROPOSALS.simulated_draws, 5)
+    models = models_within_limits(variant)
     found = runs_for_uncertainty(
         known, candidates, now.limits, lambda one: one.peaks(models, whole=True), wish=wanted,
         configuration=now.configuration, budget=budget,

@@ -111,15 +111,10 @@ def _mounted(
     if friction is not None:
         contacts = (Contact(name="isolation", a="motor", b=base["motor"], law=Coulomb(friction_force=friction)),)
     return RigModel(
-        name=name,
-        bodies=tuple(Body(name=body, mass=mass) for body, (mass, _, _) in bodies.items()),
-        links=links,
-        contacts=contacts,
-        drive=drive,
-        sensors=sensors,
+        name=name, bodies=tuple(Body(name=body, mass=mass) for body, (mass, _, _) in bodies.items()), links=links,
+        contacts=contacts, drive=drive, sensors=sensors, free=free,
         configurations={"unlocked": Configuration(), "locked": Configuration(rigid=("isolation",))},
-        free=free,
-    )
+    )  # fmt: skip
 
 
 #: The built-in rigs by their names in commands.

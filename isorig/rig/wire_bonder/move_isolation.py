@@ -18,7 +18,6 @@ from isorig.analysis.errors import DataError
 from isorig.analysis.model.rig_model import RigModel, Sensor
 from isorig.analysis.simulate import Excitation, simulate
 from isorig.analysis.simulate.move_profile import Move, Shape, head_acceleration
-from isorig.rig.wire_bonder.stroke import lowest_inside
 
 #: Rest before the move, and time simulated after it, s: the heatblock's vibration has decayed by then.
 LEAD, WATCHED = 0.02, 1.0
@@ -109,8 +108,3 @@ def isolation_by_level(
         acceleration=np.asarray(accelerations, dtype=np.float64), unlocked=np.array([r.largest for r in free]),
         locked=np.array([r.largest for r in fixed]), settling=np.array([r.settling for r in free]), tolerance=tolerance,
     )  # fmt: skip
-
-
-def level_for(levels: MoveIsolation, isolation: float) -> float:
-    """Lowest acceleration above which moves isolate at least this much, m/s^2, linearly interpolated; NaN if there is none."""
-    return lowest_inside(levels.acceleration, -levels.isolation, -isolation)

@@ -10,7 +10,7 @@ from isorig.analysis.errors import DataError
 from isorig.analysis.model.rig_model import matrices
 from isorig.analysis.simulate.move_profile import Move
 from isorig.rig.wire_bonder.description import THESIS, one_mass, wire_bonder
-from isorig.rig.wire_bonder.move_isolation import isolation_by_level, level_for, move_within, response_to_move
+from isorig.rig.wire_bonder.move_isolation import isolation_by_level, move_within, response_to_move
 from isorig.rig.wire_bonder.stroke import frictionless
 
 TOLERANCE = 2e-6
@@ -68,15 +68,6 @@ def test_friction_matters_the_less_the_harder_the_move_is() -> None:
     # Twice the friction at twice the level is the same motion doubled.
     twice = isolation_by_level(wire_bonder({**THESIS, "friction_force": 40.0}), 6e-3, 2.0 * levels, tolerance=TOLERANCE)
     np.testing.assert_allclose(twice.isolation, rough.isolation, atol=2e-3)
-
-
-def test_level_for() -> None:
-    found = isolation_by_level(wire_bonder(), 3e-3, np.array([12.5, 30.0, 166.7]), tolerance=TOLERANCE)
-    at = level_for(found, 0.6)
-    assert 12.5 < at < 30.0
-    assert np.interp(at, found.acceleration, found.isolation) == pytest.approx(0.6)
-    assert np.isnan(level_for(found, 0.999))
-    assert level_for(found, 0.0) == 12.5
 
 
 def test_a_move_has_the_given_duration() -> None:
