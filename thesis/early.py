@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from isorig.analysis.model.rig_model import Drive, RigModel
 from isorig.analysis.simulate.move_profile import Move
 from isorig.rig.wire_bonder.description import THESIS, one_mass, three_mass, two_mass
-from isorig.rig.wire_bonder.move_isolation import on_move
+from isorig.rig.wire_bonder.move_isolation import response_to_move
 from isorig.rig.wire_bonder.stroke import frictionless
 from thesis.campaign import Candidate
 from thesis.figures import breakaway
@@ -43,7 +43,7 @@ def early_rig() -> RigModel:
 def too_small(rig: RigModel, acceleration: float, configuration: str = "locked") -> float:
     """Displacement of the heatblock relative to the table during a move: of the early rig divided by that of another."""
     move = Move(distance=DISTANCE, acceleration=acceleration, pause=0.0)
-    both = [on_move(m, move, tolerance=TOLERANCE, configuration=configuration).largest for m in (early_rig(), rig)]
+    both = [response_to_move(m, move, tolerance=TOLERANCE, configuration=configuration).largest for m in (early_rig(), rig)]
     return both[0] / both[1]
 
 
@@ -161,7 +161,7 @@ def _picture(base: Candidate) -> Figure:
     axis = figure.subplots()
     move = Move(distance=DISTANCE, acceleration=LEVELS[-1], pause=0.0)
     for name, rig in (("identified rig", base.rig), ("early rig", early_rig())):
-        seen = on_move(rig, move, tolerance=TOLERANCE, configuration="locked")
+        seen = response_to_move(rig, move, tolerance=TOLERANCE, configuration="locked")
         kept = seen.time < 0.1
         axis.plot(1e3 * seen.time[kept], 1e6 * seen.motion[kept], lw=1.1, label=name)
     axis.set(

@@ -12,7 +12,7 @@ from isorig.analysis.spectra.welch import estimate
 from isorig.rig.model.baseline import baseline_model
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 from isorig.rig.wire_bonder.figures import set_ups_figure
-from isorig.rig.wire_bonder.four_set_ups import FourSetUps, SetUp, classic
+from isorig.rig.wire_bonder.four_set_ups import FourSetUps, SetUp, evaluated_set_ups
 from thesis.campaign import BANDS, LOW, NONE, SECONDS, Played, play, take
 from thesis.published_values import printed
 from thesis.step import Step, judged
@@ -34,7 +34,7 @@ BARE = (5.0, 8.0)
 
 def read(campaign: Campaign) -> FourSetUps:
     """The thesis's own readings of a campaign."""
-    return classic(campaign, baseline_model(campaign))
+    return evaluated_set_ups(campaign, baseline_model(campaign))
 
 
 def tables(rough: FourSetUps, smooth: FourSetUps) -> Step:

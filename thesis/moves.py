@@ -7,9 +7,9 @@ from matplotlib.figure import Figure
 
 from isorig.rig.wire_bonder.description import wire_bonder
 from isorig.rig.wire_bonder.design_files import bond_figure, level_figure
-from isorig.rig.wire_bonder.design_study import BOND, BondPlan
-from isorig.rig.wire_bonder.move_isolation import MoveIsolation, MoveResponse, isolation_by_level, level_for, move_within, on_move
-from isorig.rig.wire_bonder.stroke import frictionless
+from isorig.rig.wire_bonder.design_study import BOND, BondPlan, bonding
+from isorig.rig.wire_bonder.move_isolation import MoveIsolation, MoveResponse, isolation_by_level, move_within
+from isorig.rig.wire_bonder.stroke import frictionless, lowest_inside
 from thesis.campaign import Played
 from thesis.published_values import Stated, below
 from thesis.step import Row, Step, judged
@@ -35,7 +35,7 @@ def rigs(played: Played) -> dict[str, MoveIsolation]:
 
 def moves(played: Played, bond: BondPlan = BOND) -> Step:
     """Rows, table and pictures."""
-    found = rigs(played)
+    found, responses = rigs(played), bonding(played.rig, bond)
     smooth = found["without friction"]
     rough = {name: item for name, item in found.items() if item is not smooth}
     rows = [
@@ -55,7 +55,7 @@ def moves(played: Played, bond: BondPlan = BOND) -> Step:
             )
             for name, item in rough.items()
         ),
-        *(_bonded(name, played, configuration, bond) for name, configuration in (("locked", "locked"), ("unlocked", "unlocked"))),
+        *(_bonded(configuration, seen, bond) for configuration, seen in responses.items()),
     ]
     table = (
         ("peak of the head's acceleration, m/s²", *found),
@@ -73,8 +73,13 @@ def moves(played: Played, bond: BondPlan = BOND) -> Step:
     ]  # fmt: skip
     return Step(
         title="98 % and 60 %: isolation on a move", rows=rows, text=text, tables=[table],
-        pictures={"moves": _levels(found), "bond": bond_figure({played.candidate.name: played.rig}, bond)},
+        pictures={"moves": _levels(found), "bond": bond_figure({played.candidate.name: responses}, bond)},
     )  # fmt: skip
+
+
+def level_for(levels: MoveIsolation, isolation: float) -> float:
+    """Lowest acceleration above which moves isolate at least this much, m/s^2, linearly interpolated; NaN if there is none."""
+    return lowest_inside(levels.acceleration, -levels.isolation, -isolation)
 
 
 def _at(found: MoveIsolation, level: float) -> float:
@@ -90,12 +95,10 @@ def _sentence(found: dict[str, MoveIsolation]) -> str:
     return "; ".join(said) + ". " + hardly
 
 
-def _bonded(name: str, played: Played, configuration: str, bond: BondPlan) -> Row:
-    seen: MoveResponse = on_move(
-        played.rig, move_within(bond.distance, bond.seconds), tolerance=bond.tolerance, configuration=configuration
-    )
+def _bonded(configuration: str, seen: MoveResponse, bond: BondPlan) -> Row:
     return judged(
-        f"{name}: heatblock relative to table in a move of {1e3 * bond.distance:g} mm in {1e3 * bond.seconds:g} ms, largest, µm",
+        f"{configuration}: heatblock relative to table in a move of {1e3 * bond.distance:g} mm in {1e3 * bond.seconds:g} ms, "
+        "largest, µm",
         below(f"±{1e6 * bond.tolerance:g} µm required", 1e6 * bond.tolerance, 0.01), 1e6 * seen.largest,
         here=f"{1e6 * seen.largest:.2g}, settled {1e3 * seen.settling:.0f} ms after the move",
     )  # fmt: skip

@@ -6,7 +6,7 @@ from math import isfinite
 
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 from isorig.rig.wire_bonder.design_study import BOND
-from isorig.rig.wire_bonder.move_isolation import isolation_by_level, level_for
+from isorig.rig.wire_bonder.move_isolation import isolation_by_level
 from isorig.rig.wire_bonder.stroke import frictionless
 from thesis.campaign import HARDER, HIGH, SLIDING
 from thesis.early import LEVELS as EARLY_LEVELS
@@ -14,7 +14,7 @@ from thesis.early import too_small
 from thesis.figure_readings import HALF_POWER
 from thesis.figures import distance, middle
 from thesis.isolation import MASSES, PLACE, place
-from thesis.moves import DISTANCE, HARDEST, LEVELS, MEASURED
+from thesis.moves import DISTANCE, HARDEST, LEVELS, MEASURED, level_for
 from thesis.rivals import NEAR, Compared, base
 from thesis.step import Step
 from thesis.strokes import REPEATS, SOFT, lowest

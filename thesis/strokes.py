@@ -5,7 +5,6 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
-from isorig.analysis.campaign import FloatArray
 from isorig.analysis.simulate.move_profile import Move
 from isorig.rig.virtual.levels import MOVE_RATE
 from isorig.rig.wire_bonder.description import THESIS
@@ -49,7 +48,7 @@ def strokes(*, points: int = 100, draws: int = 50) -> Step:
         PLAN, with_head(OF_THESIS, PLAN), draws=draws, points=points, offsets=OFFSETS, rocking_frequency=ROCKING
     )  # fmt: skip
     free, rough = found.studies["without friction"], found.studies["with friction"]
-    middle = {name: _median(r.frequency, r.ratio) for name, r in found.ratios.items()}
+    middle = {name: case.median_ratio for name, case in found.cases.items()}
     present, soft = next(iter(middle.values())), list(middle.values())[-1]
     rows = [
         judged(
@@ -83,23 +82,24 @@ def strokes(*, points: int = 100, draws: int = 50) -> Step:
             for repeat in REPEATS
         ),
     ]  # fmt: skip
+    ratios = {name: case.ratio for name, case in found.cases.items()}
     return Step(
         title="Fig. 33-36: strokes, flexures and drive offset", rows=rows, text=_text(),
         tables=[_cases(found, middle), _flexures()],
         pictures={
             "strokes": stroke_figure(found), "histories": history_figure(found),
-            "design-ratio": isolation_figure(found.ratios, {}, logarithmic=False), "offset": offset_figure(found),
+            "design-ratio": isolation_figure(ratios, {}, logarithmic=False), "offset": offset_figure(found),
         },
     )  # fmt: skip
 
 
 def _cases(found: Designed, middle: dict[str, float]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     rows: list[tuple[str, ...]] = []
-    for name, rig in found.rigs.items():
-        link, bond = rig.link("isolation"), found.bonds[name]
+    for name, case in found.cases.items():
+        link, bond = case.rig.link("isolation"), case.bond["unlocked"]
         rows.append(
             (
-                name, f"{link.stiffness:.0f}", f"{link.damping:.0f}", f"{1e3 * found.stroke(name):.2f}", f"{middle[name]:.4f}",
+                name, f"{link.stiffness:.0f}", f"{link.damping:.0f}", f"{1e3 * case.stroke:.2f}", f"{middle[name]:.4f}",
                 f"{1e6 * bond.largest:.2g}", f"{1e3 * bond.settling:.0f}",
             )
         )  # fmt: skip
@@ -147,7 +147,3 @@ def _text() -> list[str]:
         f"{1e3 * soft.length:.0f} mm for any number and width. Nonlinear springs are laws of a link (`cubic`, "
         "`bounded_softening`, `end_stop`) in any model for `rig simulate`.",
     ]
-
-
-def _median(frequency: FloatArray, values: FloatArray) -> float:
-    return float(np.median(values[(frequency >= 5.0) & (frequency <= 15.0)]))

@@ -26,7 +26,7 @@ from isorig.analysis.model.linear import constraint_basis
 from isorig.analysis.model.rig_model import RigModel, matrices
 from isorig.analysis.spectra.welch import Frf
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
-from isorig.rig.wire_bonder.four_set_ups import classic, error_surface
+from isorig.rig.wire_bonder.four_set_ups import error_surface, evaluated_set_ups
 from isorig.rig.wire_bonder.peak_offset import loaded_frequencies, peak_offset
 from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 
@@ -244,7 +244,7 @@ def test_an_offset_that_goes_with_the_gain_supports_both() -> None:
 
 def test_the_error_surface_finds_the_mass_without_friction(smooth: tuple[RigModel, Campaign]) -> None:
     model, campaign = smooth
-    read = classic(campaign, model)
+    read = evaluated_set_ups(campaign, model)
     assert read.surface is not None
     mass, _, error = read.surface.best
     # The set-ups read peaks of the coupled rig, as the thesis does: so it is near, not exact.

@@ -23,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "rig"))
 from fuzzing import campaign
 
 from isorig.rig.files.recording import write
-from isorig.rig.fleet import watch as watching
+from isorig.rig.fleet import update as watching
 from isorig.rig.fleet.catalogue import Catalogue
 
 #: Simulated seconds between two readings, and probability that something happens between two.

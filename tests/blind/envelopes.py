@@ -15,7 +15,7 @@ from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose.kinds import kind_of
 from isorig.analysis.model.rig_model import RigModel
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
-from isorig.rig.wire_bonder.effects import CAUSES, KINDS, OUTSIDE, drawing, drawn_effect, played
+from isorig.rig.wire_bonder.effects import CAUSES, KINDS, OUTSIDE, campaign_with, drawn_effect, generator_of
 from isorig.rig.wire_bonder.session import LATER, SESSION, VirtualRun
 
 __all__ = ["CAUSES", "KINDS", "OUTSIDE", "Envelope", "Place", "draw_envelope", "drawn_rig", "is_right"]
@@ -53,11 +53,11 @@ def drawn_rig(draw: np.random.Generator) -> RigModel:
 
 def draw_envelope(kind: str, size: float, seed: int, takes: Sequence[VirtualRun] = SESSION) -> Envelope:
     """Draw the rig, the effect's place and its numbers by the seed, and play the session and the one after it."""
-    draw = drawing(seed, kind)
+    draw = generator_of(seed, kind)
     hidden = drawn_effect(kind, drawn_rig(draw), size, draw)
     return Envelope(
         kind=kind, truth=hidden.truth, outside=hidden.outside, parameters=hidden.parameters,
-        campaign=played(hidden, takes, seed), later=played(hidden, LATER, seed + 1),
+        campaign=campaign_with(hidden, takes, seed), later=campaign_with(hidden, LATER, seed + 1),
     )  # fmt: skip
 
 

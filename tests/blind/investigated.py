@@ -27,7 +27,7 @@ from isorig.rig.files.recording import read, write
 from isorig.rig.files.rigfile import description_text
 from isorig.rig.next.investigation import Measured
 from isorig.rig.virtual.levels import BEGIN, BITS, FULL_SCALE, HEAD_PER_GAIN, VIRTUAL
-from isorig.rig.wire_bonder.effects import Hidden, amplitudes_of, drawing, drawn_effect
+from isorig.rig.wire_bonder.effects import Hidden, amplitudes_of, drawn_effect, generator_of
 from isorig.rig.wire_bonder.session import known_of
 
 RATE, NOISE = 1024.0, 1e-3
@@ -172,7 +172,7 @@ def _start(asked: RunPlan, before: list[Run]) -> float:
 
 def sealed(kind: str, size: float, seed: int) -> SealedRig:
     """The wire bonder that `draw_envelope` hides under these words, for an investigation."""
-    draw = drawing(seed, kind)
+    draw = generator_of(seed, kind)
     model = drawn_rig(draw)
     stroke = STROKE * amplitudes_of(model).deflection["isolation"]
     limits = Limits(stroke={"isolation": stroke}, gains=GAINS, band=BAND, seconds=60.0, lock_price=LOCKING)
@@ -188,7 +188,7 @@ def sealed(kind: str, size: float, seed: int) -> SealedRig:
 
 def sealed_other(kind: str, size: float, seed: int) -> SealedRig:
     """A chain, two carts or a stage, described with values up to a quarter off, with something hidden in it."""
-    found = hide_other(kind, size, drawing(seed, kind))
+    found = hide_other(kind, size, generator_of(seed, kind))
     guess, motion = guessed(found.sound, seed), found.motion
     drive = guess.drive
     quantities = {drive.channel: drive.quantity, **{sensor.channel: sensor.quantity for sensor in guess.sensors}}

@@ -104,7 +104,7 @@ def allowed(now: Situation, runs: Iterable[CandidateRun]) -> Iterator[CandidateR
 
 def new_runs(now: Situation) -> list[CandidateRun]:
     """The candidate runs that repeat no earlier drive."""
-    return [run for run in now.menu() if run.repeat_of is None]
+    return [run for run in now.candidates() if run.repeat_of is None]
 
 
 def at_random(seed: int) -> Callable[..., Proposal]:

@@ -17,7 +17,7 @@ from isorig.analysis.campaign import Campaign, Channel, FloatArray
 from isorig.analysis.diagnose.kinds import kind_of
 from isorig.analysis.model.rig_model import Body, Chain, Contact, Link, RigModel, Sensor
 from isorig.analysis.simulate import Excitation, simulate
-from isorig.rig.wire_bonder.effects import drawing
+from isorig.rig.wire_bonder.effects import generator_of
 
 Draw = np.random.Generator
 
@@ -295,7 +295,7 @@ def draw_other(kind: str, size: float, seed: int, *, soil: float = 0.0, rest: bo
     rest
         Whether every run begins with seconds of rest.
     """
-    draw = drawing(seed, kind)
+    draw = generator_of(seed, kind)
     found = hide_other(kind, size, draw)
     hidden = found.hidden
     disturbances: frozenset[tuple[str, str]] = frozenset()

@@ -10,7 +10,7 @@ from envelopes import drawn_rig
 from isorig.rig.cli import main
 from isorig.rig.files.recording import write
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
-from isorig.rig.wire_bonder.effects import Hidden, amplitudes_of, hide, played
+from isorig.rig.wire_bonder.effects import Hidden, amplitudes_of, campaign_with, one_effect
 from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 
 #: Nothing drives the heatblock's resonance at 165 Hz.
@@ -44,7 +44,7 @@ def test_a_sound_rig_whose_drive_never_reaches_the_heatblock_is_adequate(seed: i
 def test_a_wrong_mass_is_named_before_the_added_mode_with_equal_physics(tmp_path: Path) -> None:
     # 4.3 kg at the heatblock's frequency explain a heatblock of 10.3 kg given as 6 kg just as well, with three parameters.
     rig = wire_bonder({**THESIS, "heatblock_mass": 10.3, "friction_force": 9.0})
-    write(tmp_path / "campaign.h5", played(Hidden(model=rig, known={"heatblock_mass": 6.0}), WIDE, 1))
+    write(tmp_path / "campaign.h5", campaign_with(Hidden(model=rig, known={"heatblock_mass": 6.0}), WIDE, 1))
     assert main(["diagnose", str(tmp_path / "campaign.h5"), "-o", str(tmp_path / "out")]) == 0
     found = json.loads((tmp_path / "out" / "findings.json").read_text())
     (step,) = found["steps"]
@@ -59,8 +59,8 @@ def test_a_wrong_mass_is_named_before_the_added_mode_with_equal_physics(tmp_path
 def test_effects_that_resemble_others_are_named_alone(kind: str, size: float, tmp_path: Path) -> None:
     draw = np.random.default_rng([7, 5])
     rig = drawn_rig(draw)
-    hidden = hide(kind, rig, amplitudes_of(rig), size, draw)
-    write(tmp_path / "campaign.h5", played(hidden, WIDE, 7))
+    hidden = one_effect(kind, rig, amplitudes_of(rig), size, draw)
+    write(tmp_path / "campaign.h5", campaign_with(hidden, WIDE, 7))
     assert main(["diagnose", str(tmp_path / "campaign.h5"), "-o", str(tmp_path / "out")]) == 0
     found = json.loads((tmp_path / "out" / "findings.json").read_text())
     assert found["verdict"] == "explained"

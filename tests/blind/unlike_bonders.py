@@ -21,7 +21,7 @@ from isorig.analysis.diagnose.causes.base import Amplitudes, exchange
 from isorig.analysis.diagnose.kinds import kind_of
 from isorig.analysis.model.rig_model import Body, Link, RigModel
 from isorig.rig.virtual.levels import BEGIN
-from isorig.rig.wire_bonder.effects import CAUSES, CHANNELS, Hidden, amplitudes_of, drawing, drawn_effect
+from isorig.rig.wire_bonder.effects import CAUSES, CHANNELS, Hidden, amplitudes_of, drawn_effect, generator_of
 from isorig.rig.wire_bonder.session import VirtualRun, head_of, known_of
 
 Draw = np.random.Generator
@@ -160,7 +160,7 @@ def draw_bonder(kind: str, size: float, seed: int, *, soil: float = 0.0, rest: b
     rest
         Whether every run begins with rest, and its drive fades in.
     """
-    draw = drawing(seed, f"{kind} of an unlike bonder")
+    draw = generator_of(seed, f"{kind} of an unlike bonder")
     model = drawn_rig(draw)
     scale = amplitudes_of(model)
     truth: tuple[tuple[str | None, str, str], ...] = ()

@@ -16,14 +16,15 @@ from isorig.analysis.isolation.ratio import isolation_ratio
 from isorig.analysis.parameters.joint_fit import characterize
 from isorig.rig.acquire.plan_check import read_plan
 from isorig.rig.model.baseline import baseline_model
-from isorig.rig.wire_bonder.description import THESIS
+from isorig.rig.wire_bonder.description import THESIS, wire_bonder
+from isorig.rig.wire_bonder.move_isolation import isolation_by_level
 from isorig.rig.wire_bonder.session import VirtualRun
 from thesis.campaign import HIGH, LOW, Candidate, Played, candidates, play, played, stribeck_rig
 from thesis.early import FOUR, LEVELS, early, stays, too_small
 from thesis.figure_readings import RESOLUTIONS, apparent, read, resolutions
 from thesis.figures import COMPARED, breakaway, distance, figures, heavy_peak, over_measured, seen
 from thesis.isolation import PLACE, offsets, place, ratio
-from thesis.moves import moves
+from thesis.moves import level_for, moves
 from thesis.published_values import MOST, Stated, above, below, printed
 from thesis.questions import questions
 from thesis.rivals import Compared, base, compared, rivals
@@ -279,3 +280,12 @@ def test_the_plan_distinguishes_coulomb_from_stribeck() -> None:
 def test_the_rivals_sliding_force_is_data() -> None:
     law = stribeck_rig().contact("isolation").law
     assert msgspec.to_builtins(law)["friction_force"] == campaigns.SLIDING
+
+
+def test_level_for() -> None:
+    found = isolation_by_level(wire_bonder(), 3e-3, np.array([12.5, 30.0, 166.7]), tolerance=2e-6)
+    at = level_for(found, 0.6)
+    assert 12.5 < at < 30.0
+    assert np.interp(at, found.acceleration, found.isolation) == pytest.approx(0.6)
+    assert np.isnan(level_for(found, 0.999))
+    assert level_for(found, 0.0) == 12.5

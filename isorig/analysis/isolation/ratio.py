@@ -29,7 +29,8 @@ STITCH = 15.0
 AROUND = 0.25
 #: Relative velocities below this share of the body's own rms velocity count as sticking.
 AT_REST = 1e-3
-
+#: The motor is stuck at a gain at which it sticks for more than this share of the time.
+MOSTLY_STUCK = 0.5
 
 #: The isolation is effective above this multiple of its natural frequency: there the transmissibility is below 1.
 ABOVE = float(np.sqrt(2.0))
@@ -322,4 +323,4 @@ def stuck_share(model: RigModel, run: Run) -> float:
 
 def friction_bound(ratio: IsolationRatio, shares: dict[float, float]) -> NDArray[np.bool_]:
     """Frequency bins from a gain at which the motor is stuck for more than half of the time, shape (bins,)."""
-    return np.asarray(np.isin(ratio.gain, [gain for gain, share in shares.items() if share > 0.5]))
+    return np.asarray(np.isin(ratio.gain, [gain for gain, share in shares.items() if share > MOSTLY_STUCK]))

@@ -24,8 +24,8 @@ from isorig.analysis.proposals.prediction import (
     distance,
     drawn_models,
     evaluated,
-    left,
     refit,
+    remaining_distance,
 )
 
 
@@ -126,16 +126,10 @@ class Choice:
 
 @dataclass(frozen=True, kw_only=True)
 class Chosen:
-    """A proposal.
+    """A proposal: the runs, best first; none if no allowed run is informative.
 
-    Parameters
-    ----------
-    choices
-        The runs, best first; empty if no allowed run is informative.
-    best
-        For every true cause and rival, the largest distance with a single allowed run.
-    compared, refused
-        Number of candidate runs compared, and number rejected for a limit, with the reasons.
+    `best` has for every true cause and rival the largest distance with a single allowed run; `compared` is the number of compared
+    candidates, `refused` those rejected for a limit, with the reasons.
     """
 
     choices: tuple[Choice, ...]
@@ -209,7 +203,7 @@ class Comparison:
             refused={prospect.run: why for prospect, why in found if isinstance(why, str)},
         )
 
-    def predicted_pairs(self, prospect: Prospect, pairs: Pairs, most: int = POLICY.shown_pairs) -> tuple[PredictedPair, ...]:
+    def predicted_pairs(self, prospect: Prospect, pairs: Pairs) -> tuple[PredictedPair, ...]:
         """Predictions of causes that a run distinguishes, the closest pairs first."""
         seen = Predicted(prospect, self._noise, self._reference)
         found = []
@@ -219,7 +213,7 @@ class Comparison:
                 if truth.key == rival.key:
                     continue
                 step = refit(rival.free, [run[i, k][0] for run in (*self._hand, pairs)])
-                apart = left(pairs[i, k][0], step)
+                apart = remaining_distance(pairs[i, k][0], step)
                 row = int(np.argmax(apart))
                 if not POLICY.indistinguishable < apart[row] < np.inf:
                     continue
@@ -231,23 +225,12 @@ class Comparison:
                         allowed=float(seen.allowed[row]), distance=float(apart[row]),
                     )
                 )  # fmt: skip
-        return tuple(sorted(found, key=lambda pair: pair.distance)[:most])
+        return tuple(sorted(found, key=lambda pair: pair.distance)[: POLICY.shown_pairs])
 
-    def with_sensors(
-        self, prospect: Prospect, added: Callable[[RigModel], RigModel], pair: tuple[Key, Key]
-    ) -> dict[str, float]:  # fmt: skip
+    def with_sensors(self, prospect: Prospect, added: Callable[[RigModel], RigModel], pair: tuple[Key, Key]) -> dict[str, float]:
         """Distance of a pair of causes in a run with each of several additional sensors alone, by channel.
 
-        Their noise is that of the drive channel, except for displacement sensors.
-
-        Parameters
-        ----------
-        prospect
-            The run.
-        added
-            Adds the additional sensors to a model.
-        pair
-            The two causes.
+        `added` adds the sensors to a model. Their noise is that of the drive channel, except for displacement sensors.
         """
         fitted = [replace(rival, model=added(rival.model)) for rival in self._question.rivals]
         drawn = {
@@ -264,9 +247,8 @@ class Comparison:
         for (i, k), found in pairs.items():
             for n, moments in enumerate(found if fitted[k].key in pair else ()):
                 step = refit(fitted[k].free, [*(run[i, k][n] for run in self._hand), moments])
-                apart = np.maximum(apart, left(moments, step))
-        sizes = dict(zip((sensor.channel for sensor in reference.sensors), apart.tolist(), strict=True))
-        return {sensor.channel: sizes[sensor.channel] for sensor in further}
+                apart = np.maximum(apart, remaining_distance(moments, step))
+        return {s.channel: size for s, size in zip(reference.sensors, apart.tolist(), strict=True) if s in further}
 
     def distances(self, pairs: Sequence[Pairs]) -> list[PairDistance]:
         """Distance of every true cause from every rival after some further runs."""
@@ -352,14 +334,8 @@ def choose(
         )  # fmt: skip
         taken.append(pairs)
         now, budget, configuration = then, budget - prospect.run.seconds, prospect.run.configuration
-    return Chosen(choices=tuple(choices), best=_best(comparison, seen), compared=len(seen.pairs), refused=refused)
-
-
-def _best(comparison: Comparison, seen: ComparedRuns) -> tuple[PairDistance, ...]:
-    found: dict[tuple[object, object], PairDistance] = {}
-    for _, pairs in seen.pairs:
-        for apart in comparison.distances([pairs]):
-            key = apart.truth.key, apart.rival.key
-            if key not in found or apart.distance > found[key].distance:
-                found[key] = apart
-    return tuple(found.values())
+    farthest: dict[tuple[Key, Key], PairDistance] = {}
+    for apart in (apart for _, pairs in seen.pairs for apart in comparison.distances([pairs])):
+        key = apart.truth.key, apart.rival.key
+        farthest[key] = max(farthest.get(key, apart), apart, key=lambda each: each.distance)
+    return Chosen(choices=tuple(choices), best=tuple(farthest.values()), compared=len(seen.pairs), refused=refused)

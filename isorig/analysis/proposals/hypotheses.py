@@ -14,23 +14,12 @@ from isorig.analysis.proposals.limits import LargestMotions
 from isorig.analysis.proposals.policy import POLICY
 from isorig.analysis.proposals.prediction import Variant
 
-#: Causes that act on a body by its inertia alone.
-AT_BODIES = ("extra_mode", "wrong_mass")
-
 
 def hypotheses(model: RigModel, peaks: LargestMotions, sample_rate: float) -> tuple[Variant, ...]:
-    """Every cause of the catalogue at every place, at its smallest relevant size, added to a model.
+    """Every cause of the catalogue at every place, at its smallest relevant size, added to the model of the runs so far.
 
-    A cause at a body whose motion is imposed is left out where no record contains it.
-
-    Parameters
-    ----------
-    model
-        The model that explains the runs so far.
-    peaks
-        Largest magnitudes in the strongest allowed runs: sizes are relative to these.
-    sample_rate
-        Hz.
+    Sizes are relative to `peaks`, the largest magnitudes in the strongest allowed runs; the sample rate is in Hz. A cause at a
+    body whose motion is imposed is left out where no record contains it.
     """
     links = [link.name for link in model.links]
     channels = (model.drive.channel, *(sensor.channel for sensor in model.sensors))
@@ -46,7 +35,7 @@ def hypotheses(model: RigModel, peaks: LargestMotions, sample_rate: float) -> tu
     hidden = {drive.imposes for drive in model.drives if drive.imposes is not None and f"drive.{drive.channel}" not in felt}
     for cause in CATALOGUE:
         for place in cause.supposed_places(model):
-            if cause.name in AT_BODIES and place in hidden:
+            if cause.at_bodies and place in hidden:
                 continue
             with suppress(ModelError):
                 found += [

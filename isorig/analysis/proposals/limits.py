@@ -15,7 +15,7 @@ from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.parallel import side_by_side
 from isorig.analysis.proposals.policy import POLICY
-from isorig.analysis.simulate import Excitation, record, simulate, true_drives
+from isorig.analysis.simulate import Excitation, simulate, true_drives
 from isorig.analysis.simulate.gauges import DEFLECTION, gauged
 
 
@@ -55,7 +55,7 @@ class LargestMotions:
         return ""
 
 
-def largest(peaks: Sequence[LargestMotions]) -> LargestMotions:
+def largest_of(peaks: Sequence[LargestMotions]) -> LargestMotions:
     """The largest peaks of several models, one by one."""
     return LargestMotions(
         stroke=_most([p.stroke for p in peaks]), speed=_most([p.speed for p in peaks]), drive=max(p.drive for p in peaks),
@@ -96,13 +96,12 @@ def simulated_peaks(models: Sequence[RigModel], excitation: Excitation, configur
         rig = gauged(model, configuration)
         drive = true_drives(model, excitation)[model.drive.channel]
         try:
-            seen = simulate(rig, excitation, configuration=configuration, start_time=start_time).channels
-            motion = record(rig, {model.drive.channel: drive, **seen}, excitation.sample_rate)
+            motion = simulate(rig, excitation, configuration=configuration, start_time=start_time, as_recorded=True).channels
         except (SimulationError, ModelError):
             motion = {sensor.channel: np.array([inf]) for sensor in rig.sensors}
         return peaks_of(rig, motion, drive, excitation.sample_rate)
 
-    return largest(side_by_side(one, models))
+    return largest_of(side_by_side(one, models))
 
 
 def reached_so_far(limits: Limits, model: RigModel, peaks: LargestMotions) -> Limits:

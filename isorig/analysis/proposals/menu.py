@@ -13,7 +13,7 @@ from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.proposals.policy import POLICY
 from isorig.analysis.simulate.natural import natural_modes
 
-Excited = Literal["random", "multisine", "sine", "sweep", "moves", "steps", "free", "other"]
+ExcitationKind = Literal["random", "multisine", "sine", "sweep", "moves", "steps", "free", "other"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +41,7 @@ class CandidateRun:
     """
 
     configuration: str
-    excitation: Excited
+    excitation: ExcitationKind
     gain: float
     seconds: float
     band: tuple[float, float] | None = None
@@ -56,7 +56,7 @@ class CandidateRun:
         return self.excitation == "free"
 
 
-def menu(
+def candidate_runs(
     model: RigModel, limits: Limits, sample_rate: float, *, seed: int = 1, repeatable: Sequence[tuple[str, CandidateRun]] = ()
 ) -> tuple[CandidateRun, ...]:
     """All candidate runs of a rig within the limits that need no simulation: gains, band and seconds.
@@ -114,7 +114,7 @@ def menu(
     return (*(replace(run, seed=seed + k) for k, run in enumerate(unique)), *again)
 
 
-def covers(model: RigModel, run: CandidateRun) -> bool:
+def covers_all_modes(model: RigModel, run: CandidateRun) -> bool:
     """Whether a run excites everything that a linear rig has: random, over all natural frequencies of its configuration."""
     if run.excitation != "random" or run.band is None:
         return False
@@ -127,7 +127,7 @@ def cost(run: CandidateRun, configuration: str, limits: Limits) -> float:
     return run.seconds + POLICY.overhead + (price if run.configuration != configuration else 0.0)
 
 
-def rest(model: RigModel, limits: Limits) -> CandidateRun:
+def run_at_rest(model: RigModel, limits: Limits) -> CandidateRun:
     """A run at rest, in the rig's first configuration: it shows only the sensors' noise and hum."""
     gain = 1.0 if limits.gains is None else limits.gains[1]
     return CandidateRun(configuration=next(iter(model.configurations)), excitation="free", gain=gain, seconds=POLICY.rest_run)

@@ -48,7 +48,7 @@ class ProposalPolicy:
     broad_run: float = 20.0
     short_run: float = 10.0
     rest_run: float = 5.0
-    #: Length of a longer run, as a multiple of `broad_run`: its error bars are 0.7 times as wide.
+    #: Length of a longer run, as a multiple of the usual one: its error bars are 0.7 times as wide.
     longer: float = 2.0
     #: Levels of a drive as shares of the highest allowed gain. Chosen: forces proportional to the square of the motion differ by
     #: 4 and by 25 between them, relative to those proportional to it.

@@ -11,12 +11,13 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import pi, sqrt
+from math import sqrt
 
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import DataError, ModelError
+from isorig.analysis.isolation.optimum import uncoupled_frequency
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.linear import transfer
 from isorig.analysis.model.parameter_units import unit_of
@@ -24,16 +25,16 @@ from isorig.analysis.model.rig_model import RigModel, single_drive
 from isorig.analysis.proposals.limits import LargestMotions
 from isorig.analysis.proposals.menu import cost
 from isorig.analysis.proposals.policy import POLICY
-from isorig.analysis.proposals.prediction import Predicted, Prospect, Variant, beforehand
+from isorig.analysis.proposals.prediction import Predicted, Prospect, Variant, prior_precision
 from isorig.analysis.simulate import simulate
 from isorig.analysis.spectra.welch import estimate
 
 #: Excitations with transfer functions.
 BROAD = ("random", "multisine", "sweep")
-Figure = Callable[[RigModel], float]
+ParameterValue = Callable[[RigModel], float]
 
 
-def figure_of(model: RigModel, name: str) -> Figure:
+def parameter_by_name(model: RigModel, name: str) -> ParameterValue:
     """A parameter by its name in the parameter table, or by its path in the model.
 
     `<body>_mass` in kg; `<body>_frequency` = sqrt(k / m) / 2 pi in Hz and `<body>_damping` = c / (2 sqrt(k m)) of the link that
@@ -47,22 +48,20 @@ def figure_of(model: RigModel, name: str) -> Figure:
     if "." in name:
         model.get(name)
         return lambda rig: rig.get(name)
-    figures = named_figures(model)
-    if name not in figures:
-        raise ModelError(f"the rig has no parameter {name!r}; it has {', '.join(figures)}, and {', '.join(model.free)} by path")
-    return figures[name]
+    known = named_parameters(model)
+    if name not in known:
+        raise ModelError(f"the rig has no parameter {name!r}; it has {', '.join(known)}, and {', '.join(model.free)} by path")
+    return known[name]
 
 
-def named_figures(model: RigModel) -> dict[str, Figure]:
+def named_parameters(model: RigModel) -> dict[str, ParameterValue]:
     """All parameters of the parameter table by name."""
-    found: dict[str, Figure] = {}
+    found: dict[str, ParameterValue] = {}
     for body in model.bodies:
         link = next((link.name for link in model.links if link.a == body.name and link.stiffness > 0.0), None)
         found[f"{body.name}_mass"] = lambda rig, b=body.name: rig.body(b).mass  # type: ignore[misc]
         if link is not None:
-            found[f"{body.name}_frequency"] = lambda rig, b=body.name, n=link: (  # type: ignore[misc]
-                sqrt(rig.link(n).stiffness / rig.body(b).mass) / (2.0 * pi)
-            )
+            found[f"{body.name}_frequency"] = lambda rig, n=link: uncoupled_frequency(rig, n)  # type: ignore[misc]
             found[f"{body.name}_damping"] = lambda rig, b=body.name, n=link: (  # type: ignore[misc]
                 rig.link(n).damping / (2.0 * sqrt(rig.link(n).stiffness * rig.body(b).mass))
             )
@@ -72,8 +71,8 @@ def named_figures(model: RigModel) -> dict[str, Figure]:
     return found
 
 
-def figure_unit(name: str, model: RigModel) -> str:
-    """The unit of a parameter of `named_figures`."""
+def unit_of_parameter(name: str, model: RigModel) -> str:
+    """The unit of a parameter of `named_parameters`."""
     body, _, kind = name.rpartition("_")
     if kind == "mass":
         return unit_of(f"bodies.{body}.mass", model)
@@ -84,17 +83,8 @@ def figure_unit(name: str, model: RigModel) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class PreciseRun:
-    """A run for a parameter.
-
-    Parameters
-    ----------
-    prospect
-        The run, no longer than necessary.
-    std
-        The parameter's relative standard uncertainty after it.
-    peaks
-        Peaks of the model, and of others drawn from its covariance, in it.
-    """
+    """A run for a parameter, no longer than necessary: its relative standard uncertainty after it, and the peaks of the model and
+    of others drawn from its covariance, in it."""
 
     prospect: Prospect
     std: float
@@ -108,7 +98,7 @@ class KnownPrecision:
     ----------
     variant
         The fitted model with its covariance.
-    figure
+    parameter
         The parameter of interest.
     noise
         Standard deviation of the noise by channel.
@@ -125,18 +115,20 @@ class KnownPrecision:
         Information of the existing runs.
     """
 
-    def __init__(self, variant: Variant, figure: Figure, noise: Mapping[str, float], in_hand: Sequence[Prospect]) -> None:
+    def __init__(
+        self, variant: Variant, parameter: ParameterValue, noise: Mapping[str, float], in_hand: Sequence[Prospect]
+    ) -> None:
         self._variant, self._noise = variant, noise
-        self.value = figure(variant.model)
-        slope = _slopes(variant, figure)
+        self.value = parameter(variant.model)
+        slope = _slopes(variant, parameter)
         touched = [f.path for f, s in zip(variant.free, slope, strict=True) if s != 0.0]
         if not touched:
             raise DataError("the parameter does not depend on any fitted value: it is given, so no run can improve it")
         self.linear = all(path.startswith(("bodies.", "links.")) and ".laws." not in path for path in touched)
         self._slope = slope
-        known = np.diag(beforehand(variant.free))
+        known = np.diag(prior_precision(variant.free))
         self.now = known + sum((self.information(run) for run in in_hand), np.zeros(known.shape))
-        measured = std_of(variant, figure)
+        measured = std_of_parameter(variant, parameter)
         #: Measured divided by predicted standard uncertainty for the existing runs.
         self._scale = measured / sqrt(self._variance(self.now)) if measured > 0.0 else 1.0
 
@@ -183,7 +175,7 @@ class KnownPrecision:
         return np.asarray(whole * prospect.run.seconds * rate / len(excitation.recorded) / POLICY.correlated_bins)
 
 
-def design(
+def runs_for_uncertainty(
     known: KnownPrecision, candidates: Sequence[tuple[Prospect, FloatArray]], limits: Limits,
     kept: Callable[[Prospect], LargestMotions], *, wish: float, configuration: str, budget: float,
     most: int = POLICY.most_runs,
@@ -245,15 +237,15 @@ def _ranked(
     return (not reached, cost(cut.run, configuration, limits) if reached else known.std(now + own)), cut, own
 
 
-def std_of(variant: Variant, figure: Figure) -> float:
+def std_of_parameter(variant: Variant, parameter: ParameterValue) -> float:
     """A parameter's standard uncertainty by the model's own covariance, in its unit."""
-    slope = _slopes(variant, figure)
+    slope = _slopes(variant, parameter)
     return sqrt(max(float(slope @ variant.covariance_of_coordinates @ slope), 0.0))
 
 
-def _slopes(variant: Variant, figure: Figure) -> FloatArray:
+def _slopes(variant: Variant, parameter: ParameterValue) -> FloatArray:
     # Derivatives of the parameter with respect to the search coordinates of the fitted values.
     theta = variant.coordinates
     steps = np.diag([1e-5 if f.log else f.step for f in variant.free])
-    ends = [[figure(variant.at(theta + way * step)) for way in (1.0, -1.0)] for step in steps]
+    ends = [[parameter(variant.at(theta + way * step)) for way in (1.0, -1.0)] for step in steps]
     return np.array([above - below for above, below in ends]) / (2.0 * np.diag(steps))

@@ -260,7 +260,7 @@ def refit(free: Sequence[Free], moments: Sequence[Moments]) -> FloatArray:
 
     NaN if a motion grows without bound.
     """
-    normal, slope = np.diag(beforehand(free)), np.zeros(len(free))
+    normal, slope = np.diag(prior_precision(free)), np.zeros(len(free))
     for run in moments:
         normal = normal + run.weight * run.normal.sum(axis=0)
         slope = slope + run.weight * run.slope.sum(axis=0)
@@ -269,7 +269,7 @@ def refit(free: Sequence[Free], moments: Sequence[Moments]) -> FloatArray:
     return np.asarray(-np.linalg.solve(normal, slope)) if len(free) else slope
 
 
-def left(run: Moments, step: FloatArray) -> FloatArray:
+def remaining_distance(run: Moments, step: FloatArray) -> FloatArray:
     """Distance of a true cause from a rival after its linear step, shape (channels,): root mean square over a run's bins.
 
     In units of the allowed error: standard errors of one frequency bin. Infinite if a motion grows without bound.
@@ -279,7 +279,7 @@ def left(run: Moments, step: FloatArray) -> FloatArray:
 
 
 def distance(free: Sequence[Free], moments: Sequence[Moments], counted: Sequence[bool]) -> float:
-    """Distance of a true cause from a refitted rival, in the worst channel of the counted runs; see `left`.
+    """Distance of a true cause from a refitted rival, in the worst channel of the counted runs; see `remaining_distance`.
 
     Parameters
     ----------
@@ -291,10 +291,12 @@ def distance(free: Sequence[Free], moments: Sequence[Moments], counted: Sequence
         Whether a run's distance counts.
     """
     step = refit(free, moments)
-    return max((float(left(run, step).max()) for run, counts in zip(moments, counted, strict=True) if counts), default=0.0)
+    return max(
+        (float(remaining_distance(run, step).max()) for run, counts in zip(moments, counted, strict=True) if counts), default=0.0
+    )
 
 
-def beforehand(free: Sequence[Free]) -> FloatArray:
+def prior_precision(free: Sequence[Free]) -> FloatArray:
     """Prior knowledge of a model's search coordinates: the inverse of their variances, shape (k,)."""
     return np.array([(1.0 if f.log else 100.0 * f.step) * POLICY.trusted_deviation for f in free], dtype=np.float64) ** -2
 
@@ -310,11 +312,16 @@ def evaluated(prospects: Sequence[Prospect], evaluate: Callable[[Prospect], T], 
     return found
 
 
+def models_within_limits(variant: Variant) -> tuple[RigModel, ...]:
+    """The models of a remaining cause that must stay within the limits: the fitted one, and others drawn from its uncertainty."""
+    return drawn_models(variant, POLICY.simulated_draws, 5) if variant.free else (variant.model,)
+
+
 def drawn_models(variant: Variant, count: int, seed: int) -> tuple[RigModel, ...]:
     """The model and others drawn from its covariance, `count` in all; the standard deviation of a value is limited."""
     generator = np.random.default_rng(seed)
     covariance, theta = variant.covariance_of_coordinates, variant.coordinates
-    most = beforehand(variant.free) ** -0.5
+    most = prior_precision(variant.free) ** -0.5
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     shrink = np.minimum(1.0, most / np.maximum(std, 1e-300))
     sizes, axes = np.linalg.eigh(np.nan_to_num(covariance * np.outer(shrink, shrink)))

@@ -26,18 +26,10 @@ SECOND = "second "
 
 @dataclass(frozen=True, kw_only=True)
 class Remedy:
-    """A change that would distinguish two causes.
+    """A change that would distinguish two causes: the run with the required distance, in standard errors.
 
-    Parameters
-    ----------
-    prospect
-        The run with the required distance.
-    distance
-        Distance in standard errors.
-    peaks
-        Peaks of that run, if it exceeds a limit.
-    channel
-        The additional sensor, if one is needed: "deflection <link>" or "second <channel>".
+    `peaks` are those of a run that exceeds a limit; `channel` is the additional sensor, if one is needed: "deflection <link>" or
+    "second <channel>".
     """
 
     prospect: Prospect
@@ -46,32 +38,22 @@ class Remedy:
     channel: str = ""
 
 
-def further(
+def beyond_limits(
     comparison: Comparison, pair: tuple[Key, Key], beyond: Callable[[float], Sequence[Prospect]],
     peaks: Callable[[Prospect], LargestMotions], progress: Progress,
 ) -> Remedy | None:  # fmt: skip
     """The run with the smallest stroke beyond the limits that would distinguish a pair of causes; None if no raised gain does.
 
-    Parameters
-    ----------
-    comparison
-        The question.
-    pair
-        The two causes.
-    beyond
-        Candidates with gains raised by a factor.
-    peaks
-        Peaks of the remaining models in a candidate.
-    progress
-        Called before every candidate; when the deadline in force is over there is no answer.
+    `beyond` gives the candidates with gains raised by a factor, `peaks` the peaks of the remaining models in a candidate.
+    `progress` is called before every candidate; when the deadline in force is over there is no answer.
     """
     with suppress(OutOfTimeError):
         for factor in POLICY.raised_gains:
             seen = comparison.seen(beyond(factor), Limits(), progress)
-            found = [(farther(comparison.distances([pairs]), pair), prospect) for prospect, pairs in seen.pairs]
+            found = [(pair_distance(comparison.distances([pairs]), pair), prospect) for prospect, pairs in seen.pairs]
             enough = [Remedy(prospect=p, distance=size, peaks=peaks(p)) for size, p in found if size >= POLICY.distinguishable]
             if enough:
-                return min(enough, key=_stroke)
+                return min(enough, key=lambda remedy: max(remedy.peaks.stroke.values(), default=0.0) if remedy.peaks else 0.0)
             ask_time()
             progress("searching beyond the limits")
     return None
@@ -79,30 +61,25 @@ def further(
 
 def another_sensor(comparison: Comparison, seen: ComparedRuns, pair: tuple[Key, Key], progress: Progress) -> Remedy | None:
     """The sensor that would distinguish a pair of causes in an allowed run; None if there is none."""
-    ranked = sorted(seen.pairs, key=lambda item: -farther(comparison.distances([item[1]]), pair))
+    ranked = sorted(seen.pairs, key=lambda item: -pair_distance(comparison.distances([item[1]]), pair))
     found: list[Remedy] = []
     with suppress(OutOfTimeError):
         for prospect, _ in ranked[: POLICY.tried_with_sensor]:
             ask_time()
             progress("searching for another sensor")
-            sensors = partial(watched, configuration=prospect.run.configuration)
+            sensors = partial(with_more_sensors, configuration=prospect.run.configuration)
             for channel, size in comparison.with_sensors(prospect, sensors, pair).items():
                 if size >= POLICY.distinguishable:
                     found.append(Remedy(prospect=prospect, distance=size, channel=channel))
     return max(found, key=lambda remedy: remedy.distance, default=None)
 
 
-def _stroke(remedy: Remedy) -> float:
-    assert remedy.peaks is not None
-    return max(remedy.peaks.stroke.values(), default=0.0)
-
-
-def farther(apart: Sequence[PairDistance], pair: tuple[Key, Key]) -> float:
+def pair_distance(apart: Sequence[PairDistance], pair: tuple[Key, Key]) -> float:
     """The larger of a pair's two distances: the more general of two causes may fit everything that the other does."""
     return max((a.distance for a in apart if {a.truth.key, a.rival.key} == set(pair)), default=0.0)
 
 
-def watched(model: RigModel, configuration: str) -> RigModel:
+def with_more_sensors(model: RigModel, configuration: str) -> RigModel:
     """The rig with a displacement sensor on every free link, and an accelerometer above every existing one.
 
     The latter differ from the existing ones only if a body rocks.

@@ -11,7 +11,6 @@ from isorig.analysis.campaign import Campaign, FloatArray
 from isorig.analysis.diagnose.causes import proposed
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.errors import AnalysisError, FitError
-from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.screen import Screen, ScreenedCandidate, shortened
 from isorig.analysis.fitting.solve import Fit, Free, Problem, base_parameters, fit
 from isorig.analysis.fitting.trials import Trial, prepare
@@ -50,8 +49,8 @@ class CauseOfChange:
     old: float
     new: float
     std: float
-    share: float
     misfit: float
+    share: float = 0.0
     alike: bool = False
 
 
@@ -73,21 +72,17 @@ class ProblemWithPriors(Problem):
         """Weighted residuals of several models, shape (models, size)."""
         return np.hstack([super().residuals(models), np.array([[self._distance(m, *k) for k in self._known] for m in models])])
 
-    def misfit(self, done: Fit, changed: Mapping[str, float]) -> float:
-        """Sum of a fit's squared residuals, and of what more campaigns than this one add; `changed` as for `unaccounted`."""
-        return done.cost * self.size + self.unaccounted(done.model, changed)
+    def misfit(self, done: Fit, changed: Mapping[str, float], own: int) -> float:
+        """The misfit of a cause with some parameters of its own, see `CauseOfChange`; `changed` as for `unaccounted`."""
+        return float(done.cost * self.size + own * np.log(self.size)) + self.unaccounted(done.model, changed)
 
     def unaccounted(self, model: RigModel, changed: Mapping[str, float]) -> float:
         """What more campaigns than this one add to the squared distances of the parameters that have changed.
 
         `changed` has the standard uncertainty of each change, in search coordinates.
         """
-        more = 0.0
-        for free, before, deviation in self._known:
-            if free.path in changed and changed[free.path] < deviation:
-                distance = self._distance(model, free, before, deviation)
-                more += distance**2 * ((deviation / changed[free.path]) ** 2 - 1.0)
-        return more
+        better = [(one, changed[one[0].path]) for one in self._known if changed.get(one[0].path, np.inf) < one[2]]
+        return sum(self._distance(model, *one) ** 2 * ((one[2] / std) ** 2 - 1.0) for one, std in better)
 
     @staticmethod
     def _distance(model: RigModel, free: Free, before: float, deviation: float) -> float:
@@ -98,8 +93,8 @@ class ProblemWithPriors(Problem):
 
 
 def explanations(
-    campaign: Campaign, earlier: RigModel, scatter: Mapping[str, float], *, today: Mapping[str, float] | None = None,
-    changed: Mapping[str, float] | None = None,
+    campaign: Campaign, earlier: RigModel, scatter: Mapping[str, float], *, today: Mapping[str, float],
+    changed: Mapping[str, float],
 ) -> tuple[CauseOfChange, ...]:  # fmt: skip
     """Possible changes between an earlier fit and a campaign, best first; empty if scatter alone explains the campaign.
 
@@ -126,18 +121,24 @@ def explanations(
     FitError
         The earlier fit cannot be simulated on the campaign.
     """
-    changed = changed or {}
     trials = prepare(campaign, earlier)
     short = shortened(trials, POLICY.compared_seconds)
     free = base_parameters(earlier)
     known = [(f, f.encode(earlier.get(f.path)), _deviation(f, scatter)) for f in free]
     whole = ProblemWithPriors(short, known)
-    still = fit(earlier.replace(today or {}), free, whole, iterations=STEPS)
+    still = fit(earlier.replace(today), free, whole, iterations=STEPS)
     found = []
     for one in known:
         freed = ProblemWithPriors(short, [k for k in known if k is not one])
         done = fit(still.model, free, freed, iterations=STEPS)
-        found.append(_of_parameter(one[0].path, earlier, done, freed.misfit(done, changed) + np.log(freed.size)))
+        path = one[0].path
+        _, place, *_, last = path.split(".")
+        found.append(
+            CauseOfChange(
+                cause=last, location=place, parameter=path, unit="", old=earlier.get(path), new=done.values[path],
+                std=done.std[path], misfit=freed.misfit(done, changed, 1),
+            )
+        )  # fmt: skip
     evidence = observe(campaign, still.model, trials, earlier, earlier)
     with np.errstate(all="ignore"):  # a cause that does not fit may diverge
         screened = Screen(still, whole).ranked(list(proposed(still.model, evidence)))
@@ -145,10 +146,16 @@ def explanations(
     for item in screened:
         distinct.setdefault(item.candidate.key, item)
     for item in list(distinct.values())[: POLICY.fitted_causes]:
-        tried = _fitted(item, earlier, item.candidate.parameters(still.model, free), whole)
-        if tried is not None and item.candidate.plausible(tried.model):
-            own = len(item.candidate.free) * np.log(whole.size)
-            found.append(_of_candidate(item.candidate, tried, whole.misfit(tried, changed) + own))
+        candidate, first = item.candidate, item.candidate.reported[0]
+        tried = _fitted(item, earlier, candidate.parameters(still.model, free), whole)
+        if tried is not None and candidate.plausible(tried.model):
+            found.append(
+                CauseOfChange(
+                    cause=candidate.cause, location=candidate.location, parameter=first.name, unit=first.unit, old=np.nan,
+                    new=first.of(tried.model), std=tried.std.get(first.path, np.nan),
+                    misfit=whole.misfit(tried, changed, len(candidate.free)),
+                )
+            )  # fmt: skip
     return _judged(found, still.cost * whole.size, whole.measured, changed)
 
 
@@ -171,22 +178,6 @@ def _fitted(item: ScreenedCandidate, earlier: RigModel, free: Sequence[Free], pr
 
 def _deviation(free: Free, scatter: Mapping[str, float]) -> float:
     return max(scatter.get(free.path, POLICY.unknown_scatter if free.log else 100.0 * free.step), 1e-3 * free.step)
-
-
-def _of_parameter(path: str, earlier: RigModel, done: Fit, misfit: float) -> CauseOfChange:
-    _, place, *_, last = path.split(".")
-    return CauseOfChange(
-        cause=last, location=place, parameter=path, unit="", old=earlier.get(path), new=done.values[path],
-        std=done.std[path], share=0.0, misfit=misfit,
-    )  # fmt: skip
-
-
-def _of_candidate(candidate: Candidate, done: Fit, misfit: float) -> CauseOfChange:
-    first = candidate.reported[0]
-    return CauseOfChange(
-        cause=candidate.cause, location=candidate.location, parameter=first.name, unit=first.unit, old=np.nan,
-        new=first.of(done.model), std=done.std.get(first.path, np.nan), share=0.0, misfit=misfit,
-    )  # fmt: skip
 
 
 def _judged(found: Sequence[CauseOfChange], unchanged: float, size: int, suspected: Collection[str]) -> tuple[CauseOfChange, ...]:

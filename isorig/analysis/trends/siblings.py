@@ -17,17 +17,17 @@ class Siblings:
 
     Parameters
     ----------
-    middle
+    mean
         Mean of the rigs that are not outliers.
-    away
-        Each rig's distance from the middle, by name, in standard deviations of those; NaN if there are too few rigs to compare.
-    odd
+    deviations
+        Each rig's distance from the mean, by name, in standard deviations of those; NaN if there are too few rigs to compare.
+    outliers
         Names of the outlying rigs, farthest first.
     """
 
-    middle: float
-    away: Mapping[str, float]
-    odd: tuple[str, ...]
+    mean: float
+    deviations: Mapping[str, float]
+    outliers: tuple[str, ...]
 
 
 def siblings(levels: Mapping[str, float], risk: float) -> Siblings:
@@ -41,7 +41,7 @@ def siblings(levels: Mapping[str, float], risk: float) -> Siblings:
     names, level, n = list(levels), np.array(list(levels.values()), dtype=np.float64), len(levels)
     left = np.arange(n)
     order: list[int] = []
-    odd = 0
+    outliers = 0
     for i in range(1, (int(POLICY.most_outlying * n) if n >= POLICY.fewest_rigs else 0) + 1):
         spread = level[left].std(ddof=1)
         if spread == 0.0:
@@ -52,8 +52,12 @@ def siblings(levels: Mapping[str, float], risk: float) -> Siblings:
         left = np.delete(left, worst)
         quantile = student.ppf(1.0 - risk / (2.0 * (n - i + 1)), n - i - 1)
         if distance[worst] > (n - i) * quantile / np.sqrt((n - i - 1 + quantile**2) * (n - i + 1)):
-            odd = i
-    kept = np.delete(level, order[:odd])
-    middle, spread = (float(kept.mean()), float(kept.std(ddof=1)) if len(kept) > 1 else 0.0) if n else (0.0, 0.0)
-    away = np.full(n, np.nan) if n < POLICY.fewest_rigs else (level - middle) / spread if spread > 0.0 else np.zeros(n)
-    return Siblings(middle=middle, away=dict(zip(names, away.tolist(), strict=True)), odd=tuple(names[k] for k in order[:odd]))
+            outliers = i
+    kept = np.delete(level, order[:outliers])
+    mean, spread = (float(kept.mean()), float(kept.std(ddof=1)) if len(kept) > 1 else 0.0) if n else (0.0, 0.0)
+    deviations = np.full(n, np.nan) if n < POLICY.fewest_rigs else (level - mean) / spread if spread > 0.0 else np.zeros(n)
+    return Siblings(
+        mean=mean,
+        deviations=dict(zip(names, deviations.tolist(), strict=True)),
+        outliers=tuple(names[k] for k in order[:outliers]),
+    )

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from isorig.analysis.errors import ModelError
-from isorig.analysis.proposals.limits import largest, simulated_peaks
+from isorig.analysis.proposals.limits import largest_of, simulated_peaks
 from isorig.analysis.simulate import Excitation
 from isorig.drivers.block import Block
 from isorig.drivers.errors import InstrumentError
@@ -46,7 +46,7 @@ def check_responses(plan: Plan, runs: Iterable[tuple[RunPlan, int]]) -> None:
         excitations = [
             Excitation.prepare(piece, rate, others=[np.zeros(len(piece))] * len(model.more_drives)) for piece in pieces
         ]
-        found = largest([simulated_peaks([model], one, run.configuration, 0.0) for one in excitations]).beyond(limits, CERTAIN)
+        found = largest_of([simulated_peaks([model], one, run.configuration, 0.0) for one in excitations]).beyond(limits, CERTAIN)
         if found:
             raise PlanError(
                 f"run {run.ids()[repeat]!r} was not started: by simulation {found}; lower its gain, correct the rig's values, or "

@@ -38,10 +38,11 @@ def characterize(campaign: Path, *, output: Output, model: str | None = None) ->
     from isorig.rig.files.parameter_table import characterize_campaign, drive_levels, write_characterization
     from isorig.rig.files.recording import read
     from isorig.rig.files.rigfile import read_rig
+    from isorig.rig.model.baseline import CHECK_FIRST
     from isorig.rig.process.terminal import show_table
     from isorig.rig.report.measurement import fits_page
     from isorig.rig.report.sections import number
-    from isorig.rig.wire_bonder.set_ups_page import about, write_set_ups
+    from isorig.rig.wire_bonder.set_ups_page import set_ups_content, write_set_ups
 
     measured = read(campaign)
     given = None if model is None else read_rig(model)
@@ -52,7 +53,7 @@ def characterize(campaign: Path, *, output: Output, model: str | None = None) ->
             more: dict[str, Any] = {} if model is None else {"model": model}
         else:
             status.update("evaluating the set-ups separately")
-            more = {"set_ups": about(write_set_ups(output, measured, found))}
+            more = {"set_ups": set_ups_content(write_set_ups(output, measured, found))}
     path = write_characterization(output, measured, found, more)
     table = ({} if found.head_mass is None else {"head_mass": found.head_mass}) | found.table
     # A note that applies to several values is printed once.
@@ -62,7 +63,7 @@ def characterize(campaign: Path, *, output: Output, model: str | None = None) ->
         for name, e in table.items()
     ]
     for doubt in found.doubts:
-        print(f"CHECK UNITS, CHANNELS AND GIVEN VALUES FIRST. {doubt.text}")
+        print(f"{CHECK_FIRST} {doubt.text}")
     title = f"{campaign.name}: held-out error {of_signal(found.error)}, noise alone {found.noise_alone}"
     show_table(title, ("parameter", "value", "std", "unit", "method", "note"), rows)
     if common:

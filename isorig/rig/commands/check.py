@@ -67,13 +67,13 @@ def _remarks(campaign: Campaign) -> list[str]:
     from isorig.rig.acquire.run_check import incoherences
     from isorig.rig.errors import PlanError
     from isorig.rig.files.rigfile import rig_of
-    from isorig.rig.model.baseline import doubts_in
+    from isorig.rig.model.baseline import CHECK_FIRST, doubts_in
 
     try:
         model = rig_of(campaign)
     except PlanError as error:
         return [f"The rig's description cannot be used: {error}"]
-    sentences = [f"CHECK UNITS, CHANNELS AND GIVEN VALUES FIRST. {doubt.text}" for doubt in doubts_in(campaign)]
+    sentences = [f"{CHECK_FIRST} {doubt.text}" for doubt in doubts_in(campaign)]
     sentences += zero_errors(campaign).values()
     sentences += wrong_bands(campaign, model.drive.channel)
     sentences += [reason.text for reason in incoherences(campaign, [drive.channel for drive in model.drives])]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -50,13 +49,11 @@ def diagnose(
     """
     from rich.console import Console
 
-    from isorig.rig.diagnose.many import diagnose_file, diagnose_files, recordings_in, summary, time_limit
-    from isorig.rig.errors import RecordingError, RigError
+    from isorig.rig.diagnose.many import diagnose_file, diagnose_files, recordings_in, summary, time_limit, tolerated
+    from isorig.rig.errors import RecordingError
     from isorig.rig.files.output import write_text
 
-    if not 0.0 <= tolerance < math.inf:
-        raise RigError(f"--tolerance is {tolerance:g}; give a share of the signal that is not negative, e.g. 0.05 for 5 %")
-    limit = time_limit(seconds)
+    tolerance, limit = tolerated(tolerance), time_limit(seconds)
     files = recordings_in(campaigns)
     console = Console(stderr=True)
     if len(files) == 1 and not campaigns[0].is_dir():
@@ -82,11 +79,13 @@ def diagnose(
 
 
 def _print_outcome(outcome: CampaignOutcome, folder: Path) -> None:
+    from isorig.rig.model.baseline import CHECK_FIRST
+
     if outcome.refusal:
         print(f"{outcome.campaign}: refused; {outcome.refusal}")
         return
     if outcome.doubts:
-        print(f"{outcome.campaign}: CHECK UNITS, CHANNELS AND GIVEN VALUES FIRST. {outcome.doubts}")
+        print(f"{outcome.campaign}: {CHECK_FIRST} {outcome.doubts}")
     print(f"{outcome.campaign}: {outcome.answer}")
     print(f"  {folder / 'report.html'}")
 

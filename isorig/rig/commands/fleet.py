@@ -214,7 +214,7 @@ def watch(
     from isorig.rig.errors import RigError
     from isorig.rig.files.output import displayable
     from isorig.rig.fleet.catalogue import Catalogue
-    from isorig.rig.fleet.watch import watch as watched
+    from isorig.rig.fleet.update import watch as watched
 
     if not every > 0.0:
         raise RigError(f"--every is {every:g} s; give a positive time")

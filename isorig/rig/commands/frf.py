@@ -150,13 +150,9 @@ def frf(
 
 
 def _write(
-    found: Mapping[str, Found],
-    name: str,
-    output: Path,
-    drawing: FigureProcess,
-    view: Sequence[View],
+    found: Mapping[str, Found], name: str, output: Path, drawing: FigureProcess, view: Sequence[View],
     band: tuple[float, float] | None,
-) -> None:
+) -> None:  # fmt: skip
     from isorig.rig.frf.drawing import FrfPicture
 
     several = len(found) > 1

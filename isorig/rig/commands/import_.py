@@ -43,7 +43,7 @@ def import_(
     from isorig.rig.files.output import write_text
     from isorig.rig.files.recording import open_recording
     from isorig.rig.files.rigfile import references_of
-    from isorig.rig.model.baseline import doubts_in
+    from isorig.rig.model.baseline import CHECK_FIRST, doubts_in
 
     said: list[str] = []
     if draft:
@@ -73,7 +73,7 @@ def import_(
         with open_recording(output) as written:
             reasons = incoherences(written, references_of(written))
         said = [*shortcomings(campaign), *(reason.text for reason in reasons if reason.kind != "noise")]
-        said += [f"CHECK UNITS, CHANNELS AND GIVEN VALUES FIRST. {doubt.text}" for doubt in doubts_in(campaign, units)]
+        said += [f"{CHECK_FIRST} {doubt.text}" for doubt in doubts_in(campaign, units)]
     print(*said, output, sep="\n")
 
 

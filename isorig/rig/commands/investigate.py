@@ -57,16 +57,15 @@ def investigate(
     from isorig.rig.acquire.session import Operator
     from isorig.rig.acquire.terminal import Terminal
     from isorig.rig.commands.diagnose import LIMIT
+    from isorig.rig.diagnose.many import tolerated
     from isorig.rig.errors import PlanError, RigError
-    from isorig.rig.next.investigation import PAGE, Terms, described_rig, read_investigation
+    from isorig.rig.next.investigation import PAGE, Terms, described_rig, measure_with, read_investigation
     from isorig.rig.next.investigation import investigate as go_on
-    from isorig.rig.next.measuring import measuring
     from isorig.rig.next.plan_file import limits_of
     from isorig.rig.next.policy import POLICY
     from isorig.rig.next.stages import Investigation
 
-    if not 0.0 <= tolerance < float("inf"):
-        raise RigError(f"--tolerance is {tolerance:g}; give a share of the signal that is not negative, e.g. 0.05 for 5 %")
+    tolerance = tolerated(tolerance)
     if runs < 1 or not 0.0 < seconds < float("inf"):
         raise RigError(f"--runs is {runs} and --seconds is {seconds:g}; give at least one run and a positive time")
     own = read_plan(plan, runs=False)
@@ -89,7 +88,7 @@ def investigate(
         operator = Operator(
             lock=(lambda configuration: None) if yes else terminal.ask, watch=terminal.watch, taken=terminal.taken
         )
-        measure = measuring(wire, operator, None if yes else terminal.consent, force=force)
+        measure = measure_with(wire, operator, None if yes else terminal.consent, force=force)
         terms = Terms(
             most_runs=runs, seconds=seconds, limits=limits_of(described_rig(own, baseline), own, limits),
             work=POLICY.comparison_seconds, measure=measure, limit=LIMIT, tell=terminal.say,

@@ -69,7 +69,7 @@ def next_(
         if for_ is not None:
             from isorig.rig.next.required_uncertainty import propose_for, required_uncertainty
 
-            proposal = propose_for(now, required_uncertainty(for_), budget=seconds, tell=status.update)
+            proposal = propose_for(now, *required_uncertainty(for_), budget=seconds, tell=status.update)
         else:
             proposal = propose(now, budget=seconds, tell=status.update)
     head = summary(proposal, now.rivals)
@@ -85,5 +85,5 @@ def next_(
     write_plan(output, with_runs(base, runs), why, head)
     page = write_text(output.with_suffix(".html"), proposal_page(proposal, now, names))
     for name, item in zip(names, proposal.runs, strict=True):
-        print(f"{name}: {now.described(item.run)}", *why[name], sep="\n  ")
+        print(f"{name}: {now.run_words(item.run)}", *why[name], sep="\n  ")
     print(output, page, sep="\n")

@@ -57,13 +57,13 @@ def campaign(
     from isorig.rig.files.recording import write
     from isorig.rig.files.rigfile import read_rig
     from isorig.rig.virtual.described import described_campaign
-    from isorig.rig.wire_bonder.effects import hidden_in, played
+    from isorig.rig.wire_bonder.effects import campaign_with, hidden_in
     from isorig.rig.wire_bonder.session import LATER, SESSION
 
     given = read_rig(model or "wire-bonder")
     if is_wire_bonder(given.model):
         takes = SESSION if session == "first" else LATER
-        simulated = played(hidden_in(given.model, hide, size, seed), takes, seed, noise)
+        simulated = campaign_with(hidden_in(given.model, hide, size, seed), takes, seed, noise)
     elif hide is not None or session != "first":
         raise PlanError(f"--hide and --session are available for the wire bonder only; omit them for {given.model.name}")
     else:

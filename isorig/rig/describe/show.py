@@ -34,14 +34,11 @@ WIDEST = 1 << 10
 def listed() -> None:
     """Print the descriptions that come with the package."""
     models = {name: read_rig(path).model for name, path in SHIPPED.items()}
-    show_table(
-        "Descriptions that come with the package",
-        ("name", "bodies", "drive", "description"),
-        [
-            (name, str(len(model.bodies)), f"{model.drive.channel} ({model.drive.quantity})", model.note)
-            for name, model in models.items()
-        ],
-    )
+    rows = [
+        (name, str(len(model.bodies)), f"{model.drive.channel} ({model.drive.quantity})", model.note)
+        for name, model in models.items()
+    ]
+    show_table("Descriptions that come with the package", ("name", "bodies", "drive", "description"), rows)
     print("rig describe NAME shows one, rig describe NAME -o my-rig.toml copies it, rig describe --new asks for a new one.")
 
 
@@ -70,11 +67,8 @@ def shown(model: RigModel, *, sensors: bool) -> None:
             said = [f"Which parameters the sensors determine is not available: {error}."]
     title = "Fitted" if free else "No parameter is marked as free, so none would be fitted; all parameters"
     columns = ("parameter", "value", "unit", *(("uncertainty",) if known else ()))
-    show_table(
-        title,
-        columns,
-        [(path, f"{model.get(path):.6g}", unit_of(path, model), *((known[path],) if known else ())) for path in paths],
-    )
+    rows = [(path, f"{model.get(path):.6g}", unit_of(path, model), *((known[path],) if known else ())) for path in paths]
+    show_table(title, columns, rows)
     if known:
         print("(uncertainty: relative standard uncertainty from a usual run with noise of 1 % of the rms on every channel)")
     print(*said, "", sep="\n")
@@ -193,11 +187,9 @@ def show_coverage(model: RigModel) -> None:
     if not found.equations:
         print("The sensors support no equation of motion, so faults show in simulations only.\n")
         return
-    show_table(
-        "Equations of motion that the records must satisfy; a fault breaks those that contain it",
-        ("equation", "springs and contacts", "channels"),
-        [(name, ", ".join(places), ", ".join(channels)) for name, (places, channels) in found.equations.items()],
-    )
+    title = "Equations of motion that the records must satisfy; a fault breaks those that contain it"
+    rows = [(name, ", ".join(places), ", ".join(channels)) for name, (places, channels) in found.equations.items()]
+    show_table(title, ("equation", "springs and contacts", "channels"), rows)
     if found.unseen:
         print(f"In no equation, so a fault there shows in simulations only: {', '.join(found.unseen)}.")
     for group in found.alike:

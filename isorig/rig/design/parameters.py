@@ -317,16 +317,15 @@ def write_parameter_design(folder: Path, design: ParameterDesign) -> list[str]:
             }
             for parameter, value in found.values.items()
         },
-        "present": _row(found.present), "best": _row(found.best), "best_of_drawn": design.spread, "designs": found.designs,
+        **{
+            name: {"target": outcome.value, "share_of_limit": outcome.used, "inside": outcome.inside}
+            for name, outcome in (("present", found.present), ("best", found.best))
+        },
+        "best_of_drawn": design.spread, "designs": found.designs,
         "text": said,
     }  # fmt: skip
     write_json(folder / "design.json", content)
     return said
-
-
-def _row(outcome: Outcome) -> dict[str, Any]:
-    finite = {name: share if math.isfinite(share) else None for name, share in outcome.used.items()}
-    return {"target": outcome.value if math.isfinite(outcome.value) else None, "share_of_limit": finite, "inside": outcome.inside}
 
 
 def sweeps_figure(design: ParameterDesign) -> Figure:

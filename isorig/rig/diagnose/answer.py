@@ -44,64 +44,44 @@ def findings_of(
     """
     improvement = diagnosis.improvement
     baseline, extended = (_budget(budget) for budget in diagnosis.budgets)
-    return stored.as_read(
-        stored.Findings(
-            origin=dict(origin),
-            doubts=[msgspec.convert(doubt, stored.DoubtfulValue, from_attributes=True) for doubt in diagnosis.doubts],
-            verdict=msgspec.convert(diagnosis.verdict, stored.Verdict),
-            baseline=stored.FittedBaseline(
-                name="description" if campaign.description is not None else origin["baseline"],
-                parameters=_parameters(diagnosis.baseline),
-            ),
-            extended=stored.FittedExtension(parameters=_parameters(diagnosis.extended)),
-            discrepancies=[msgspec.convert(found, stored.Misfit, from_attributes=True) for found in diagnosis.discrepancies],
-            evidence=[sign.text for sign in diagnosis.signs],
-            remarks=[
-                *diagnosis.zero_errors,
-                *([diagnosis.spread] if diagnosis.spread else []),
-                *missing(campaign, diagnosis.baseline.model),
-                *([ROUGH] if diagnosis.extended.known is None and diagnosis.extended.free else []),
-            ],
-            adequacy=stored.Adequacy(
-                worst=diagnosis.worst,
-                threshold=diagnosis.enough,
-                baseline_rig=diagnosis.calibration,
-                how="Largest ratio, over runs and channels, of the error to that allowed by noise and simulation accuracy; in "
-                f"cases of doubt the threshold is {POLICY.beyond_calibration:g} times the largest such ratio of data simulated "
-                "with the baseline and its noise.",
-            ),
-            tolerance=diagnosis.tolerance,
-            cut_short=diagnosis.cut_short,
-            pointed=diagnosis.pointed
-            and msgspec.convert({"kind": diagnosis.pointed[0], "location": diagnosis.pointed[1]}, stored.KindAt),
-            time_limit_s=limit,
-            driven=_driven(campaign, diagnosis.baseline.model),
-            steps=[_step(step, share, diagnosis.extended) for step, share in zip(diagnosis.steps, diagnosis.shares, strict=True)],
-            candidates=[
-                msgspec.convert(candidate, stored.TriedCause, from_attributes=True) for candidate in diagnosis.considered
-            ],
-            budget=stored.Budgets(baseline=baseline, extended=extended),
-            indistinguishable=[
-                [
-                    stored.CauseAt(cause=cause, location=place)
-                    for cause, place in ((step.cause, step.location), *step.indistinguishable)
-                ]
-                for step in diagnosis.steps
-                if step.indistinguishable
-            ],
-            holdout=stored.HeldOut(
-                baseline=diagnosis.baseline_error,
-                extended=diagnosis.extended_error,
-                noise_floor=diagnosis.floor,
-                baseline_interval=improvement.before,
-                extended_interval=improvement.after,
-                removed=improvement.removed if diagnosis.steps else 0.0,
-                removed_interval=improvement.removed_interval,
-                interval=f"95 % of {RESAMPLED} draws of held-out blocks (bootstrap)",
-                how=f"Median over runs and channels of rms(predicted - measured) / rms(measured) over {diagnosis.division.how}.",
-            ),
-        )
-    )
+    name = "description" if campaign.description is not None else origin["baseline"]
+    rough = diagnosis.extended.known is None and diagnosis.extended.free
+    remarks = [*diagnosis.zero_errors, diagnosis.spread, *missing(campaign, diagnosis.baseline.model), ROUGH if rough else ""]
+    adequacy = stored.Adequacy(
+        worst=diagnosis.worst, threshold=diagnosis.enough, baseline_rig=diagnosis.calibration,
+        how="Largest ratio, over runs and channels, of the error to that allowed by noise and simulation accuracy; in cases of "
+        f"doubt the threshold is {POLICY.beyond_calibration:g} times the largest such ratio of data simulated with the baseline "
+        "and its noise.",
+    )  # fmt: skip
+    holdout = stored.HeldOut(
+        baseline=diagnosis.baseline_error, extended=diagnosis.extended_error, noise_floor=diagnosis.floor,
+        baseline_interval=improvement.before, extended_interval=improvement.after,
+        removed=improvement.removed if diagnosis.steps else 0.0, removed_interval=improvement.removed_interval,
+        interval=f"95 % of {RESAMPLED} draws of held-out blocks (bootstrap)",
+        how=f"Median over runs and channels of rms(predicted - measured) / rms(measured) over {diagnosis.division.how}.",
+    )  # fmt: skip
+    findings = stored.Findings(
+        origin=dict(origin), verdict=msgspec.convert(diagnosis.verdict, stored.Verdict),
+        doubts=msgspec.convert(diagnosis.doubts, list[stored.DoubtfulValue], from_attributes=True),
+        baseline=stored.FittedBaseline(name=name, parameters=_parameters(diagnosis.baseline)),
+        extended=stored.FittedExtension(parameters=_parameters(diagnosis.extended)),
+        discrepancies=msgspec.convert(diagnosis.discrepancies, list[stored.Misfit], from_attributes=True),
+        evidence=[sign.text for sign in diagnosis.signs], remarks=[*filter(None, remarks)], adequacy=adequacy,
+        tolerance=diagnosis.tolerance, cut_short=diagnosis.cut_short,
+        pointed=diagnosis.pointed
+        and msgspec.convert({"kind": diagnosis.pointed[0], "location": diagnosis.pointed[1]}, stored.KindAt),
+        time_limit_s=limit, driven=_driven(campaign, diagnosis.baseline.model),
+        steps=[_step(step, share, diagnosis.extended) for step, share in zip(diagnosis.steps, diagnosis.shares, strict=True)],
+        candidates=msgspec.convert(diagnosis.considered, list[stored.TriedCause], from_attributes=True),
+        budget=stored.Budgets(baseline=baseline, extended=extended),
+        indistinguishable=[
+            [stored.CauseAt(cause=cause, location=at) for cause, at in ((step.cause, step.location), *step.indistinguishable)]
+            for step in diagnosis.steps
+            if step.indistinguishable
+        ],
+        holdout=holdout,
+    )  # fmt: skip
+    return stored.as_read(findings)
 
 
 def _parameters(fitted: Fit) -> dict[str, stored.Value]:
@@ -160,12 +140,8 @@ def _step(step: Step, share: tuple[float, float, float], fitted: Fit) -> stored.
     laws = {r.path.rpartition(".")[0] for r in step.reported if ".law" in r.path}
     held = [p for p in physical_parameters(fitted.model) if p.rpartition(".")[0] in laws and p not in fitted.values]
     return stored.NamedCause(
-        cause=step.cause,
-        location=step.location,
-        kind=step.kind,
-        form=step.form,
+        cause=step.cause, location=step.location, kind=step.kind, form=step.form, level="form" if step.form else "kind",
         closest_form=stored.ClosestForm(cause=step.closest[0], share=step.closest[1]) if step.closest else None,
-        level="form" if step.form else "kind",
         share=_share(share),
         curve=msgspec.convert(step.curve, stored.FreeShape, from_attributes=True) if step.curve else msgspec.UNSET,
         parameters={name: stored.Value(value=value, std=std, unit=unit) for name, (value, std, unit) in step.parameters.items()},
@@ -173,23 +149,16 @@ def _step(step: Step, share: tuple[float, float, float], fitted: Fit) -> stored.
             path.rpartition(".")[2]: stored.HeldValue(value=fitted.model.get(path), unit=unit_of(path, fitted.model))
             for path in held
         },
-        confidence=step.confidence,
-        rivals=[msgspec.convert(rival, stored.OtherCause, from_attributes=True) for rival in step.rivals],
-        evidence=list(step.evidence),
-        holdout_error_before=step.before,
+        rivals=msgspec.convert(step.rivals, list[stored.OtherCause], from_attributes=True),
+        evidence=list(step.evidence), confidence=step.confidence, holdout_error_before=step.before,
         holdout_error_after=step.after,
-    )
+    )  # fmt: skip
 
 
 def write_answer(
-    folder: Path,
-    diagnosis: Diagnosis,
-    campaign: Campaign,
-    origin: Mapping[str, str],
-    *,
-    limit: float | None = None,
+    folder: Path, diagnosis: Diagnosis, campaign: Campaign, origin: Mapping[str, str], *, limit: float | None = None,
     page: bool = True,
-) -> stored.Findings:
+) -> stored.Findings:  # fmt: skip
     """Write findings.json, both models, rivals.json and, unless `page` is False, report.html into a folder.
 
     findings.json is written last: where it is, the answer is complete.

@@ -48,15 +48,9 @@ class CampaignOutcome(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def diagnose_file(
-    file: Path,
-    folder: Path,
-    baseline: Baseline,
-    tell: Callable[[str], None] = lambda text: None,
-    *,
-    tolerance: float = 0.0,
-    limit: float | None = None,
-    page: bool = True,
-) -> CampaignOutcome:
+    file: Path, folder: Path, baseline: Baseline, tell: Callable[[str], None] = lambda text: None, *, tolerance: float = 0.0,
+    limit: float | None = None, page: bool = True,
+) -> CampaignOutcome:  # fmt: skip
     """Diagnose one recording into a folder; `tell` is called with a line for each stage, and `page` is whether to write a page.
 
     The `tolerance` is the error, as a share of the signal, that counts as adequate, and `limit` the seconds of processor time for
@@ -79,14 +73,9 @@ def diagnose_file(
 
 
 def diagnose_files(
-    jobs: Sequence[tuple[Path, Path]],
-    baseline: Baseline,
-    *,
-    scheduler: str | None = None,
-    again: bool = False,
-    tolerance: float = 0.0,
-    limit: float | None = None,
-) -> Iterator[CampaignOutcome]:
+    jobs: Sequence[tuple[Path, Path]], baseline: Baseline, *, scheduler: str | None = None, again: bool = False,
+    tolerance: float = 0.0, limit: float | None = None,
+) -> Iterator[CampaignOutcome]:  # fmt: skip
     """Diagnose recordings into a folder each, yielding outcomes as they arrive; those with an answer come first.
 
     With `again`, those are diagnosed, too. For the scheduler see `shared_out`, for tolerance and limit `diagnose_file`.
@@ -110,6 +99,13 @@ def time_limit(seconds: float | None) -> float | None:
     if seconds is not None and not seconds > 0.0:
         raise RigError(f"--seconds is {seconds:g}; give a positive time, or inf for no limit")
     return None if seconds is not None and math.isinf(seconds) else seconds
+
+
+def tolerated(share: float) -> float:
+    """The same share of the signal. Raises RigError if it is not a valid tolerance."""
+    if not 0.0 <= share < math.inf:
+        raise RigError(f"--tolerance is {share:g}; give a share of the signal that is not negative, e.g. 0.05 for 5 %")
+    return share
 
 
 def _answer(job: tuple[Path, Path], **how: Any) -> CampaignOutcome:

@@ -110,7 +110,7 @@ def write_text(path: str | Path, text: str) -> Path:
 
 
 def write_json(path: str | Path, content: Any) -> Path:
-    """Write JSON, indented, numbers as numbers."""
+    """Write JSON, indented, numbers as numbers; one that is not finite is null."""
     return write_text(path, msgspec.json.format(msgspec.json.encode(content), indent=2).decode() + "\n")
 
 

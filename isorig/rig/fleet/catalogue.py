@@ -27,6 +27,7 @@ import pyarrow.parquet as pq
 
 from isorig.rig.errors import OutputError, RigError
 from isorig.rig.files.output import replaced
+from isorig.rig.fleet.recordings import Recording
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -71,39 +72,29 @@ class StoredParameter(msgspec.Struct, frozen=True, kw_only=True):
     unit: str = ""
 
 
-class StoredAnswer(msgspec.Struct, frozen=True, kw_only=True):
-    """The result of diagnosing a recording.
+class StoredAnswer(Recording, frozen=True, kw_only=True):
+    """The result of diagnosing a recording, which `content`, `version` and `baseline` identify.
 
     Parameters
     ----------
-    rig, campaign
-        Names of the folder and of the file without its extension.
-    started
-        Start of the first run, if the recording gives it.
+    version, baseline
+        Version of the program, name of the baseline.
     verdict
         Verdict of the diagnosis, or one of `WITHOUT`.
+    started
+        Start of the first run, if the recording gives it.
     cause, alike
         Named causes as "cause at place", joined by " + "; all causes indistinguishable from them, including the kind of a form
         and the forms of a kind.
     reason
         Why there is no answer, or a partial one only, in a sentence.
-    content, version, baseline
-        SHA-256 of the recording, version of the program, name of the baseline: the key.
-    path, size, modified
-        Path of the recording, its size in bytes, and its modification time in ns.
     parameters
         The fitted parameters.
     """
 
-    rig: str
-    campaign: str
-    content: str
     version: str
     baseline: str
-    path: str
-    size: int
-    modified: int
-    verdict: str
+    verdict: str = ""
     started: datetime | None = None
     cause: str = ""
     alike: str = ""
@@ -138,7 +129,8 @@ class Catalogue:
     def add_folder(self, folder: Path, rig: str | None) -> None:
         """Add a folder of recordings, all of one rig if it is named."""
         name = hashlib.sha256(str(folder).encode()).hexdigest()[:16]
-        _write(self.folder / "folders" / f"{name}.parquet", pa.table({"folder": [str(folder)], "rig": [rig]}, schema=FOLDERS))
+        rows = pa.table({"folder": [str(folder)], "rig": [rig]}, schema=FOLDERS)
+        _write(self.folder / "folders" / f"{name}.parquet", _encoded(rows))
 
     def folders(self) -> dict[Path, str | None]:
         """The folders that were added, and the rig of each."""
@@ -154,7 +146,7 @@ class Catalogue:
     def put(self, answer: StoredAnswer) -> None:
         """Store an answer, replacing an earlier one with the same key. Raises OutputError if it cannot be written; nothing else
         is changed."""
-        _write(self.folder / "answers" / answer.key[:2] / f"{answer.key}.parquet", _rows(answer))
+        _write(self.folder / "answers" / answer.key[:2] / f"{answer.key}.parquet", _encoded(_rows(answer)))
 
     def answers(self) -> pd.DataFrame:
         """All answers, a row for each parameter, sorted by rig and time; those without parameters have one row."""
@@ -183,11 +175,9 @@ class Catalogue:
         def once() -> None:
             small, whole = self._small_answers(), self._whole_answers()
             stamps = [path.stat().st_mtime_ns for path in small]
-            stream = pa.BufferOutputStream()
-            _save(stream, _latest(small, whole))
-            content = stream.getvalue()
+            content = _encoded(_latest(small, whole))
             target = self.folder / "answers" / f"all-{hashlib.sha256(content).hexdigest()[:16]}.parquet"
-            _put_in_place(target, lambda temporary: temporary.write_bytes(content))
+            _write(target, content)
             # Older files are removed first: if this is interrupted, a small file still takes precedence over merged ones.
             for path in whole:
                 if path != target:
@@ -203,7 +193,7 @@ class Catalogue:
 
     def put_change(self, name: str, rows: Sequence[dict[str, object]]) -> None:
         """Store the causes that explain a change, best first."""
-        _write(self.folder / "changes" / f"{name}.parquet", pa.Table.from_pylist(list(rows), schema=CHANGES))
+        _write(self.folder / "changes" / f"{name}.parquet", _encoded(pa.Table.from_pylist(list(rows), schema=CHANGES)))
 
     def explained(self) -> set[str]:
         """Names of the changes whose cause was searched for."""
@@ -264,18 +254,16 @@ def _load(path: Path, schema: pa.Schema) -> pa.Table:
         raise RigError(f"{path} is damaged ({reason}); remove it and run rig fleet update, which creates it again") from None
 
 
-def _save(place: Any, table: pa.Table) -> None:
-    pq.write_table(table, place, compression="zstd")
+def _encoded(table: pa.Table) -> pa.Buffer:
+    stream = pa.BufferOutputStream()
+    pq.write_table(table, stream, compression="zstd")
+    return stream.getvalue()
 
 
-def _write(path: Path, table: pa.Table) -> None:
-    _put_in_place(path, lambda temporary: _save(temporary, table))
-
-
-def _put_in_place(path: Path, write: Callable[[Path], object]) -> None:
+def _write(path: Path, content: pa.Buffer) -> None:
     try:
         with replaced(path) as temporary:
-            write(temporary)
+            temporary.write_bytes(content)
     except OutputError:
         raise
     except OSError as error:

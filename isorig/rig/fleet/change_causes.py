@@ -96,13 +96,13 @@ def _before(fleet: Fleet, rig: TrackedRig, incident: Incident) -> tuple[dict[str
 def explain(question: ChangeToExplain) -> str:
     """Search for the cause of a change and store its explanations; returns why not, if recording or earlier fit are unusable."""
     try:
-        _explain(question)
+        Catalogue(Path(question.catalogue)).put_change(question.name, _explained(question))
     except (*REFUSALS, OSError) as refusal:
         return str(refusal)
     return ""
 
 
-def _explain(question: ChangeToExplain) -> None:
+def _explained(question: ChangeToExplain) -> list[dict[str, object]]:
     from isorig.analysis.trends.difference import CauseOfChange, explanations
     from isorig.rig.files.recording import read
 
@@ -120,14 +120,13 @@ def _explain(question: ChangeToExplain) -> None:
     nothing = CauseOfChange(
         cause="", location="", parameter="", unit="", old=math.nan, new=math.nan, std=math.nan, share=math.nan, misfit=math.nan
     )
-    rows = [
+    return [
         {
             **msgspec.structs.asdict(question), **vars(one), "rank": rank,
             "unit": one.unit or unit_of(one.parameter) if one.parameter else "",
         }
         for rank, one in enumerate(found[:POLICY.kept_explanations] or [nothing])
     ]  # fmt: skip
-    catalogue.put_change(question.name, rows)
 
 
 def search_causes(

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.trends import policy as trends
-from isorig.analysis.trends.change import DatedChange
+from isorig.analysis.trends.change import DatedChange, Followed, follow
 from isorig.analysis.trends.cusum import thresholds
-from isorig.analysis.trends.follow import Followed, follow
 from isorig.analysis.trends.series import Scatter, Series, scatter_of
 from isorig.analysis.trends.siblings import Siblings, siblings
 from isorig.analysis.wording import with_std
@@ -233,7 +232,7 @@ def followed(answers: pd.DataFrame, baseline: str, *, false_per_month: float | N
             by_name.setdefault(name, []).append(series)
     scatter = {name: scatter_of(series) for name, series in by_name.items()}
     allowed = min(POLICY.false_alarms, POLICY.false_alarms_of_rig * len(raw)) if false_per_month is None else false_per_month
-    rate = allowed / max(_tests_per_month(raw.values()), 2.0 * allowed)
+    rate = allowed / max(_tests_per_month(chain(*by_name.values())), 2.0 * allowed)
     # Thresholds are computed once for each step of a tenth.
     freedom = {name: float(1.1 ** np.floor(np.log(max(s.freedom, 1.0)) / np.log(1.1))) for name, s in scatter.items()}
     limits = {name: thresholds(rate, each) for name, each in freedom.items() if each >= trends.POLICY.fewest_freedom}
@@ -333,13 +332,9 @@ def _split(causes: str) -> frozenset[str]:
     return frozenset(part for part in causes.split(" + ") if part)
 
 
-def _tests_per_month(rigs: Iterable[Mapping[str, tuple[tuple[int, ...], str, Series]]]) -> float:
-    total = 0.0
-    for tracks in rigs:
-        for _, _, series in tracks.values():
-            steps = np.diff(series.time)
-            total += MONTH / max(float(np.median(steps)) if len(steps) else POLICY.unknown_interval, 1e-3)
-    return total
+def _tests_per_month(tracked: Iterable[Series]) -> float:
+    steps = (np.diff(series.time) for series in tracked)
+    return sum(MONTH / max(float(np.median(days)) if len(days) else POLICY.unknown_interval, 1e-3) for days in steps)
 
 
 def _named(campaigns: Sequence[DiagnosedCampaign]) -> list[NewCause]:

@@ -25,6 +25,8 @@ class FleetPolicy:
     dating_change: float = 8.0
     #: Changes whose size, over all campaigns since, is below this many standard deviations are not confirmed.
     confirmed_change: float = 3.0
+    #: Number of changed parameters that a sentence about a date states, the most significant first.
+    stated_changes: int = 3
     #: A pause in the measurements of this many usual intervals is reported.
     reported_pause: float = 3.0
     #: Number of explanations stored for a change.

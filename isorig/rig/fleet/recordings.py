@@ -6,8 +6,9 @@ import hashlib
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
 from pathlib import Path
+
+import msgspec
 
 from isorig.analysis.parallel import cores
 from isorig.rig.files.inputs import opened_regular
@@ -15,25 +16,30 @@ from isorig.rig.files.inputs import opened_regular
 ENDING = ".h5"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Recording:
-    """A recording on disk; `content` is the SHA-256 of its bytes, empty until it is read."""
+class Recording(msgspec.Struct, frozen=True, kw_only=True):
+    """A recording on disk.
 
-    path: Path
+    Parameters
+    ----------
+    rig, campaign
+        Names of the rig, and of the file without its extension.
+    path, size, modified
+        Its path, its size in bytes, and its modification time in ns.
+    content
+        SHA-256 of its bytes; empty until it is read.
+    """
+
     rig: str
+    campaign: str
+    path: str
     size: int
     modified: int
     content: str = ""
 
     @property
-    def campaign(self) -> str:
-        """Name of the file without its extension."""
-        return self.path.stem
-
-    @property
     def stamp(self) -> tuple[str, int, int]:
         """Identifies an unchanged file without reading it."""
-        return str(self.path), self.size, self.modified
+        return self.path, self.size, self.modified
 
 
 def recordings_under(folders: Mapping[Path, str | None]) -> Iterator[Recording]:
@@ -55,7 +61,8 @@ def recordings_under(folders: Mapping[Path, str | None]) -> Iterator[Recording]:
                     stat = path.stat()
                 except OSError:  # removed since the folder was listed
                     continue
-                yield Recording(path=path, rig=rig or path.parent.name, size=stat.st_size, modified=stat.st_mtime_ns)
+                own = rig or path.parent.name
+                yield Recording(rig=own, campaign=path.stem, path=str(path), size=stat.st_size, modified=stat.st_mtime_ns)
 
 
 def identified(recordings: Iterable[Recording], known: Mapping[tuple[str, int, int], str]) -> list[Recording]:
@@ -65,11 +72,11 @@ def identified(recordings: Iterable[Recording], known: Mapping[tuple[str, int, i
         content = known.get(recording.stamp)
         if content is None:
             try:
-                with opened_regular(recording.path) as stream:
+                with opened_regular(Path(recording.path)) as stream:
                     content = hashlib.file_digest(stream, "sha256").hexdigest()
             except OSError:
                 content = ""
-        return replace(recording, content=content)
+        return msgspec.structs.replace(recording, content=content)
 
     with ThreadPoolExecutor(cores()) as pool:
         return list(pool.map(one, recordings))

@@ -21,7 +21,7 @@ from isorig.rig.fleet.sentences import (
     explained,
     incident_words,
     is_confirmed,
-    odd_parameters,
+    outlying_in,
     parameter_words,
     period,
     rigs_in_order,
@@ -155,13 +155,13 @@ def _spark(track: Track) -> Cell:
 
 
 def _odd(fleet: Fleet, anchors: Mapping[str, str]) -> Section:
-    odd = [(name, found, rig, fleet.rigs[rig].tracks[name]) for name, found in fleet.siblings.items() for rig in found.odd]
+    odd = [(name, found, rig, fleet.rigs[rig].tracks[name]) for name, found in fleet.siblings.items() for rig in found.outliers]
     if not odd:
         return Section(title="Outlying rigs", text=["No rig differs from the others by more than their spread."])
     rows = [
         (
             PageLink(text=rig, page=anchors[rig]), parameter_words(name), with_unit(track.level, track.unit),
-            with_unit(track.plain(found.middle), track.unit), difference_words(found.away[rig]),
+            with_unit(track.plain(found.mean), track.unit), difference_words(found.deviations[rig]),
         )
         for name, found, rig, track in odd
     ]  # fmt: skip
@@ -246,11 +246,11 @@ def _change_section(fleet: Fleet, incident: Incident, explanations: Explanations
 
 
 def _parameters(fleet: Fleet, rig: TrackedRig) -> Section:
-    odd = odd_parameters(fleet, rig.name)
+    odd = outlying_in(fleet, rig.name)
     rows = []
     for name, track in rig.tracks.items():
         std = track.level * track.followed.std if track.log else track.followed.std
-        away = difference_words(fleet.siblings[name].away[rig.name])
+        away = difference_words(fleet.siblings[name].deviations[rig.name])
         rows.append(
             (parameter_words(name), number(track.level, 5), number(std, 2), track.unit, away, "odd" if name in odd else "")
         )

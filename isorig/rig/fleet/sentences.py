@@ -58,8 +58,8 @@ def change_words(track: Track, change: DatedChange) -> str:
 
 def changes_words(incident: Incident) -> list[str]:
     """The most significant changes of a date in words, and the number of the others."""
-    more = len(incident.changes) - 3
-    first = [change_words(track, change) for track, change in incident.changes[:3]]
+    more = len(incident.changes) - POLICY.stated_changes
+    first = [change_words(track, change) for track, change in incident.changes[: POLICY.stated_changes]]
     return [*first, f"{more} more parameters"] if more > 0 else first
 
 
@@ -136,7 +136,7 @@ def bad_campaigns(rig: TrackedRig) -> list[tuple[DiagnosedCampaign, list[str]]]:
     """Outlying campaigns between regular ones, with the outlying parameters."""
     found: dict[int, list[str]] = {}
     for track in rig.tracks.values():
-        for k in track.followed.alone:
+        for k in track.followed.outlying:
             found.setdefault(track.campaigns[k], []).append(parameter_words(track.name))
     return [(rig.campaigns[k], names) for k, names in sorted(found.items())]
 
@@ -157,7 +157,7 @@ def state_of(fleet: Fleet, rig: TrackedRig) -> str:
     last = last_change(rig)
     if last is not None:
         parts.append(f"changed {rig.campaigns[last.first].day}")
-    odd = odd_parameters(fleet, rig.name)
+    odd = outlying_in(fleet, rig.name)
     if odd:
         parts.append("outlier in " + ", ".join(parameter_words(name) for name in odd))
     if rig.waiting:
@@ -165,9 +165,9 @@ def state_of(fleet: Fleet, rig: TrackedRig) -> str:
     return "; ".join(parts) or "unchanged"
 
 
-def odd_parameters(fleet: Fleet, rig: str) -> list[str]:
+def outlying_in(fleet: Fleet, rig: str) -> list[str]:
     """Parameters in which a rig differs from the others by more than their spread."""
-    return [name for name, found in fleet.siblings.items() if rig in found.odd]
+    return [name for name, found in fleet.siblings.items() if rig in found.outliers]
 
 
 def difference_words(away: float) -> str:
@@ -181,6 +181,6 @@ def rigs_in_order(fleet: Fleet) -> list[TrackedRig]:
     def place(rig: TrackedRig) -> tuple[float, bool, str]:
         last = last_change(rig)
         alarm = -math.inf if last is None else rig.campaigns[last.alarm].started
-        return -alarm, not odd_parameters(fleet, rig.name), rig.name
+        return -alarm, not outlying_in(fleet, rig.name), rig.name
 
     return sorted(fleet.rigs.values(), key=place)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from isorig.analysis.wording import first_of
 from isorig.rig.errors import RigError
 from isorig.rig.fleet.history import Fleet, Track, TrackedRig
-from isorig.rig.fleet.sentences import change_words, difference_words, odd_parameters, parameter_words, rigs_in_order, state_of
+from isorig.rig.fleet.sentences import change_words, difference_words, outlying_in, parameter_words, rigs_in_order, state_of
 from isorig.rig.process.terminal import show_table
 from isorig.rig.report.sections import number
 
@@ -27,7 +27,7 @@ def show_fleet(fleet: Fleet, show: Callable[[str], None]) -> None:
 def show_rig(fleet: Fleet, name: str) -> None:
     """One rig: its parameters compared with the other rigs."""
     rig = _rig_of(fleet, name)
-    odd = odd_parameters(fleet, name)
+    odd = outlying_in(fleet, name)
     rows = []
     for parameter, track in rig.tracks.items():
         changes = "; ".join(
@@ -36,7 +36,8 @@ def show_rig(fleet: Fleet, name: str) -> None:
         rows.append(
             (
                 parameter_words(parameter), number(track.level, 5), track.unit,
-                difference_words(fleet.siblings[parameter].away[name]) + (" outlier" if parameter in odd else ""), changes or "–",
+                difference_words(fleet.siblings[parameter].deviations[name]) + (" outlier" if parameter in odd else ""),
+                changes or "–",
             )
         )  # fmt: skip
     show_table(f"{name}: {len(rig.campaigns)} campaigns", ("parameter", "level", "unit", "against others", "changes"), rows)
@@ -50,13 +51,11 @@ def show_parameter(fleet: Fleet, parameter: str, rig: str | None) -> None:
         return
     found = fleet.siblings[name]
     rows = []
-    for each, away in sorted(found.away.items(), key=lambda item: -abs(item[1])):
+    for each, away in sorted(found.deviations.items(), key=lambda item: -abs(item[1])):
         track = fleet.rigs[each].tracks[name]
-        changes = [change_words(track, change) for change in track.followed.changes[-1:]]
-        rows.append(
-            (each, number(track.level, 5), difference_words(away), "outlier" if each in found.odd else "", *(changes or ["–"]))
-        )
-    unit = fleet.rigs[next(iter(found.away))].tracks[name].unit
+        last = next((change_words(track, change) for change in reversed(track.followed.changes)), "–")
+        rows.append((each, number(track.level, 5), difference_words(away), "outlier" if each in found.outliers else "", last))
+    unit = fleet.rigs[next(iter(found.deviations))].tracks[name].unit
     show_table(f"{parameter_words(name)}, {unit}", ("rig", "level", "against others", "", "last change"), rows)
 
 
@@ -80,7 +79,7 @@ def _events(track: Track) -> dict[int, list[str]]:
     for change in track.followed.changes:
         events.setdefault(change.first, []).append(f"changed {track.moved(change)} ({change.kind})")
         events.setdefault(change.alarm, []).append("alarm")
-    for k in track.followed.alone:
+    for k in track.followed.outlying:
         events.setdefault(k, []).append("outlier")
     return events
 

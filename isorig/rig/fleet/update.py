@@ -1,4 +1,4 @@
-"""Updates the catalogue: diagnoses every recording without an answer; a failure does not stop the others."""
+"""Updates the catalogue: diagnoses recordings without an answer, at once or as they arrive; a failure stops no others."""
 
 from __future__ import annotations
 
@@ -16,12 +16,16 @@ from isorig.rig.diagnose.many import program_version, shared_out
 from isorig.rig.errors import RigError
 from isorig.rig.files.output import reason
 from isorig.rig.fleet.catalogue import FAILED, LIMIT, SUPERSEDED, Catalogue, StoredAnswer, StoredParameter, key_of
+from isorig.rig.fleet.change_causes import search_causes
 from isorig.rig.fleet.job import DiagnosisJob, answer_job
 from isorig.rig.fleet.recordings import Recording, identified, recordings_under
+from isorig.rig.fleet.sentences import answer_words
 from isorig.rig.model.baseline import Baseline
 
 #: Seconds between checks of a recording that another process works on.
 PATIENCE = 0.5
+#: Seconds between two readings of watched folders.
+EVERY = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,21 +52,23 @@ def work_of(
     folders = catalogue.folders()
     stored = _Stored(catalogue)
     sound = [a for a in stored.answers.values() if a.verdict != SUPERSEDED]
-    known = {} if reread else {(a.path, a.size, a.modified): a.content for a in sound}
+    known = {} if reread else {a.stamp: a.content for a in sound}
     found = identified(recordings_under(folders) if only is None else only, known)
     notes = [] if only is not None else [
         f"{folder} cannot be accessed; its recordings keep their answers" for folder in folders if not folder.is_dir()
     ]  # fmt: skip
     notes += [f"{r.path} cannot be read; make it a readable file, not a pipe or a device" for r in found if not r.content]
-    first, notices = _placed([r for r in found if r.content], sound)
-    places = {str(r.path) for r in found if r.content}
+    found = [r for r in found if r.content]
+    first, notices = _placed(found, sound)
+    places = {r.path for r in found}
     for answer in sound:
         changed = _corrected(answer, first, places)
         if changed is not None:
             catalogue.put(msgspec.structs.replace(changed, parameters=stored.parameters(answer.key)))
             stored.answers[answer.key] = changed
     jobs = []
-    for blank in (_blank(r, baseline) for r in first.values()):
+    for recording in first.values():
+        blank = StoredAnswer(**msgspec.structs.asdict(recording), version=program_version(), baseline=baseline)
         old = stored.answers.get(blank.key)
         if old is None or _worth_trying(old, stored.limits.get(blank.key), limit, again):
             retry = old is not None and old.verdict != SUPERSEDED
@@ -70,13 +76,6 @@ def work_of(
                 DiagnosisJob(catalogue=str(catalogue.folder.resolve()), answer=blank, limit=limit, pages=pages, again=retry)
             )
     return Work(jobs=tuple(jobs), known=len(first) - len(jobs), notes=(*notes, *notices))
-
-
-def _blank(recording: Recording, baseline: Baseline) -> StoredAnswer:
-    return StoredAnswer(
-        rig=recording.rig, campaign=recording.campaign, content=recording.content, version=program_version(), baseline=baseline,
-        path=str(recording.path), size=recording.size, modified=recording.modified, verdict="",
-    )  # fmt: skip
 
 
 def _worth_trying(old: StoredAnswer, given: float | None, limit: float | None, again: bool) -> bool:
@@ -116,16 +115,16 @@ class _Stored:
 def _placed(recordings: Sequence[Recording], stored: Sequence[StoredAnswer]) -> tuple[dict[str, Recording], list[str]]:
     # One path for each content: the earlier one if it still exists, otherwise the first.
     notes, first = [], {}
-    at = {str(r.path): r.content for r in recordings}
+    at = {r.path: r.content for r in recordings}
     contents = set(at.values())
     kept = {
         a.content: a.path
         for a in stored
         if a.content in contents and (at[a.path] == a.content if a.path in at else Path(a.path).is_file())
     }
-    for r in sorted(recordings, key=lambda r: (r.rig, str(r.path))):
-        wanted = kept.setdefault(r.content, str(r.path))
-        if wanted == str(r.path):
+    for r in sorted(recordings, key=lambda r: (r.rig, r.path)):
+        wanted = kept.setdefault(r.content, r.path)
+        if wanted == r.path:
             first[r.content] = r
         else:
             notes.append(f"{r.path} is the same recording as {wanted}, which is used; remove one of them")
@@ -136,9 +135,7 @@ def _corrected(answer: StoredAnswer, first: Mapping[str, Recording], places: Set
     # The answer with the present path of its recording; None if nothing has changed.
     here = first.get(answer.content)
     if here is not None:
-        moved = msgspec.structs.replace(
-            answer, rig=here.rig, campaign=here.campaign, path=str(here.path), size=here.size, modified=here.modified
-        )
+        moved = msgspec.structs.replace(answer, **msgspec.structs.asdict(here))
         return None if moved == answer else moved
     if answer.path in places:
         return msgspec.structs.replace(answer, verdict=SUPERSEDED, reason=f"{answer.path} contains another recording now")
@@ -184,3 +181,32 @@ def _answers(catalogue: Catalogue, jobs: Sequence[DiagnosisJob], scheduler: str 
         left = [job for job in busy if job.answer.key not in stored]
         if left:
             time.sleep(PATIENCE)
+
+
+def watch(
+    catalogue: Catalogue, folders: Mapping[Path, str | None], baseline: Baseline, *, limit: float | None = None,
+    scheduler: str | None = None, every: float = EVERY, seconds: float | None = None, tell: Callable[[str], None] = print,
+) -> None:  # fmt: skip
+    """Diagnose new recordings as they arrive, and report each answer and each change of a rig in a line.
+
+    `folders` have the rig of each; they are read every `every` seconds, for `seconds` or without limit if None. A recording that
+    is still being copied grows: it is diagnosed once it is the same in two successive readings.
+    """
+    before: dict[str, Recording] = {}
+    handed: dict[str, Recording] = {}
+    end = None if seconds is None else time.monotonic() + seconds
+    while True:
+        now = {recording.path: recording for recording in recordings_under(folders)}
+        fresh = [r for path, r in now.items() if before.get(path) == r != handed.get(path)]
+        before, handed = now, handed | {r.path: r for r in fresh}
+        if fresh:
+            work = work_of(catalogue, baseline, limit=limit, only=fresh)
+            for note in work.notes:
+                tell(note)
+            if work.jobs:
+                update(catalogue, work.jobs, scheduler=scheduler, tell=lambda answer: tell(answer_words(answer)))
+                for line in search_causes(catalogue, baseline, scheduler=scheduler):
+                    tell(line)
+        if end is not None and time.monotonic() + every > end:
+            return
+        time.sleep(every)

@@ -14,6 +14,8 @@ from isorig.rig.errors import PlanError, RecordingError, RigError
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 
 Baseline = Literal["coulomb", "linear"]
+#: What precedes doubts about units, channels and given values.
+CHECK_FIRST = "CHECK UNITS, CHANNELS AND GIVEN VALUES FIRST."
 
 
 def baseline_model(campaign: Campaign, baseline: Baseline = "coulomb") -> RigModel:

@@ -9,8 +9,7 @@ from isorig.rig.acquire.plan import as_virtual
 from isorig.rig.acquire.plan_check import read_plan
 from isorig.rig.acquire.session import MeasuredRun, Operator
 from isorig.rig.errors import OutputError
-from isorig.rig.next.investigation import PAGE, STATE, Terms, described_rig, investigate
-from isorig.rig.next.measuring import measuring
+from isorig.rig.next.investigation import PAGE, STATE, Terms, described_rig, investigate, measure_with
 from isorig.rig.next.plan_file import limits_of, with_runs
 from isorig.rig.next.stages import Investigation
 from isorig.rig.process.terminal import show_table
@@ -44,7 +43,7 @@ def show(folder: Path, seed: int) -> None:
         operator = Operator(lock=lambda _: None, watch=lambda _: None, taken=took)
         terms = Terms(
             most_runs=RUNS, seconds=SECONDS, limits=limits_of(described_rig(plan, "coulomb"), plan, None), work=WORK,
-            measure=measuring(port, operator), tell=clock.tell,
+            measure=measure_with(port, operator), tell=clock.tell,
         )  # fmt: skip
         investigation = investigate(plan, place, Investigation(plan=PLAN.name, baseline="coulomb", tolerance=0.0), terms)
     truth = hidden_in(wire_bonder(), HIDDEN, SIZE, seed).truth

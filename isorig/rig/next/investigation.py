@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import msgspec
@@ -13,9 +13,12 @@ from isorig.analysis.fitting.solve import base_parameters
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.proposals.policy import POLICY as PROPOSALS
-from isorig.analysis.proposals.precision import figure_unit, named_figures, std_of
+from isorig.analysis.proposals.precision import named_parameters, std_of_parameter, unit_of_parameter
 from isorig.analysis.wording import capitalized, sized
 from isorig.rig.acquire.plan import Plan
+from isorig.rig.acquire.recorder import working_file
+from isorig.rig.acquire.session import Decision, Operator, acquire
+from isorig.rig.acquire.store import whole_runs
 from isorig.rig.diagnose.many import diagnose_file
 from isorig.rig.errors import PlanError
 from isorig.rig.files.inputs import content_of
@@ -26,7 +29,7 @@ from isorig.rig.next.page import investigation_page, picture_of
 from isorig.rig.next.plan_file import run_names, with_runs, write_plan
 from isorig.rig.next.policy import POLICY
 from isorig.rig.next.proposal import UNNAMED, Proposal, propose, single_driven, situation
-from isorig.rig.next.runs import described, planned
+from isorig.rig.next.runs import planned, run_words
 from isorig.rig.next.sentences import inseparable, listed, reasons, summary, twins, unfitted
 from isorig.rig.next.stages import Investigation, InvestigationRun, InvestigationStage, diagnosis_folder
 from isorig.rig.report.sections import CUT_SHORT, words
@@ -67,6 +70,35 @@ class Terms:
     tell: Callable[[str], None] = lambda text: None
 
 
+def measure_with(
+    wire: str, operator: Operator, consent: Callable[[str], Decision] | None = None, *, force: bool = False
+) -> Measure:
+    """A function that measures a plan's runs with the instrument at a port.
+
+    `consent` is asked before each run by its name, if given; with `force` a run starts even if the pre-run check fails.
+    """
+
+    def measure(plan: Plan, recording: Path) -> Measured:
+        stopped = False
+
+        def decide(name: str) -> Decision:
+            nonlocal stopped
+            decision = "take" if consent is None else consent(name)
+            stopped = stopped or decision == "end"
+            return decision
+
+        left = {name for run in plan.runs for name in run.ids()} - whole_runs(recording, plan)
+        broken_off = working_file(recording).exists()
+        if left or broken_off:
+            resume = broken_off or recording.exists()
+            # The proposals keep to the strokes by a model fitted to the runs so far, which knows more than the description.
+            chosen = msgspec.structs.replace(plan, limits=msgspec.structs.replace(plan.limits, stroke={}))
+            acquire(chosen, wire, recording, replace(operator, decide=decide), resume=resume, force=force)
+        return Measured(names=sorted(whole_runs(recording, plan)), stopped=stopped)
+
+    return measure
+
+
 def investigate(plan: Plan, folder: Path, begun: Investigation, terms: Terms) -> Investigation:
     """Continue an investigation until one cause is identified, no allowed run is informative, or its limits are reached.
 
@@ -80,9 +112,9 @@ def investigate(plan: Plan, folder: Path, begun: Investigation, terms: Terms) ->
         if step == "diagnosed":
             investigation = _next_stage(plan, folder, investigation, terms)
         elif step == "proposed":
-            investigation, stopped = _measured(plan, folder, investigation, terms)
+            investigation, stopped = _measure(plan, folder, investigation, terms)
         else:
-            investigation = _diagnosed(folder, investigation, terms)
+            investigation = _diagnose(folder, investigation, terms)
         write_json(folder / STATE, investigation)
         write_text(folder / PAGE, investigation_page(investigation))
     return investigation
@@ -105,10 +137,10 @@ def _next_stage(plan: Plan, folder: Path, investigation: Investigation, terms: T
     if not investigation.stages and plan.runs:
         alone = len(plan.described().configurations) == 1
         why = ["It is part of the plan."]
-        runs = [InvestigationRun(plan=run, description=described(run, alone), why=why) for run in plan.runs]
+        runs = [InvestigationRun(plan=run, description=run_words(run, alone), why=why) for run in plan.runs]
         stage = InvestigationStage(number=number, kind="plan", asked=["What do the planned runs show?"], runs=runs)
-        return _with(folder, plan, investigation, stage, terms)
-    if over := _over(investigation, terms):
+        return _with_stage(folder, plan, investigation, stage, terms)
+    if over := _reason_to_end(investigation, terms):
         return msgspec.structs.replace(investigation, ended=over)
     if investigation.diagnosed:
         rivals = read_rivals(folder / diagnosis_folder(investigation.diagnosed[-1]))
@@ -125,17 +157,17 @@ def _next_stage(plan: Plan, folder: Path, investigation: Investigation, terms: T
     names = run_names(len(proposal.runs), [run.id for run in investigation.runs])
     runs = [
         InvestigationRun(
-            plan=planned(item.run, name), description=now.described(item.run), why=reasons(item, proposal, now),
+            plan=planned(item.run, name), description=now.run_words(item.run), why=reasons(item, proposal, now),
             pictures=[picture_of(pair) for pair in item.choice.predicted_pairs] if item.choice is not None else [],
             promised=item.choice.probability if item.choice is not None else None,
         )
         for name, item in zip(names, proposal.runs, strict=True)
     ]  # fmt: skip
     stage = InvestigationStage(number=number, kind=proposal.kind, asked=summary(proposal, now.rivals), runs=runs)
-    return _with(folder, plan, investigation, stage, terms)
+    return _with_stage(folder, plan, investigation, stage, terms)
 
 
-def _with(folder: Path, plan: Plan, investigation: Investigation, stage: InvestigationStage, terms: Terms) -> Investigation:
+def _with_stage(folder: Path, plan: Plan, investigation: Investigation, stage: InvestigationStage, terms: Terms) -> Investigation:
     investigation = msgspec.structs.replace(investigation, stages=[*investigation.stages, stage])
     why = {run.plan.id: run.why for each in investigation.stages for run in each.runs}
     write_plan(folder / SESSION, with_runs(plan, investigation.runs), why)
@@ -145,7 +177,7 @@ def _with(folder: Path, plan: Plan, investigation: Investigation, stage: Investi
     return investigation
 
 
-def _measured(plan: Plan, folder: Path, investigation: Investigation, terms: Terms) -> tuple[Investigation, bool]:
+def _measure(plan: Plan, folder: Path, investigation: Investigation, terms: Terms) -> tuple[Investigation, bool]:
     stage = investigation.stages[-1]
     found = terms.measure(with_runs(plan, investigation.runs), folder / RECORDING)
     taken = [run for run in stage.runs if set(run.plan.ids()) & set(found.names)]
@@ -159,7 +191,7 @@ def _measured(plan: Plan, folder: Path, investigation: Investigation, terms: Ter
     return msgspec.structs.replace(investigation.with_last(stage), declined=declined), False
 
 
-def _diagnosed(folder: Path, investigation: Investigation, terms: Terms) -> Investigation:
+def _diagnose(folder: Path, investigation: Investigation, terms: Terms) -> Investigation:
     stage = investigation.stages[-1]
     if all(run.plan.excitation == "free" for each in investigation.stages for run in each.runs):
         # A run at rest alone cannot be diagnosed.
@@ -171,7 +203,7 @@ def _diagnosed(folder: Path, investigation: Investigation, terms: Terms) -> Inve
         folder / RECORDING, place, investigation.baseline, tolerance=investigation.tolerance, limit=terms.limit
     )
     found = read_rivals(place)
-    answer = [*answered(found), *([CUT_SHORT] if outcome.cut_short else [])]
+    answer = [*diagnosis_sentences(found), *([CUT_SHORT] if outcome.cut_short else [])]
     stage = msgspec.structs.replace(
         stage, step="diagnosed", verdict=found.verdict, named=found.named, answer=answer,
         open=[[model.key for model in one.models] + one.twins for one in found.open],
@@ -202,7 +234,7 @@ def described_rig(plan: Plan, baseline: Baseline) -> RigModel:
     return single_driven(plan.nominal(friction=baseline == "coulomb"))
 
 
-def _over(investigation: Investigation, terms: Terms) -> str:
+def _reason_to_end(investigation: Investigation, terms: Terms) -> str:
     """The reason to end an investigation before the next run is selected; empty if it continues."""
     known = investigation.diagnosed
     if known and known[-1].named and not known[-1].open and known[-1].verdict in ("explained", "partly explained"):
@@ -229,7 +261,7 @@ def _nothing_left(investigation: Investigation, proposal: Proposal, rivals: Riva
     return "No allowed run is informative."
 
 
-def answered(rivals: Rivals) -> list[str]:
+def diagnosis_sentences(rivals: Rivals) -> list[str]:
     """The result of a diagnosis, in sentences."""
     verdict = {
         "adequate": "The model explains all runs down to the noise: no cause is needed so far.",
@@ -243,15 +275,16 @@ def answered(rivals: Rivals) -> list[str]:
         why = "The data cannot distinguish" if one.why == "indistinguishable" else "Closest, but not certain"
         sentences.append(f"{why}: {listed([model.key for model in one.models] + one.twins)}.")
     if rivals.ruled_out:
-        sentences.append(f"Ruled out: {listed(rivals.ruled_out[:6])}{' and others' if len(rivals.ruled_out) > 6 else ''}.")
-    return [*sentences, _figures(rivals)]
+        most = POLICY.listed_ruled_out
+        sentences.append(f"Ruled out: {listed(rivals.ruled_out[:most])}{' and others' if len(rivals.ruled_out) > most else ''}.")
+    return [*sentences, _parameters(rivals)]
 
 
-def _figures(rivals: Rivals) -> str:
+def _parameters(rivals: Rivals) -> str:
     variant = rivals.explains.variant()
     shown = []
-    for name, figure in named_figures(variant.model).items():
-        std = std_of(variant, figure)
+    for name, value_of in named_parameters(variant.model).items():
+        std = std_of_parameter(variant, value_of)
         if std > 0.0:
-            shown.append(f"{words(name)} {sized(figure(variant.model), figure_unit(name, variant.model), std)}")
+            shown.append(f"{words(name)} {sized(value_of(variant.model), unit_of_parameter(name, variant.model), std)}")
     return f"Parameters: {', '.join(shown)}."

@@ -38,7 +38,7 @@ def proposal_sections(proposal: Proposal, now: Situation, names: Sequence[str]) 
         predicted_pairs = () if item.choice is None else item.choice.predicted_pairs
         charts = [prediction_chart(picture_of(pair), f"{name}-{k + 1}") for k, pair in enumerate(predicted_pairs)]
         tables = [] if item.choice is None else [_distances(item.choice)]
-        text = [f"{capitalized(now.described(item.run))}.", *reasons(item, proposal, now)]
+        text = [f"{capitalized(now.run_words(item.run))}.", *reasons(item, proposal, now)]
         sections.append(Section(title=f"Run {name}", text=text, tables=tables, charts=charts))
     return [*sections, _limits(proposal, now)]
 
@@ -50,7 +50,7 @@ def _distances(choice: Choice) -> Table:
     fitted = f": {rivals[0]}" if len(rivals) == 1 else ""
     rows = [
         (
-            cause(each.truth), *(() if fitted else (cause(each.rival),)), number(min(each.distance, 999.0), 3),
+            cause(each.truth), *(() if fitted else (cause(each.rival),)), number(min(each.distance, POLICY.largest_distance), 3),
             number(each.probability, 2),
         ) for each in apart
     ]  # fmt: skip
@@ -72,7 +72,7 @@ def picture_of(pair: PredictedPair) -> Picture:
     return Picture(
         truth=cause(pair.truth), rival=cause(pair.rival), channel=pair.channel, sample_rate=pair.sample_rate, first=first,
         of_truth=pair.of_truth[part].tolist(), of_rival=pair.of_rival[part].tolist(), allowed=pair.allowed,
-        distance=min(pair.distance, 999.0), unit=SI_UNIT[pair.truth.model.sensor(pair.channel).quantity],
+        distance=min(pair.distance, POLICY.largest_distance), unit=SI_UNIT[pair.truth.model.sensor(pair.channel).quantity],
     )  # fmt: skip
 
 
@@ -112,7 +112,7 @@ def _limits(proposal: Proposal, now: Situation) -> Section:
         pair = getattr(limits, key)
         if pair is not None:
             rows.append((key, f"{pair[0]:.4g} to {pair[1]:.4g}{of}"))
-    refused = [] if proposal.chosen is None else [(now.described(run), why) for run, why in proposal.chosen.refused.items()]
+    refused = [] if proposal.chosen is None else [(now.run_words(run), why) for run, why in proposal.chosen.refused.items()]
     tables = [Table(columns=("limit", "value"), rows=rows)]
     if refused:
         tables.append(Table(columns=("candidate", "refused because"), rows=refused))

@@ -29,15 +29,11 @@ def virtual_instrument_of(rivals: Rivals) -> Plan:
     quantities |= {sensor.channel: sensor.quantity for sensor in model.sensors}
     channels = {
         name: ChannelPlan(
-            input=k,
-            sensitivity=POLICY.sensitivity,
-            place=name,
-            quantity=quantity,
-            unit=SI_UNIT[quantity],
+            input=k, sensitivity=POLICY.sensitivity, place=name, quantity=quantity, unit=SI_UNIT[quantity],
             sensor=f"virtual sensor of {quantity.replace('_', ' ')}",
         )
         for k, (name, quantity) in enumerate(quantities.items())
-    }
+    }  # fmt: skip
     # Plans are read by people: a rate from a clock has rounding errors.
     instrument = InstrumentPlan(kind="framed", port="virtual", sample_rate=float(f"{rivals.sample_rate:.9g}"))
     return Plan(instrument=instrument, channels=channels, rig=rivals.known)

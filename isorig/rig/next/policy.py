@@ -28,6 +28,10 @@ class NextRunPolicy:
     listed: int = 4
     #: Standard errors above which a distance is no longer stated.
     stated_distance: float = 100.0
+    #: Largest distance in a table or a caption, in standard errors: a larger one, which may be infinite, is given as this one.
+    largest_distance: float = 999.0
+    #: Number of ruled-out causes listed by name after a diagnosis.
+    listed_ruled_out: int = 6
     #: Seconds of a prediction shown around the largest difference.
     shown_seconds: float = 1.0
     #: Sensitivity of a channel of the virtual rig, V per SI unit, for a plan without its own instrument.

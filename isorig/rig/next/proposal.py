@@ -16,18 +16,18 @@ from isorig.analysis.model.linear import floats
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.proposals.choice import Choice, Chosen, Comparison, Question, choose
 from isorig.analysis.proposals.hypotheses import hypotheses
-from isorig.analysis.proposals.limits import LargestMotions, largest, reached_so_far
-from isorig.analysis.proposals.menu import CandidateRun, covers, menu, rest
+from isorig.analysis.proposals.limits import LargestMotions, largest_of, reached_so_far
+from isorig.analysis.proposals.menu import CandidateRun, candidate_runs, covers_all_modes, run_at_rest
 from isorig.analysis.proposals.policy import POLICY as PROPOSALS
-from isorig.analysis.proposals.prediction import Key, Prospect, Variant, drawn_models
-from isorig.analysis.proposals.remedies import Remedy, another_sensor, farther, further
+from isorig.analysis.proposals.prediction import Key, Prospect, Variant, models_within_limits
+from isorig.analysis.proposals.remedies import Remedy, another_sensor, beyond_limits, pair_distance
 from isorig.analysis.simulate import simulate
 from isorig.analysis.spectra.noise import noise_levels
 from isorig.rig.acquire.plan import RunPlan
 from isorig.rig.errors import PlanError
 from isorig.rig.files.rivals import OpenSet, Rivals
 from isorig.rig.next.policy import POLICY
-from isorig.rig.next.runs import candidate, described, drive_scale, in_hand, prospect
+from isorig.rig.next.runs import candidate, drive_scale, existing_runs, prospect, run_words
 
 #: Verdicts with an error that no named cause explains, and the question where no candidate cause came near.
 UNNAMED = ("unexplained", "partly explained")
@@ -82,11 +82,11 @@ class Situation:
         """A run with its drive, as the next one."""
         return prospect(run, self.rivals.sample_rate, self.start_time, self.scale)
 
-    def described(self, run: CandidateRun) -> str:
+    def run_words(self, run: CandidateRun) -> str:
         """A run in one line."""
-        return described(run, alone=len(self.explains.model.configurations) == 1)
+        return run_words(run, alone=len(self.explains.model.configurations) == 1)
 
-    def menu(self) -> tuple[CandidateRun, ...]:
+    def candidates(self) -> tuple[CandidateRun, ...]:
         """All candidate runs within the limits that need no simulation."""
         repeatable = [
             (name, candidate(run))
@@ -94,17 +94,17 @@ class Situation:
             if run.played and run.repeat_of is None and any(taken.id == name for taken in self.rivals.runs)
         ]
         seed = 1 + len(self.rivals.runs)
-        runs = menu(self.explains.model, self.limits, self.rivals.sample_rate, seed=seed, repeatable=repeatable)
+        runs = candidate_runs(self.explains.model, self.limits, self.rivals.sample_rate, seed=seed, repeatable=repeatable)
         # A linear step from a first guess is not meaningful: the first run must allow a fit of every parameter.
-        allowed = runs if self.taken else tuple(run for run in runs if covers(self.explains.model, run))
-        return tuple(run for run in allowed if self.described(run) not in self.declined)
+        allowed = runs if self.taken else tuple(run for run in runs if covers_all_modes(self.explains.model, run))
+        return tuple(run for run in allowed if self.run_words(run) not in self.declined)
 
     def raised(self, factor: float) -> tuple[CandidateRun, ...]:
         """The strongest runs where the highest gain is raised by a factor."""
         assert self.limits.gains is not None
         highest = factor * self.limits.gains[1]
         limits = msgspec.structs.replace(self.limits, gains=(0.0, highest))
-        runs = menu(self.explains.model, limits, self.rivals.sample_rate)
+        runs = candidate_runs(self.explains.model, limits, self.rivals.sample_rate)
         strongest = (run for run in runs if run.gain == highest and run.seconds <= PROPOSALS.broad_run)
         return tuple(run for run in strongest if run.excitation in ("random", "moves"))
 
@@ -171,7 +171,7 @@ def situation(
     if len({(d.explains.model.name, n) for d, n in zip(diagnoses, names, strict=True)}) > 1:
         raise PlanError("the diagnoses are of different rigs; give diagnoses of one rig")
     ruled_out = {key for each in diagnoses for key in each.ruled_out} - set(last.named)
-    open_ = [_without(one, ruled_out) if one.why == "indistinguishable" else one for one in last.open]
+    open_ = [_without_ruled_out(one, ruled_out) if one.why == "indistinguishable" else one for one in last.open]
     open_.sort(key=lambda one: one.why == "undecided")
     earlier = [run for each in diagnoses[:-1] for run in each.runs]
     both = msgspec.structs.replace(last, open=open_, runs=[*earlier, *last.runs])
@@ -181,13 +181,18 @@ def situation(
             "repeat one release"
         )
     scale = drive_scale(both.runs)
-    taken = in_hand(both.runs, plans, last.sample_rate, scale)
+    taken = existing_runs(both.runs, plans, last.sample_rate, scale)
     return Situation(
-        rivals=both, taken=taken, limits=_complete(both, model, limits, taken), scale=scale, plans=plans, declined=declined
+        rivals=both,
+        taken=taken,
+        limits=_completed_limits(both, model, limits, taken),
+        scale=scale,
+        plans=plans,
+        declined=declined,
     )
 
 
-def _without(one: OpenSet, ruled_out: Set[Key]) -> OpenSet:
+def _without_ruled_out(one: OpenSet, ruled_out: Set[Key]) -> OpenSet:
     # A set without the causes that an earlier run ruled out; a twin has the equations of one of them, so it goes with the last.
     models = [model for model in one.models if model.key not in ruled_out]
     twins = [key for key in one.twins if models and key not in ruled_out]
@@ -196,7 +201,7 @@ def _without(one: OpenSet, ruled_out: Set[Key]) -> OpenSet:
     )
 
 
-def _complete(rivals: Rivals, model: RigModel, limits: Limits, taken: Sequence[Prospect]) -> Limits:
+def _completed_limits(rivals: Rivals, model: RigModel, limits: Limits, taken: Sequence[Prospect]) -> Limits:
     # Limits that are not given are what the runs so far reached.
     driven = [run for run in rivals.runs if run.driven]
     gains = limits.gains or ((0.0, max(run.gain for run in driven)) if driven else None)
@@ -206,7 +211,7 @@ def _complete(rivals: Rivals, model: RigModel, limits: Limits, taken: Sequence[P
         raise PlanError(
             "neither the limits nor the runs so far determine the allowed gains and band; give limits.gains and limits.band"
         )
-    stated = reached_so_far(limits, model, largest([one.peaks([model]) for one in taken])) if taken else limits
+    stated = reached_so_far(limits, model, largest_of([one.peaks([model]) for one in taken])) if taken else limits
     return msgspec.structs.replace(stated, gains=gains, band=band, seconds=limits.seconds or POLICY.longest_run)
 
 
@@ -221,7 +226,7 @@ def propose(
     in addition to one at rest.
     """
     found = _most_pressing(now, budget, most, Deadline(work), tell)
-    return replace(found, runs=(*_noise_first(now), *found.runs))
+    return replace(found, runs=(*_rest_first(now), *found.runs))
 
 
 def _most_pressing(now: Situation, budget: float, most: int, deadline: Deadline, tell: Callable[[str], None]) -> Proposal:
@@ -229,19 +234,19 @@ def _most_pressing(now: Situation, budget: float, most: int, deadline: Deadline,
         variants = tuple(model.variant() for model in one.models)
         if len(variants) < 2:
             continue
-        if one.why == "undecided" and (again := _again(now, budget)) is not None:
+        if one.why == "undecided" and (again := _repetition(now, budget)) is not None:
             return Proposal(kind="reproducible", runs=(again,))
         kind: Kind = "rivals" if one.why == "indistinguishable" else "undecided"
-        return _compared(now, kind, Question(truths=variants, rivals=variants), now.menu(), budget, most, deadline, tell)
-    if now.rivals.verdict in UNNAMED and (again := _again(now, budget)) is not None:
+        return _compared(now, kind, Question(truths=variants, rivals=variants), now.candidates(), budget, most, deadline, tell)
+    if now.rivals.verdict in UNNAMED and (again := _repetition(now, budget)) is not None:
         return Proposal(kind="reproducible", runs=(again,))
-    if now.rivals.verdict in UNNAMED and (stronger := _stronger(now, budget)) is not None:
+    if now.rivals.verdict in UNNAMED and (stronger := _stronger_run(now, budget)) is not None:
         return Proposal(kind="undecided", runs=(stronger,), asked=NO_CAUSE)
-    question = Question(truths=_supposed(now), rivals=(now.explains,), supposed=True)
+    question = Question(truths=_hypothetical_causes(now), rivals=(now.explains,), supposed=True)
     # At a single frequency many causes change amplitude and phase alike: a sine shows that there is a cause, not which one.
-    broad = tuple(run for run in now.menu() if run.excitation != "sine")
+    broad = tuple(run for run in now.candidates() if run.excitation != "sine")
     found = _compared(now, "untested", question, broad, budget, most, deadline, tell)
-    return found if found.runs else _compared(now, "untested", question, now.menu(), budget, most, deadline, tell)
+    return found if found.runs else _compared(now, "untested", question, now.candidates(), budget, most, deadline, tell)
 
 
 def _compared(
@@ -255,11 +260,7 @@ def _compared(
     with deadline:
         seen = comparison.seen(prospects, now.limits, tell)
     surviving = (*question.rivals, *(question.truths if question.supposed else (now.explains,)))
-    models = [
-        model
-        for variant in surviving
-        for model in (drawn_models(variant, PROPOSALS.simulated_draws, 5) if variant.free else (variant.model,))
-    ]
+    models = [model for variant in surviving for model in models_within_limits(variant)]
 
     def kept(one: Prospect) -> LargestMotions:
         return one.peaks(models, whole=True)
@@ -272,9 +273,9 @@ def _compared(
     # Whichever of the two causes is the truth; hypothetical causes have one rival only.
     pairs = dict.fromkeys((min(keys), max(keys)) for keys in ((apart.truth.key, apart.rival.key) for apart in found.best))
     for pair in () if question.supposed else pairs:
-        if farther(found.best, pair) < PROPOSALS.indistinguishable:
+        if pair_distance(found.best, pair) < PROPOSALS.indistinguishable:
             with deadline:
-                cures = further(comparison, pair, beyond, kept, tell), another_sensor(comparison, seen, pair, tell)
+                cures = beyond_limits(comparison, pair, beyond, kept, tell), another_sensor(comparison, seen, pair, tell)
             remedies[pair] = [cure for cure in cures if cure is not None]
     return Proposal(
         kind=kind, runs=tuple(Proposed(run=one.prospect.run, choice=one, peaks=one.peaks) for one in found.choices),
@@ -282,17 +283,17 @@ def _compared(
     )  # fmt: skip
 
 
-def _supposed(now: Situation) -> tuple[Variant, ...]:
+def _hypothetical_causes(now: Situation) -> tuple[Variant, ...]:
     # Sizes are relative to the peaks of the strongest allowed runs.
     model, rate, limits = now.explains.model, now.rivals.sample_rate, now.limits
-    strong = [run for run in menu(model, limits, rate) if limits.gains is not None and run.gain == limits.gains[1]]
+    strong = [run for run in candidate_runs(model, limits, rate) if limits.gains is not None and run.gain == limits.gains[1]]
     seen = [now.prospect(run) for run in strong if run.excitation in ("random", "moves")]
     peaks = [one.peaks([model]) for one in (*seen, *now.taken)]
-    reached = largest([found for found in peaks if not found.beyond(limits)] or peaks)
+    reached = largest_of([found for found in peaks if not found.beyond(limits)] or peaks)
     return hypotheses(model, reached, rate)
 
 
-def _again(now: Situation, budget: float) -> Proposed | None:
+def _repetition(now: Situation, budget: float) -> Proposed | None:
     # The drive of the run with the largest misfit, if no drive was repeated yet: is the remaining error reproducible?
     if any(run.repeat_of is not None for run in now.rivals.runs):
         return None
@@ -304,7 +305,7 @@ def _again(now: Situation, budget: float) -> Proposed | None:
     return Proposed(run=replace(candidate(plan), repeat_of=name))
 
 
-def _stronger(now: Situation, budget: float) -> Proposed | None:
+def _stronger_run(now: Situation, budget: float) -> Proposed | None:
     # Where no candidate cause explains the error: the random drive, not measured yet, under which a link moves furthest beyond
     # what the runs so far reached, in the configuration of the largest error. What an unknown cause depends on is then seen over
     # the widest range.
@@ -316,18 +317,18 @@ def _stronger(now: Situation, budget: float) -> Proposed | None:
     known = {(run.configuration, run.excitation, run.gain, run.band) for run in now.rivals.runs}
     runs = [
         r
-        for r in now.menu()
+        for r in now.candidates()
         if r.excitation == "random" and r.repeat_of is None and r.seconds <= min(PROPOSALS.broad_run, budget)
     ]
     runs = [r for r in runs if r.configuration in where and (r.configuration, r.excitation, r.gain, r.band) not in known]
-    reached = largest([one.peaks([model]) for one in now.taken]).stroke
+    reached = largest_of([one.peaks([model]) for one in now.taken]).stroke
     ranked = []
     for one in map(now.prospect, runs):
         peaks = one.peaks([model])
         if not peaks.beyond(now.limits):
             ratios = [size / reached[name] for name, size in peaks.stroke.items() if reached.get(name, 0.0) > 0.0]
             ranked.append((max(ratios, default=0.0), one))
-    models = drawn_models(now.explains, PROPOSALS.simulated_draws, 5)
+    models = models_within_limits(now.explains)
     for ratio, one in sorted(ranked, key=lambda item: -item[0]):
         peaks = one.peaks(models, whole=True)
         if ratio > 1.0 and not peaks.beyond(now.limits):
@@ -335,7 +336,7 @@ def _stronger(now: Situation, budget: float) -> Proposed | None:
     return None
 
 
-def _noise_first(now: Situation) -> tuple[Proposed, ...]:
+def _rest_first(now: Situation) -> tuple[Proposed, ...]:
     # A run at rest, where what the runs so far show of the noise may be the rig's own motion: friction moves at all frequencies.
     if any(run.excitation == "free" for run in now.rivals.runs):
         return ()
@@ -346,4 +347,4 @@ def _noise_first(now: Situation) -> tuple[Proposed, ...]:
     ]
     own = noise_levels(Campaign(runs=tuple(shown)), tuple(drive.channel for drive in model.drives)) if shown else {}
     hidden = [name for name, level in now.rivals.noise.items() if own.get(name, np.inf) > POLICY.own_motion * level]
-    return (Proposed(run=rest(model, now.limits)),) if hidden else ()
+    return (Proposed(run=run_at_rest(model, now.limits)),) if hidden else ()

@@ -7,16 +7,16 @@ from typing import cast
 
 import numpy as np
 
-from isorig.analysis.proposals.menu import CandidateRun, Excited
+from isorig.analysis.proposals.menu import CandidateRun, ExcitationKind
 from isorig.analysis.proposals.prediction import Prospect
 from isorig.rig.acquire.drive import drive_of
 from isorig.rig.acquire.plan import RunPlan
 from isorig.rig.files.rivals import ExistingRun
 from isorig.rig.virtual.levels import HEAD_PER_GAIN, MOVE_PER_GAIN
 
-#: Excitations with different realizations.
-AGAIN = ("random", "multisine", "sweep", "moves")
-EXCITED = {
+#: ExcitationKind with different realizations.
+WITH_REALIZATIONS = ("random", "multisine", "sweep", "moves")
+EXCITATION_WORDS = {
     "random": "random drive", "multisine": "odd multisine with omitted lines", "sine": "sine", "sweep": "sweep",
     "moves": "moves", "steps": "steps to and fro", "free": "rest", "other": "driven by other means",
 }  # fmt: skip
@@ -47,7 +47,7 @@ def drive_scale(taken: Sequence[ExistingRun]) -> float:
     return float(np.median(ratios)) if ratios else 1.0
 
 
-def in_hand(taken: Sequence[ExistingRun], plans: Mapping[str, RunPlan], sample_rate: float, scale: float) -> list[Prospect]:
+def existing_runs(taken: Sequence[ExistingRun], plans: Mapping[str, RunPlan], sample_rate: float, scale: float) -> list[Prospect]:
     """The runs so far with their drives: exact if their plan is known, otherwise another realization of the same kind.
 
     A run at rest contains no information about the rig, and an unknown drive cannot be generated again: both are left out.
@@ -55,12 +55,12 @@ def in_hand(taken: Sequence[ExistingRun], plans: Mapping[str, RunPlan], sample_r
     found = []
     for run in taken:
         plan = plans.get(run.id)
-        known = run.excitation in AGAIN
+        known = run.excitation in WITH_REALIZATIONS
         if plan is not None and plan.played:
             one = candidate(plan)
         elif plan is None and known and (run.band is not None or run.excitation == "moves"):
             one = CandidateRun(
-                configuration=run.configuration, excitation=cast("Excited", run.excitation), gain=run.gain,
+                configuration=run.configuration, excitation=cast("ExcitationKind", run.excitation), gain=run.gain,
                 seconds=run.seconds, band=run.band, period=run.period or CandidateRun.period,
             )  # fmt: skip
         else:
@@ -69,9 +69,9 @@ def in_hand(taken: Sequence[ExistingRun], plans: Mapping[str, RunPlan], sample_r
     return found
 
 
-def described(run: CandidateRun | RunPlan, alone: bool = False) -> str:
+def run_words(run: CandidateRun | RunPlan, alone: bool = False) -> str:
     """A run in one line; `alone` states that the rig has one configuration, which needs no name."""
-    text = EXCITED[run.excitation]
+    text = EXCITATION_WORDS[run.excitation]
     if run.excitation not in ("free", "other"):
         text += "" if run.band is None else f" from {run.band[0]:g} to {run.band[1]:g} Hz"
         text += "" if run.frequency is None else f" of {run.frequency:g} Hz"

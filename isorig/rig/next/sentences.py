@@ -12,13 +12,13 @@ from isorig.analysis.proposals.choice import Choice, PairDistance
 from isorig.analysis.proposals.limits import LargestMotions
 from isorig.analysis.proposals.policy import POLICY as PROPOSALS
 from isorig.analysis.proposals.prediction import Key, Variant
-from isorig.analysis.proposals.remedies import SECOND, Remedy, farther
+from isorig.analysis.proposals.remedies import SECOND, Remedy, pair_distance
 from isorig.analysis.simulate.gauges import DEFLECTION
 from isorig.analysis.wording import capitalized, first_of, with_article
 from isorig.rig.files.rivals import Rivals
 from isorig.rig.next.policy import POLICY
 from isorig.rig.next.proposal import Proposal, Proposed, Situation
-from isorig.rig.next.runs import described
+from isorig.rig.next.runs import run_words
 from isorig.rig.report.sections import words
 
 ASKED = {
@@ -127,7 +127,7 @@ def inseparable(proposal: Proposal) -> list[str]:
         one, other = map(named, pair)
         sentences.append(
             f"No allowed run distinguishes {one} from {other}: their distance in the best of {proposal.chosen.compared} "
-            f"candidates is {_errors(farther(proposal.chosen.best, pair))}."
+            f"candidates is {_errors(pair_distance(proposal.chosen.best, pair))}."
         )
         sentences += [_cure(cure) for cure in cures] or ["Neither three times the gain nor another displacement sensor would."]
     return sentences
@@ -140,10 +140,10 @@ def _cure(cure: Remedy) -> str:
         sensor = f"a displacement sensor across the {place} with a resolution of {1e6 * PROPOSALS.sensor_resolution:g} µm"
         if cure.channel.startswith(SECOND):
             sensor = f"a second accelerometer on the {place}, {1e3 * PROPOSALS.second_sensor_height:g} mm above the first"
-        return f"With {sensor}, {apart} in an allowed run: {described(cure.prospect.run)}."
+        return f"With {sensor}, {apart} in an allowed run: {run_words(cure.prospect.run)}."
     stroke = max(cure.peaks.stroke.items(), key=lambda item: item[1]) if cure.peaks is not None and cure.peaks.stroke else None
     needs = "" if stroke is None else f", which deflects the {stroke[0]} by up to {1e3 * stroke[1]:.3g} mm"
-    return f"Beyond the limits, {apart}: {described(cure.prospect.run)}{needs}."
+    return f"Beyond the limits, {apart}: {run_words(cure.prospect.run)}{needs}."
 
 
 def twins(rivals: Rivals) -> list[str]:

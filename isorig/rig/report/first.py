@@ -16,9 +16,8 @@ from isorig.rig.report.misfit import Named, Simulated, second_chart, worst_secon
 from isorig.rig.report.page import AnsweredQuestion, First, Section
 from isorig.rig.report.sections import HOLD_OUT, channels_table, words
 from isorig.rig.report.sketch import sketch
-from isorig.rig.wire_bonder.design_study import BOND
+from isorig.rig.wire_bonder.design_study import BOND, bonding
 from isorig.rig.wire_bonder.isolation import Compared
-from isorig.rig.wire_bonder.move_isolation import move_within, on_move
 
 #: Name in a recording for the required isolation of the heatblock, as a share of its vibration.
 WISH = "wished_isolation"
@@ -89,8 +88,7 @@ def _bonded(campaign: Campaign, found: Characterization) -> list[str]:
     # The isolation during a move differs from that in a band of noise: friction matters less for larger accelerations.
     if campaign.description is not None:
         return []
-    move = move_within(BOND.distance, BOND.seconds)
-    free, held = (on_move(found.fit.model, move, tolerance=BOND.tolerance, configuration=c) for c in ("unlocked", "locked"))
+    held, free = bonding(found.fit.model, BOND).values()
     return [
         f"During a move of {1e3 * BOND.distance:g} mm in {1e3 * BOND.seconds:g} ms the fitted model isolates "
         f"{_percent(1.0 - free.largest / held.largest)}: the heatblock moves {1e6 * free.largest:.2g} µm relative to the table; "

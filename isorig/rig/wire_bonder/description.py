@@ -73,23 +73,23 @@ def wire_bonder(values: Mapping[str, float] = THESIS, *, friction: bool = True) 
     )
 
 
-def one_mass(*, friction: float = 20.0, mass: float = 15.0) -> RigModel:
+def one_mass(*, friction: float = 20.0) -> RigModel:
     """The thesis's first step (Fig. 6-8): 5 Hz and 0.25 with friction to ground; the mass of 15 kg is from the next step."""
-    return _early("one mass", {"motor": (mass, 5.0, 0.25)}, friction)
+    return _early("one mass", {"motor": (15.0, 5.0, 0.25)}, friction)
 
 
-def two_mass(*, friction: float = 20.0) -> RigModel:
+def two_mass() -> RigModel:
     """The thesis's second step (Fig. 9-10): 300 kg at 10 Hz and 0.25 to ground, on it 15 kg at 5 Hz and 0.25 with friction."""
-    return _early("two masses", {"table": (300.0, 10.0, 0.25), "motor": (15.0, 5.0, 0.25)}, friction)
+    return _early("two masses", {"table": (300.0, 10.0, 0.25), "motor": (15.0, 5.0, 0.25)})
 
 
-def three_mass(*, friction: float = 20.0) -> RigModel:
+def three_mass() -> RigModel:
     """The thesis's third step (Fig. 11-13): as `two_mass`, and a heatblock of 15 kg at 166 Hz and 0.05 on the table."""
     bodies = {"table": (300.0, 10.0, 0.25), "heatblock": (15.0, 166.0, 0.05), "motor": (15.0, 5.0, 0.25)}
-    return _early("three masses", bodies, friction)
+    return _early("three masses", bodies)
 
 
-def _early(name: str, bodies: Mapping[str, tuple[float, float, float]], friction: float) -> RigModel:
+def _early(name: str, bodies: Mapping[str, tuple[float, float, float]], friction: float = 20.0) -> RigModel:
     return _mounted(
         name, bodies, friction,
         drive=Drive(channel="force", factor=1.0, pushes={"motor": 1.0}, quantity="force"),
@@ -111,15 +111,10 @@ def _mounted(
     if friction is not None:
         contacts = (Contact(name="isolation", a="motor", b=base["motor"], law=Coulomb(friction_force=friction)),)
     return RigModel(
-        name=name,
-        bodies=tuple(Body(name=body, mass=mass) for body, (mass, _, _) in bodies.items()),
-        links=links,
-        contacts=contacts,
-        drive=drive,
-        sensors=sensors,
+        name=name, bodies=tuple(Body(name=body, mass=mass) for body, (mass, _, _) in bodies.items()), links=links,
+        contacts=contacts, drive=drive, sensors=sensors, free=free,
         configurations={"unlocked": Configuration(), "locked": Configuration(rigid=("isolation",))},
-        free=free,
-    )
+    )  # fmt: skip
 
 
 #: The built-in rigs by their names in commands.

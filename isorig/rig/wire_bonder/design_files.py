@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.campaign import FloatArray
 from isorig.rig.files.output import write_csv, write_json
 from isorig.rig.frf.figures import Figure, gridded, save
 from isorig.rig.virtual.levels import MOVE_RATE
 from isorig.rig.wire_bonder.design_study import ISOLATED, BondPlan, Designed, DesignPlan
 from isorig.rig.wire_bonder.figures import isolation_figure
-from isorig.rig.wire_bonder.move_isolation import MoveIsolation, move_within, on_move
+from isorig.rig.wire_bonder.move_isolation import MoveIsolation, MoveResponse
 from isorig.rig.wire_bonder.parameters import RigValues
 
 #: Milliseconds of the bond's move that are shown, from its start.
@@ -29,20 +29,20 @@ def write_design(folder: Path, plan: DesignPlan, values: RigValues, found: Desig
             columns[f"stroke_{_plain(name)}_std_m"] = study.draws.std(axis=0, ddof=1)
     write_csv(folder / "strokes.csv", columns)
     times = {"time_s": np.arange(len(found.head)) / MOVE_RATE, "head_m_s2": found.head}
-    for name, bodies in found.histories.items():
-        times |= {f"{_plain(name)}_{body}_m": positions for body, positions in bodies.items()}
+    moves: dict[str, FloatArray] = {}
+    for name, case in found.cases.items():
+        times |= {f"{_plain(name)}_{body}_m": positions for body, positions in case.histories.items()}
+        moves |= {
+            "acceleration_m_s2": case.levels.acceleration, f"isolated_{_plain(name)}": case.levels.isolation,
+            f"largest_{_plain(name)}_m": case.levels.unlocked, f"settling_{_plain(name)}_s": case.levels.settling,
+        }  # fmt: skip
     write_csv(folder / "histories.csv", times)
-    levels = {"acceleration_m_s2": next(iter(found.levels.values())).acceleration}
-    for name, item in found.levels.items():
-        levels[f"isolated_{_plain(name)}"] = item.isolation
-        levels[f"largest_{_plain(name)}_m"] = np.array([r.largest for r in item.unlocked])
-        levels[f"settling_{_plain(name)}_s"] = np.array([r.settling for r in item.unlocked])
-    write_csv(folder / "moves.csv", levels)
-    save(level_figure(found.levels), folder / "moves.png")
-    save(bond_figure(found.rigs, plan.bond), folder / "bond.png")
+    write_csv(folder / "moves.csv", moves)
+    save(level_figure({name: case.levels for name, case in found.cases.items()}), folder / "moves.png")
+    save(bond_figure({name: case.bond for name, case in found.cases.items()}, plan.bond), folder / "bond.png")
     save(stroke_figure(found), folder / "strokes.png")
     save(history_figure(found), folder / "histories.png")
-    save(isolation_figure(found.ratios, {}), folder / "ratio.png")
+    save(isolation_figure({name: case.ratio for name, case in found.cases.items()}, {}), folder / "ratio.png")
     if found.offsets:
         save(offset_figure(found), folder / "offset.png")
     bond = plan.bond
@@ -50,20 +50,16 @@ def write_design(folder: Path, plan: DesignPlan, values: RigValues, found: Desig
         "format": "rig-design", "format_version": 1, "limit_m": plan.limit, "safety_factor": plan.safety,
         "present_frequency_hz": found.present,
         "studies": {
-            name: {
-                "lowest_hz": _finite(s.lowest), "std_hz": s.std, "recommended_hz": _finite(s.recommended), "draws": len(s.draws),
-            }
+            name: {"lowest_hz": s.lowest, "std_hz": s.std, "recommended_hz": s.recommended, "draws": len(s.draws)}
             for name, s in found.studies.items()
         },
-        "median_ratio_5_to_15_hz": {
-            name: float(np.median(r.ratio[(r.frequency >= 5.0) & (r.frequency <= 15.0)])) for name, r in found.ratios.items()
-        },
+        "median_ratio_5_to_15_hz": {name: case.median_ratio for name, case in found.cases.items()},
         "assumed": list(values.assumed), "notes": values.remarks,
         "bond": {
             "distance_m": bond.distance, "seconds": bond.seconds, "tolerance_m": bond.tolerance,
             "cases": {
-                name: {"largest_m": r.largest, "settling_s": _finite(r.settling), "stroke_m": found.stroke(name)}
-                for name, r in found.bonds.items()
+                name: {"largest_m": r.largest, "settling_s": r.settling, "stroke_m": case.stroke}
+                for name, case in found.cases.items() for r in (case.bond["unlocked"],)
             },
         },
         "drive_offsets": [
@@ -73,7 +69,8 @@ def write_design(folder: Path, plan: DesignPlan, values: RigValues, found: Desig
     }  # fmt: skip
     write_json(folder / "design.json", content)
     said = []
-    for name, response in found.bonds.items():
+    for name, case in found.cases.items():
+        response = case.bond["unlocked"]
         still = "does not settle" if np.isnan(response.settling) else f"settles {1e3 * response.settling:.0f} ms after the move"
         said.append(
             f"{name}: in a move of {1e3 * bond.distance:g} mm in {1e3 * bond.seconds:g} ms the heatblock moves "
@@ -91,10 +88,6 @@ def write_design(folder: Path, plan: DesignPlan, values: RigValues, found: Desig
 def _plain(name: str) -> str:
     # The name of a case as a column name.
     return name.replace(",", "").replace(" ", "_")
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
 
 
 def stroke_figure(designed: Designed) -> Figure:
@@ -118,10 +111,10 @@ def stroke_figure(designed: Designed) -> Figure:
 
 def history_figure(designed: Designed) -> Figure:
     """Displacement of all bodies over time for each case."""
-    figure = Figure(figsize=(9.0, 3.0 * len(designed.histories) + 1.0), layout="constrained")
-    axes = figure.subplots(len(designed.histories), 1, sharex=True, squeeze=False)[:, 0]
-    for axis, (name, bodies) in zip(axes, designed.histories.items(), strict=True):
-        for body, values in bodies.items():
+    figure = Figure(figsize=(9.0, 3.0 * len(designed.cases) + 1.0), layout="constrained")
+    axes = figure.subplots(len(designed.cases), 1, sharex=True, squeeze=False)[:, 0]
+    for axis, (name, case) in zip(axes, designed.cases.items(), strict=True):
+        for body, values in case.histories.items():
             # The heatblock moves with the table, so its line is dashed and on top.
             dash = "--" if body == "heatblock" else "-"
             axis.plot(np.arange(len(values)) / MOVE_RATE, 1e3 * values, dash, lw=1.0, label=body)
@@ -148,30 +141,26 @@ def level_figure(by_case: Mapping[str, MoveIsolation]) -> Figure:
     share, size = figure.subplots(2, 1, sharex=True)
     for name, item in by_case.items():
         (line,) = share.plot(item.acceleration, 100.0 * item.isolation, "o-", ms=3, lw=1.1, label=name)
-        unlocked = [1e6 * r.largest for r in item.unlocked]
-        size.plot(item.acceleration, unlocked, "o-", ms=3, lw=1.1, color=line.get_color(), label=f"unlocked, {name}")
+        size.plot(item.acceleration, 1e6 * item.unlocked, "o-", ms=3, lw=1.1, color=line.get_color(), label=f"unlocked, {name}")
     any_ = next(iter(by_case.values()))
-    size.plot(any_.acceleration, [1e6 * r.largest for r in any_.locked], "k--", lw=1.1, label="locked")
+    size.plot(any_.acceleration, 1e6 * any_.locked, "k--", lw=1.1, label="locked")
     size.axhline(1e6 * any_.tolerance, color="tab:red", lw=1.0, label=f"the bond's ±{1e6 * any_.tolerance:g} µm")
     share.set(ylabel="isolation during a move, %", title="Heatblock relative to the table, unlocked compared with locked")
     size.set(
-        yscale="log",
-        ylabel="heatblock relative to table, largest, µm",
-        xlabel="peak of the head's acceleration, m/s²",
+        yscale="log", ylabel="heatblock relative to table, largest, µm", xlabel="peak of the head's acceleration, m/s²",
         xscale="log",
-    )
+    )  # fmt: skip
     share.legend(fontsize=8)
     size.legend(fontsize=8)
     return gridded(figure)
 
 
-def bond_figure(rigs: Mapping[str, RigModel], bond: BondPlan) -> Figure:
+def bond_figure(by_case: Mapping[str, Mapping[str, MoveResponse]], bond: BondPlan) -> Figure:
     """The heatblock relative to the table during the bond's move, locked and unlocked, with tolerance and settling time."""
-    figure = Figure(figsize=(9.0, 3.2 * len(rigs) + 0.6), layout="constrained")
-    move = move_within(bond.distance, bond.seconds)
-    for axis, (name, rig) in zip(figure.subplots(len(rigs), 1, sharex=True, squeeze=False)[:, 0], rigs.items(), strict=True):
-        for configuration, colour in (("locked", "0.4"), ("unlocked", "tab:blue")):
-            seen = on_move(rig, move, tolerance=bond.tolerance, configuration=configuration)
+    figure = Figure(figsize=(9.0, 3.2 * len(by_case) + 0.6), layout="constrained")
+    axes = figure.subplots(len(by_case), 1, sharex=True, squeeze=False)[:, 0]
+    for axis, (name, responses) in zip(axes, by_case.items(), strict=True):
+        for (configuration, seen), colour in zip(responses.items(), ("0.4", "tab:blue"), strict=True):
             kept = 1e3 * seen.time < SHOWN
             settled = f"settled {1e3 * seen.settling:.0f} ms after the move" if np.isfinite(seen.settling) else "does not settle"
             axis.plot(1e3 * seen.time[kept], 1e6 * seen.motion[kept], lw=1.0, color=colour, label=f"{configuration}: {settled}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import msgspec
@@ -19,7 +19,7 @@ from isorig.analysis.simulate.move_profile import Move, head_acceleration
 from isorig.rig.errors import PlanError
 from isorig.rig.files.tomlfile import read_toml
 from isorig.rig.virtual.levels import MOVE_RATE
-from isorig.rig.wire_bonder.move_isolation import MoveIsolation, MoveResponse, isolation_by_level, move_within, on_move
+from isorig.rig.wire_bonder.move_isolation import MoveIsolation, MoveResponse, isolation_by_level, move_within, response_to_move
 from isorig.rig.wire_bonder.parameters import RigValues
 from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 from isorig.rig.wire_bonder.stroke import StrokeStudy, frictionless, histories, linear_ratio, rocking, stroke_study
@@ -111,43 +111,44 @@ class DriveOffset:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Designed:
-    """The study's results.
+class DesignCase:
+    """One of the compared rigs: the displacement of each body during the moves, m, shape (n,), and the isolation ratio, estimated
+    from simulated runs as in a lab.
 
-    Parameters
-    ----------
-    studies
-        Stroke over frequency "without friction" and "with friction".
-    head
-        The drive, m/s^2 at `MOVE_RATE`, and `histories` of all bodies by case, m.
-    ratios
-        Isolation ratio by case, estimated from simulated runs as in a lab.
-    offsets
-        Effect of the drive's offset from the centre of gravity, by offset in m.
-    rigs
-        The rig of each case.
-    bonds
-        The heatblock relative to the table during the bond's move, by case.
-    levels
-        Isolation during moves of the bond's distance over their acceleration, by case.
-    present
-        Isolation frequency of the present design, Hz.
+    `bond` is the heatblock relative to the table during the bond's move, by configuration; `levels` is the isolation during moves
+    of the bond's distance over their acceleration.
+    """
+
+    rig: RigModel
+    histories: Mapping[str, FloatArray]
+    ratio: IsolationRatio
+    bond: Mapping[str, MoveResponse]
+    levels: MoveIsolation
+
+    @property
+    def stroke(self) -> float:
+        """Largest displacement of the motor relative to the table during the moves, m."""
+        return stroke_of(self.histories)
+
+    @property
+    def median_ratio(self) -> float:
+        """Median of the isolation ratio from 5 to 15 Hz."""
+        return float(np.median(self.ratio.ratio[(self.ratio.frequency >= 5.0) & (self.ratio.frequency <= 15.0)]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Designed:
+    """The study's results: stroke over frequency "without friction" and "with friction", and the compared rigs by name.
+
+    `head` is the drive, m/s^2 at `MOVE_RATE`, shape (n,); `offsets` are the effects of its offset from the centre of gravity, by
+    offset in m; `present` is the isolation frequency of the present design, Hz.
     """
 
     studies: Mapping[str, StrokeStudy]
     head: FloatArray
-    histories: Mapping[str, Mapping[str, FloatArray]]
-    ratios: Mapping[str, IsolationRatio]
+    cases: Mapping[str, DesignCase]
     offsets: Mapping[float, DriveOffset]
-    rigs: Mapping[str, RigModel]
-    bonds: Mapping[str, MoveResponse]
-    levels: Mapping[str, MoveIsolation]
     present: float
-
-    def stroke(self, case: str) -> float:
-        """Largest displacement of the motor relative to the table during the moves in a case, m."""
-        bodies = self.histories[case]
-        return float(np.abs(bodies["motor"] - bodies["table"]).max())
 
 
 def read_design(path: Path) -> DesignPlan:
@@ -160,8 +161,7 @@ def read_design(path: Path) -> DesignPlan:
         )
     if plan.shown is not None and not low <= plan.shown <= high:
         raise PlanError(f"{path}: shown is {plan.shown:g} Hz; give a frequency within the tried range, {low:g} to {high:g} Hz")
-    bond = plan.bond
-    for name, value in {"distance": bond.distance, "seconds": bond.seconds, "tolerance": bond.tolerance}.items():
+    for name, value in msgspec.structs.asdict(plan.bond).items():
         if not 0.0 < value < math.inf:
             raise PlanError(f"{path}: bond.{name} is {value:g}; give a finite value above zero")
     if plan.head is not None and not (0.0 < plan.head.mass < math.inf and 0.0 <= plan.head.std < plan.head.mass):
@@ -171,8 +171,13 @@ def read_design(path: Path) -> DesignPlan:
 
 
 def with_head(values: RigValues, plan: DesignPlan) -> RigValues:
-    """The parameters with the head of the plan, if it gives one."""
-    return values if plan.head is None else values.with_head(plan.head.mass, plan.head.std)
+    """The parameters with the head of the plan, if it gives one; its mass then does not count as assumed."""
+    if plan.head is None:
+        return values
+    return replace(
+        values, values={**values.values, "head_mass": plan.head.mass}, stds={**values.stds, "head_mass": plan.head.std},
+        assumed=tuple(name for name in values.assumed if name != "head_mass"),
+    )  # fmt: skip
 
 
 def designed(
@@ -206,24 +211,35 @@ def designed(
         for name, models in (("without friction", free), ("with friction", rigs))
     }
     present = uncoupled_frequency(rig, "isolation")
-    cases = {f"present, {present:.2f} Hz with friction": rig}
+    compared = {f"present, {present:.2f} Hz with friction": rig}
     chosen = plan.shown or studies["without friction"].recommended
     if math.isfinite(chosen):
-        cases[f"{chosen:.2f} Hz with friction"] = isolated(rig, chosen)
-        cases[f"{chosen:.2f} Hz without friction"] = isolated(free[0], chosen)
-    ratios = {name: isolation_ratio(virtual_campaign(model, TAKES, noise=0.0, oversample=8)) for name, model in cases.items()}
-    last = list(cases.values())[-1]
-    bond = plan.bond
-    move = move_within(bond.distance, bond.seconds)
+        compared[f"{chosen:.2f} Hz with friction"] = isolated(rig, chosen)
+        compared[f"{chosen:.2f} Hz without friction"] = isolated(free[0], chosen)
+    last = list(compared.values())[-1]
     return Designed(
-        studies=studies, head=head, histories={name: histories(model, head, MOVE_RATE) for name, model in cases.items()},
-        ratios=ratios, offsets={o: _offset(last, o, head, rocking_frequency) for o in offsets}, rigs=cases,
-        bonds={name: on_move(model, move, tolerance=bond.tolerance) for name, model in cases.items()},
-        levels={
-            name: isolation_by_level(model, bond.distance, LEVELS, tolerance=bond.tolerance) for name, model in cases.items()
-        },
-        present=present,
+        studies=studies, head=head, cases={name: _case(model, plan.bond, head) for name, model in compared.items()},
+        offsets={o: _offset(last, o, head, rocking_frequency) for o in offsets}, present=present,
     )  # fmt: skip
+
+
+def _case(model: RigModel, bond: BondPlan, head: FloatArray) -> DesignCase:
+    return DesignCase(
+        rig=model, histories=histories(model, head, MOVE_RATE),
+        ratio=isolation_ratio(virtual_campaign(model, TAKES, noise=0.0, oversample=8)), bond=bonding(model, bond),
+        levels=isolation_by_level(model, bond.distance, LEVELS, tolerance=bond.tolerance),
+    )  # fmt: skip
+
+
+def bonding(model: RigModel, bond: BondPlan) -> dict[str, MoveResponse]:
+    """The heatblock relative to the table during the bond's move, locked and unlocked."""
+    move = move_within(bond.distance, bond.seconds)
+    return {c: response_to_move(model, move, tolerance=bond.tolerance, configuration=c) for c in ("locked", "unlocked")}
+
+
+def stroke_of(bodies: Mapping[str, FloatArray]) -> float:
+    """Largest displacement of the motor relative to the table, m, from those of all bodies, each of shape (n,)."""
+    return float(np.abs(bodies["motor"] - bodies["table"]).max())
 
 
 def _offset(model: RigModel, offset: float, head: FloatArray, frequency: float) -> DriveOffset:
@@ -235,6 +251,6 @@ def _offset(model: RigModel, offset: float, head: FloatArray, frequency: float) 
     ratio = linear_ratio(rocked, LINES)
     kept = (ISOLATED[0] <= LINES) & (ISOLATED[1] >= LINES)
     return DriveOffset(
-        rocking=float(np.abs(seen["rocking"]).max()), stroke=float(np.abs(seen["motor"] - seen["table"]).max()),
+        rocking=float(np.abs(seen["rocking"]).max()), stroke=stroke_of(seen),
         frequency=LINES, ratio=ratio, worst=float(np.max((ratio / linear_ratio(model, LINES))[kept])),
     )  # fmt: skip

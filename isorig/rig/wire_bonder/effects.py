@@ -97,20 +97,20 @@ def _hum(channel: str, amplitude: float, mains: float, draw: Draw) -> Wire:
     return hum
 
 
-def _foot(m: RigModel, runs: Amplitudes, size: float, draw: Draw) -> Hidden:
+def _foot(m: RigModel, motions: Amplitudes, size: float, draw: Draw) -> Hidden:
     """The table rubs on the floor."""
     rub = Contact(name="foot", a="table", b=GROUND, law=laws.Coulomb(friction_force=size * draw.uniform(3.0, 10.0)))
     return Hidden(model=msgspec.structs.replace(m, contacts=(*m.contacts, rub)), outside=(("friction_shape", "table"),))
 
 
-def _cable(m: RigModel, runs: Amplitudes, size: float, draw: Draw) -> Hidden:
+def _cable(m: RigModel, motions: Amplitudes, size: float, draw: Draw) -> Hidden:
     """A hose or cable connects the motor to the floor."""
     k = m.link("isolation").stiffness
     hose = Link(name="hose", a="motor", b=GROUND, stiffness=size * draw.uniform(0.2, 0.6) * k, damping=0.02 * k / 30.0)
     return Hidden(model=msgspec.structs.replace(m, links=(*m.links, hose)))
 
 
-def _wear(m: RigModel, runs: Amplitudes, size: float, draw: Draw) -> Hidden:
+def _wear(m: RigModel, motions: Amplitudes, size: float, draw: Draw) -> Hidden:
     """The friction differs from run to run."""
     levels = 1.0 + size * draw.uniform(-0.6, 0.6, 20)
 
@@ -121,17 +121,17 @@ def _wear(m: RigModel, runs: Amplitudes, size: float, draw: Draw) -> Hidden:
     return Hidden(model=m, outside=(("drift", "isolation"),), per_run=worn)
 
 
-def _bent_sensor(m: RigModel, runs: Amplitudes, size: float, draw: Draw) -> Hidden:
+def _bent_sensor(m: RigModel, motions: Amplitudes, size: float, draw: Draw) -> Hidden:
     """A sensor with a quadratic error."""
     channel, bend = str(draw.choice(CHANNELS[1:])), size * draw.uniform(0.15, 0.4)
 
     def bent(run: Run, records: dict[str, FloatArray]) -> dict[str, FloatArray]:
-        return {**records, channel: records[channel] + bend * records[channel] ** 2 / runs.peak[channel]}
+        return {**records, channel: records[channel] + bend * records[channel] ** 2 / motions.peak[channel]}
 
     return Hidden(model=m, outside=(("sensor", channel),), wire=bent)
 
 
-def _slow_sensor(m: RigModel, runs: Amplitudes, size: float, draw: Draw) -> Hidden:
+def _slow_sensor(m: RigModel, motions: Amplitudes, size: float, draw: Draw) -> Hidden:
     """A sensor whose high-pass corner frequency is too high."""
     from scipy.signal import butter, lfilter
 
@@ -144,7 +144,7 @@ def _slow_sensor(m: RigModel, runs: Amplitudes, size: float, draw: Draw) -> Hidd
     return Hidden(model=m, outside=(("sensor", channel),), wire=slow)
 
 
-def _loose_plug(m: RigModel, runs: Amplitudes, size: float, draw: Draw) -> Hidden:
+def _loose_plug(m: RigModel, motions: Amplitudes, size: float, draw: Draw) -> Hidden:
     """A connector that loses the signal now and then."""
     channel, seed = str(draw.choice(CHANNELS[1:])), int(draw.integers(2**31))
     share = size * draw.uniform(0.01, 0.04)
@@ -170,16 +170,16 @@ PAIRS = (
 )  # fmt: skip
 
 
-def drawing(seed: int, kind: str) -> Draw:
+def generator_of(seed: int, kind: str) -> Draw:
     """The random numbers of an effect: they follow from its name, so they stay the same when the catalogue grows."""
     return np.random.default_rng([seed, crc32(kind.encode())])
 
 
 def drawn_effect(kind: str, model: RigModel, size: float, draw: Draw) -> Hidden:
     """An effect of one of `KINDS`, or a pair of effects, added with random place and parameters; `size` 1 is full size."""
-    runs, hidden = amplitudes_of(model), Hidden(model=model)
+    motions, hidden = amplitudes_of(model), Hidden(model=model)
     for each in PAIRS[int(draw.integers(len(PAIRS)))] if kind == "two" else (kind,):
-        more = hide(each, hidden.model, runs, size, draw)
+        more = one_effect(each, hidden.model, motions, size, draw)
         parameters = {**hidden.parameters, **more.parameters}
         hidden = replace(more, truth=hidden.truth + more.truth, parameters=parameters, known=known_of(model))
     return hidden
@@ -195,27 +195,27 @@ def hidden_in(model: RigModel, kind: str | None, size: float, seed: int) -> Hidd
     if not 0.0 < size <= SIZE_MOST:
         raise RigError(f"the size of the effect is {size:g}; give one above 0 and up to {SIZE_MOST:g}, 1 is full size")
     try:
-        return drawn_effect(kind, model, size, drawing(seed, kind))
+        return drawn_effect(kind, model, size, generator_of(seed, kind))
     except (ModelError, KeyError):
         raise RigError(f"the rig {model.name!r} has no place for {kind!r}; effects are hidden in a wire bonder") from None
 
 
-def hide(kind: str, model: RigModel, runs: Amplitudes, size: float, draw: Draw) -> Hidden:
+def one_effect(kind: str, model: RigModel, motions: Amplitudes, size: float, draw: Draw) -> Hidden:
     """One effect added to a rig, its parameters scaled by the largest motions of the rig."""
     if kind == "none":
         return Hidden(model=model)
     if kind.startswith("outside: "):
-        return OUTSIDE[kind.removeprefix("outside: ")](model, runs, size, draw)
+        return OUTSIDE[kind.removeprefix("outside: ")](model, motions, size, draw)
     cause, sizes = CAUSES[kind], RandomSizes(draw)
     place = sizes.one_of(cause.supposed_places(model))
-    rig = cause.sized(model, runs, place, size, sizes)
+    rig = cause.sized(model, motions, place, size, sizes)
     return Hidden(
         model=rig.model, truth=((kind, place),), parameters=rig.parameters, known=known_of(model),
         wire=None if rig.hum is None else _hum(*rig.hum, draw),
     )  # fmt: skip
 
 
-def played(hidden: Hidden, takes: Sequence[VirtualRun], seed: int, noise: float = 1e-3) -> Campaign:
+def campaign_with(hidden: Hidden, takes: Sequence[VirtualRun], seed: int, noise: float = 1e-3) -> Campaign:
     """A session on a rig with a hidden effect; see `virtual_campaign`."""
     campaign = virtual_campaign(hidden.model, takes, seed=seed, noise=noise)
     runs = list(campaign.runs)

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 
-from isorig.analysis.isolation.ratio import IsolationRatio
+from isorig.analysis.isolation.ratio import MOSTLY_STUCK, IsolationRatio
 from isorig.analysis.wording import with_std
 from isorig.rig.frf.figures import DASHES, PER, Figure, banded, gridded
 from isorig.rig.wire_bonder.four_set_ups import ErrorSurface, SetUp
@@ -32,7 +32,7 @@ def isolation_figure(ratios: Mapping[str, IsolationRatio], stuck: Mapping[float,
     shown = next(iter(ratios.values()))
     for gain, share in stuck.items():
         lines = shown.frequency[shown.gain == gain]
-        if share > 0.5 and len(lines):
+        if share > MOSTLY_STUCK and len(lines):
             wide.axvspan(lines[0], lines[-1], color="0.9", zorder=0)
             text = f"gain {gain:g}: motor stuck {100 * share:.0f} % of the time"
             middle = np.sqrt(lines[0] * lines[-1]) if logarithmic else 0.5 * (lines[0] + lines[-1])

@@ -26,8 +26,12 @@ from isorig.rig.wire_bonder.description import LINKS, wire_bonder
 LINES, SEGMENTS = 12.0, 12.0
 #: Band for head to motor and head to table, relative to the expected frequencies of motor and table.
 LOW_BAND = (0.4, 1.7)
+#: Search range of a peak, and band of the heatblock's, relative to the expected frequency.
+AROUND = (0.75, 1.35)
 #: Points of the error surface in each direction, and redraws of the measured magnitudes for the uncertainty of its minimum.
 GRID, DRAWS = 41, 20
+
+Band = tuple[float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,20 +103,23 @@ class FourSetUps:
     refused: dict[str, str]
 
 
-def classic(campaign: Campaign, model: RigModel) -> FourSetUps:
+def evaluated_set_ups(campaign: Campaign, model: RigModel) -> FourSetUps:
     """Evaluate the thesis's four set-ups for a campaign of the wire bonder.
 
     Each set-up needs a run whose drive covers its band; the model has expected frequencies and the known masses.
     """
     guess = {body: uncoupled_frequency(model, link) for body, link in LINKS.items()}
     low = LOW_BAND[0] * guess["motor"], LOW_BAND[1] * guess["table"]
-    bands = {"heatblock": (0.75 * guess["heatblock"], 1.35 * guess["heatblock"]), "motor": low, "table": low}
+    bands = {"heatblock": (AROUND[0] * guess["heatblock"], AROUND[1] * guess["heatblock"]), "motor": low, "table": low}
+    # The band of one peak: halfway to its neighbour.
+    middle = float(np.sqrt(guess["motor"] * guess["table"]))
+    alone = {"heatblock": bands["heatblock"], "motor": (low[0], middle), "table": (middle, low[1])}
     set_ups: list[SetUp] = []
     refused: dict[str, str] = {}
     for name, band in bands.items():
         runs = broad(campaign.runs if name == "heatblock" else campaign.select(configuration="unlocked"))
         try:
-            set_ups.append(_read(name, _reaching(runs, band, name), band, guess))
+            set_ups.append(_read(name, _reaching(runs, band, name), band, alone[name], guess))
         except AnalysisError as error:
             refused[name] = str(error)
     surface = None
@@ -139,7 +146,7 @@ def rig_of_set_ups(read: FourSetUps, model: RigModel) -> RigModel:
     return model.replace(changes)
 
 
-def _reaching(runs: list[Run], band: tuple[float, float], name: str) -> list[Run]:
+def _reaching(runs: list[Run], band: Band, name: str) -> list[Run]:
     # The run with the strongest drive among those that cover the band.
     there = [run for run in runs if run.band is None or (run.band[0] <= band[0] and run.band[1] >= 0.95 * band[1])]
     if not there:
@@ -148,7 +155,7 @@ def _reaching(runs: list[Run], band: tuple[float, float], name: str) -> list[Run
     return [run for run in there if run.gain == hardest]
 
 
-def _read(name: str, runs: list[Run], band: tuple[float, float], guess: dict[str, float]) -> SetUp:
+def _read(name: str, runs: list[Run], band: Band, alone: Band, guess: dict[str, float]) -> SetUp:
     reference = "table" if name == "heatblock" else "head"
     seconds = max(run.duration for run in runs)
     rate = runs[0].sample_rate
@@ -162,7 +169,7 @@ def _read(name: str, runs: list[Run], band: tuple[float, float], guess: dict[str
     coarse = estimated(max(guess[name] / 100.0, SEGMENTS / seconds))
     width = _width(coarse, guess[name], band)
     frf = estimated(max(width / LINES, SEGMENTS / seconds))
-    found = half_power(frf, _around(guess, name, band))
+    found = half_power(frf, alone)
     fit, reason, mode, method = None, "", found.mode, "half-power"
     try:
         if name == "heatblock":
@@ -181,14 +188,8 @@ def _read(name: str, runs: list[Run], band: tuple[float, float], guess: dict[str
     return SetUp(name=name, frf=frf, band=band, half_power=found, fit=fit, refused=reason, mode=mode, method=method)
 
 
-def _around(guess: dict[str, float], name: str, band: tuple[float, float]) -> tuple[float, float]:
-    # The band of one peak: halfway to its neighbour.
-    middle = float(np.sqrt(guess["motor"] * guess["table"]))
-    return band if name == "heatblock" else (band[0], middle) if name == "motor" else (middle, band[1])
-
-
-def _width(frf: Frf, guess: float, band: tuple[float, float]) -> float:
-    near = (frf.frequency >= max(band[0], 0.75 * guess)) & (frf.frequency <= min(band[1], 1.35 * guess))
+def _width(frf: Frf, guess: float, band: Band) -> float:
+    near = (frf.frequency >= max(band[0], AROUND[0] * guess)) & (frf.frequency <= min(band[1], AROUND[1] * guess))
     size = np.abs(frf.value[near])
     if len(size) < 3:
         raise DataError(f"the records are too short to resolve {guess:.3g} Hz; measure longer")

@@ -14,10 +14,10 @@ from isorig.analysis.campaign import Campaign, broad
 from isorig.analysis.errors import AnalysisError, DataError
 from isorig.analysis.isolation.ratio import (
     ABOVE,
+    MOSTLY_STUCK,
     STITCH,
     Isolated,
     IsolationRatio,
-    Peaks,
     friction_bound,
     isolated_share,
     isolation_frequency,
@@ -32,7 +32,7 @@ from isorig.rig.files.output import write_csv, write_json
 from isorig.rig.files.rigfile import read_model
 from isorig.rig.model.baseline import baseline_model
 from isorig.rig.model.prediction import Model, measured_and_simulated
-from isorig.rig.wire_bonder.four_set_ups import classic, rig_of_set_ups
+from isorig.rig.wire_bonder.four_set_ups import evaluated_set_ups, rig_of_set_ups
 from isorig.rig.wire_bonder.parameters import CALLED, Method, read_rig_values
 from isorig.rig.wire_bonder.peak_offset import PeakOffset, peak_offset
 
@@ -73,8 +73,7 @@ def given_models(model: Path | None, parameters: Path | None, method: Method | N
     if parameters is None and method is not None:
         raise PlanError("--method needs a parameter table; give one with --parameters")
     if parameters is not None:
-        wanted: tuple[Method, ...] = ("joint", "half-power") if method is None else (method,)
-        for each in wanted:
+        for each in CALLED if method is None else (method,):
             try:
                 seed = read_rig_values(parameters, each)
             except PlanError as error:
@@ -108,7 +107,7 @@ def compared_isolation(
     refused = ""
     try:
         guess = baseline_model(whole)
-        rig = models[0].rig if models else rig_of_set_ups(classic(campaigns["measured"], guess), guess)
+        rig = models[0].rig if models else rig_of_set_ups(evaluated_set_ups(campaigns["measured"], guess), guess)
         # Where the highest gain measured in both configurations ends below, the ratio exists, but not the single number.
         with suppress(DataError):
             above = ABOVE * isolation_frequency(rig)
@@ -143,10 +142,10 @@ def isolation_sentences(compared: Compared) -> list[str]:
                 f"{above.gain:g} is {with_std(step, std)} of that at gain {below.gain:g}."
             )
     for gain, share in compared.stuck.items():
-        sentences.append(
-            f"At gain {gain:g} the simulated motor is stuck {100 * share:.0f} % of the time"
-            + ("; while stuck, the rig behaves like a locked one, which brings the ratio close to 1." if share > 0.5 else ".")
+        meaning = (
+            "; while stuck, the rig behaves like a locked one, which brings the ratio close to 1" if share > MOSTLY_STUCK else ""
         )
+        sentences.append(f"At gain {gain:g} the simulated motor is stuck {100 * share:.0f} % of the time{meaning}.")
     for name, peaks in ((name, r.peaks) for name, r in compared.ratios.items()):
         if np.isfinite(peaks.ratio):
             sentences.append(
@@ -165,6 +164,7 @@ def isolation_sentences(compared: Compared) -> list[str]:
 
 
 def _differences(measured: IsolationRatio, other: IsolationRatio, name: str) -> Iterator[str]:
+    by = "as simulated" if name == "simulated" else f"by the {name}" if name == CALLED["joint"] else f"by {name}"
     for low, high in ((0.0, 5.0), (5.0, 9.0), (9.0, 15.0), (15.0, np.inf)):
         kept = (measured.frequency >= low) & (measured.frequency < high)
         if not kept.any():
@@ -173,13 +173,9 @@ def _differences(measured: IsolationRatio, other: IsolationRatio, name: str) -> 
         top = f"{high:g}" if np.isfinite(high) else f"{measured.frequency[-1]:g}"
         if np.isfinite(off):
             yield (
-                f"From {max(low, measured.frequency[0]):g} to {top} Hz the ratio {_by(name)} differs from the measured one by "
+                f"From {max(low, measured.frequency[0]):g} to {top} Hz the ratio {by} differs from the measured one by "
                 f"{by_factor(off)} (median over frequency bins)."
             )
-
-
-def _by(name: str) -> str:
-    return "as simulated" if name == "simulated" else f"by the {name}" if name == CALLED["joint"] else f"by {name}"
 
 
 def write_isolation(folder: Path, found: Compared, notes: Sequence[str]) -> list[str]:
@@ -204,24 +200,21 @@ def write_isolation(folder: Path, found: Compared, notes: Sequence[str]) -> list
             name: {"share": one.share, "std": one.std, "band_hz": list(one.band), "gain": one.gain}
             for name, one in found.isolated.items()
         },
-        "peaks": {name: _peaks(ratio.peaks) for name, ratio in found.ratios.items()},
+        # Not available (null) if the drive does not excite them.
+        "peaks": {
+            name: {
+                "unlocked_hz": r.peaks.unlocked, "locked_hz": r.peaks.locked, "ratio": r.peaks.ratio, "ratio_std": r.peaks.std,
+                "ratio_by_line": r.peaks.by_line,
+            }
+            for name, r in found.ratios.items()
+        },
         "peak_offset": {name: _offset(offset) for name, offset in found.offsets.items()}, "text": said,
     }  # fmt: skip
     write_json(folder / "isolation.json", content)
     return said
 
 
-def _peaks(peaks: Peaks) -> dict[str, float | None]:
-    # None if the drive does not excite them.
-    named = {
-        "unlocked_hz": peaks.unlocked, "locked_hz": peaks.locked, "ratio": peaks.ratio, "ratio_std": peaks.std,
-        "ratio_by_line": peaks.by_line,
-    }  # fmt: skip
-    return {name: value if np.isfinite(value) else None for name, value in named.items()}
-
-
 def _offset(offset: PeakOffset) -> dict[str, Any]:
-    finite = np.isfinite(offset.slope)
     return {
         "gains": [
             {
@@ -231,6 +224,6 @@ def _offset(offset: PeakOffset) -> dict[str, Any]:
             }
             for pair in offset.pairs
         ],
-        "mass_loading_hz": offset.mass_loading, "slope_hz_per_gain": offset.slope if finite else None,
-        "slope_std_hz_per_gain": offset.slope_std if finite else None, "verdict": offset.verdict,
+        "mass_loading_hz": offset.mass_loading, "slope_hz_per_gain": offset.slope,
+        "slope_std_hz_per_gain": offset.slope_std, "verdict": offset.verdict,
     }  # fmt: skip

@@ -18,7 +18,6 @@ from isorig.analysis.errors import DataError
 from isorig.analysis.model.rig_model import RigModel, Sensor
 from isorig.analysis.simulate import Excitation, simulate
 from isorig.analysis.simulate.move_profile import Move, Shape, head_acceleration
-from isorig.rig.wire_bonder.stroke import lowest_inside
 
 #: Rest before the move, and time simulated after it, s: the heatblock's vibration has decayed by then.
 LEAD, WATCHED = 0.02, 1.0
@@ -43,20 +42,22 @@ class MoveResponse:
 
 @dataclass(frozen=True, kw_only=True)
 class MoveIsolation:
-    """Isolation over the peak of the head's acceleration in a move, m/s^2, shape (levels,), with the response at each.
+    """Isolation over the peak of the head's acceleration in a move, m/s^2, all of shape (levels,).
 
-    `tolerance` is that of the bond, m in either direction.
+    The heatblock's largest displacement relative to the table, unlocked and locked, m, and its settling unlocked, s; `tolerance`
+    is that of the bond, m in either direction.
     """
 
     acceleration: FloatArray
-    unlocked: tuple[MoveResponse, ...]
-    locked: tuple[MoveResponse, ...]
+    unlocked: FloatArray
+    locked: FloatArray
+    settling: FloatArray
     tolerance: float
 
     @property
     def isolation(self) -> FloatArray:
         """1 - largest unlocked / largest locked at each acceleration, shape (levels,)."""
-        return 1.0 - np.array([u.largest / k.largest for u, k in zip(self.unlocked, self.locked, strict=True)])
+        return 1.0 - self.unlocked / self.locked
 
 
 def move_within(distance: float, seconds: float, *, shape: Shape = "sine") -> Move:
@@ -68,7 +69,7 @@ def move_within(distance: float, seconds: float, *, shape: Shape = "sine") -> Mo
     return Move(distance=distance, acceleration=factor * abs(distance) / seconds**2, pause=0.0, shape=shape)
 
 
-def on_move(model: RigModel, move: Move, *, tolerance: float, configuration: str = "unlocked") -> MoveResponse:
+def response_to_move(model: RigModel, move: Move, *, tolerance: float, configuration: str = "unlocked") -> MoveResponse:
     """Simulate one move of the head from rest and evaluate the heatblock relative to the table.
 
     `tolerance` is that of the bond, m in either direction.
@@ -100,12 +101,10 @@ def isolation_by_level(
     if "locked" not in model.configurations:
         raise DataError(f"the rig {model.name!r} has no locked configuration to compare with; describe one")
     moves = [Move(distance=distance, acceleration=float(a), pause=0.0) for a in accelerations]
-    both = [tuple(on_move(model, move, tolerance=tolerance, configuration=c) for move in moves) for c in ("unlocked", "locked")]
-    return MoveIsolation(
-        acceleration=np.asarray(accelerations, dtype=np.float64), unlocked=both[0], locked=both[1], tolerance=tolerance
+    free, fixed = (
+        [response_to_move(model, move, tolerance=tolerance, configuration=c) for move in moves] for c in ("unlocked", "locked")
     )
-
-
-def level_for(levels: MoveIsolation, isolation: float) -> float:
-    """Lowest acceleration above which moves isolate at least this much, m/s^2, linearly interpolated; NaN if there is none."""
-    return lowest_inside(levels.acceleration, -levels.isolation, -isolation)
+    return MoveIsolation(
+        acceleration=np.asarray(accelerations, dtype=np.float64), unlocked=np.array([r.largest for r in free]),
+        locked=np.array([r.largest for r in fixed]), settling=np.array([r.settling for r in free]), tolerance=tolerance,
+    )  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -37,13 +37,6 @@ class RigValues:
     def model(self) -> RigModel:
         """The rig with these values."""
         return wire_bonder(self.values)
-
-    def with_head(self, mass: float, std: float) -> RigValues:
-        """The same with another head, whose mass (kg) then does not count as assumed."""
-        return replace(
-            self, values={**self.values, "head_mass": mass}, stds={**self.stds, "head_mass": std},
-            assumed=tuple(name for name in self.assumed if name != "head_mass"),
-        )  # fmt: skip
 
     def drawn(self, draws: int, seed: int) -> Iterator[RigModel]:
         """Rigs with values drawn independently from their standard uncertainties; none if there are no uncertainties."""
@@ -82,16 +75,15 @@ def read_rig_values(path: Path | None, method: Method = "joint") -> RigValues:
         raise PlanError(
             f"{path} is the parameter table of another rig than the wire bonder; give the model.json next to it with --model"
         )
-    values, stds = dict(THESIS), dict.fromkeys(THESIS, 0.0)
     found = dict(file.values)
     notes: list[str] = []
     if method == "half-power":
         found |= _half_power(file, path, notes)
-    for name, (value, std) in found.items():
-        if name in values:
-            values[name], stds[name] = value, std
-    assumed = tuple(name for name in THESIS if name not in found)
-    return RigValues(values=values, stds=stds, assumed=assumed, notes=tuple(notes), levels=file.levels)
+    known = {name: found.get(name, (assumed, 0.0)) for name, assumed in THESIS.items()}
+    return RigValues(
+        values={name: value for name, (value, _) in known.items()}, stds={name: std for name, (_, std) in known.items()},
+        assumed=tuple(name for name in THESIS if name not in found), notes=tuple(notes), levels=file.levels,
+    )  # fmt: skip
 
 
 def _half_power(file: ParameterFile, path: Path, notes: list[str]) -> dict[str, tuple[float, float]]:

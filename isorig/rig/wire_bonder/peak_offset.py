@@ -22,7 +22,7 @@ from isorig.analysis.spectra.welch import Frf, estimate
 AROUND = (0.85, 1.2)
 LINES, SEGMENTS = 8.0, 12.0
 #: A difference of this many standard deviations is significant.
-SURE = 3.0
+SIGNIFICANT = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,8 +144,8 @@ def _change(pairs: list[PeakPair]) -> tuple[float, float, tuple[float, float]]:
 def _verdict(pairs: list[PeakPair], loading: float, change: tuple[float, float]) -> str:
     best = min(pairs, key=lambda p: p.std)
     text = f"at gain {best.gain:g} the unlocked peak is at {best.offset:+.3f} ± {best.std:.3f} Hz relative to the locked one"
-    loads = [abs(p.offset - loading) <= SURE * p.std for p in pairs]
-    moves = len(pairs) > 1 and change[0] > SURE * change[1]
+    loads = [abs(p.offset - loading) <= SIGNIFICANT * p.std for p in pairs]
+    moves = len(pairs) > 1 and change[0] > SIGNIFICANT * change[1]
     if all(loads) and not moves:
         said = f"which agrees with mass loading alone ({loading:+.3f} Hz); no nonlinearity is needed"
     elif any(loads) and moves:
@@ -153,7 +153,7 @@ def _verdict(pairs: list[PeakPair], loading: float, change: tuple[float, float])
             f"mass loading predicts {loading:+.3f} Hz, and the offset changes by {change[0]:.3f} ± {change[1]:.3f} Hz with the "
             "gain: the data support both, mass loading at one gain and a nonlinearity that removes it at another"
         )
-    elif abs(best.offset) <= SURE * best.std:
+    elif abs(best.offset) <= SIGNIFICANT * best.std:
         said = (
             f"so there is no mass loading ({loading:+.3f} Hz): the unlocked motor moves with the table like the locked one, "
             "held by friction, which is a nonlinearity and not an effect of mass"

@@ -21,7 +21,7 @@ from isorig.rig.report.misfit import misfit_charts, simulated, time_charts
 from isorig.rig.report.page import Report, Section, Table, build_report
 from isorig.rig.report.sections import number, provenance_section, words
 from isorig.rig.wire_bonder.figures import set_ups_figure, surface_figure
-from isorig.rig.wire_bonder.four_set_ups import ErrorSurface, FourSetUps, SetUp, classic
+from isorig.rig.wire_bonder.four_set_ups import ErrorSurface, FourSetUps, SetUp, evaluated_set_ups
 
 JOINT: tuple[str, Role] = ("joint fit", "simulated")
 BIASED = (
@@ -42,8 +42,8 @@ EXACT = (
 
 
 def write_set_ups(folder: Path, campaign: Campaign, found: Characterization) -> FourSetUps:
-    """Write fits.html, set-ups.png and error-surface.png; the classic readings."""
-    read = classic(without(campaign, found.faults, ("head", "motor", "table", "heatblock")), baseline_model(campaign))
+    """Write fits.html, set-ups.png and error-surface.png; the evaluated set-ups."""
+    read = evaluated_set_ups(without(campaign, found.faults, ("head", "motor", "table", "heatblock")), baseline_model(campaign))
     if read.set_ups:
         save(set_ups_figure(read.set_ups), folder / "set-ups.png")
     if read.surface is not None:
@@ -52,8 +52,8 @@ def write_set_ups(folder: Path, campaign: Campaign, found: Characterization) -> 
     return read
 
 
-def about(read: FourSetUps) -> dict[str, Any]:
-    """The classic readings as plain values, by the names of the parameter table."""
+def set_ups_content(read: FourSetUps) -> dict[str, Any]:
+    """The evaluated set-ups as plain values, by the names of the parameter table."""
     rows: dict[str, Any] = {}
     for item in read.set_ups:
         half = item.half_power
@@ -65,20 +65,15 @@ def about(read: FourSetUps) -> dict[str, Any]:
     if read.surface is not None:
         mass, damping, error = read.surface.best
         rows["error_surface"] = {
-            "table_mass": _pair(mass, read.surface.std[0]), "table_damping": _pair(damping, read.surface.std[1]),
-            "mean_relative_error": error,
+            "table_mass": {"value": mass, "std": read.surface.std[0]},
+            "table_damping": {"value": damping, "std": read.surface.std[1]}, "mean_relative_error": error,
         }  # fmt: skip
     return {**rows, "refused": read.refused}
 
 
-def _pair(value: float | None, std: float | None) -> dict[str, float | None]:
-    return {"value": value, "std": std}
-
-
 def _of_mode(mode: Mode | None) -> dict[str, Any]:
-    if mode is None:
-        return {"frequency_hz": _pair(None, None), "damping": _pair(None, None)}
-    return {"frequency_hz": _pair(mode.frequency, mode.frequency_std), "damping": _pair(mode.damping, mode.damping_std)}
+    names = {"frequency_hz": "frequency", "damping": "damping"}
+    return {key: {"value": getattr(mode, name, None), "std": getattr(mode, f"{name}_std", None)} for key, name in names.items()}
 
 
 def _page(campaign: Campaign, found: Characterization, read: FourSetUps) -> str:
@@ -191,14 +186,15 @@ def _surface_section(surface: ErrorSurface) -> Section:
                 ChartTrace(name="simulated", x=surface.frequency, y=surface.simulated, role="simulated"),
             ],
         ),
-        Chart(
-            name="error-over-mass", caption="The error over the table's mass, at the best damping.", x_label="table mass, kg",
-            panels=[Panel(label="mean relative error")], traces=[ChartTrace(name="error", x=surface.mass, y=surface.error[row])],
-        ),
-        Chart(
-            name="error-over-damping", caption="The error over the table's damping, at the best mass.", x_label="damping ratio",
-            panels=[Panel(label="mean relative error")],
-            traces=[ChartTrace(name="error", x=surface.damping, y=surface.error[:, column])],
+        *(
+            Chart(
+                name=f"error-over-{one}", caption=f"The error over the table's {one}, at the best {other}.", x_label=label,
+                panels=[Panel(label="mean relative error")], traces=[ChartTrace(name="error", x=x, y=y)],
+            )
+            for one, other, label, x, y in (
+                ("mass", "damping", "table mass, kg", surface.mass, surface.error[row]),
+                ("damping", "mass", "damping ratio", surface.damping, surface.error[:, column]),
+            )
         ),
     ]  # fmt: skip
     return Section(title="Effective table: error surface", text=[text], charts=charts)

@@ -135,11 +135,7 @@ def rocking(model: RigModel, offset: float, *, frequency: float, bearing_height:
     }
     pushes = {**model.drive.pushes, "rocking": offset * model.drive.pushes[name]}
     return msgspec.structs.replace(
-        model,
-        bodies=(*model.bodies, Body(name="rocking", mass=inertia)),
+        model, bodies=(*model.bodies, Body(name="rocking", mass=inertia)), configurations=configurations, free=(),
         links=(*exchange(model.links, "isolation", arms=arms), bearing),
-        contacts=exchange(model.contacts, "isolation", arms=arms),
-        drive=msgspec.structs.replace(model.drive, pushes=pushes),
-        configurations=configurations,
-        free=(),
-    )
+        contacts=exchange(model.contacts, "isolation", arms=arms), drive=msgspec.structs.replace(model.drive, pushes=pushes),
+    )  # fmt: skip

@@ -11,7 +11,7 @@ from isorig.analysis.equations.ranking import Explanation, Ranking
 from isorig.analysis.equations.system import HOLDS
 from isorig.rig.model.baseline import baseline_model
 from isorig.rig.wire_bonder.description import wire_bonder
-from isorig.rig.wire_bonder.effects import hidden_in, played
+from isorig.rig.wire_bonder.effects import campaign_with, hidden_in
 from isorig.rig.wire_bonder.session import VirtualRun
 
 RUN = (VirtualRun(id="u70", configuration="unlocked", gain=70.0, seconds=25.0, start=0.0),)
@@ -63,7 +63,7 @@ def test_an_equation_holds_below_the_limit() -> None:
 @pytest.mark.parametrize(("kind", "expected"), [("hardening_stiffness", ("spring_shape", "isolation")), (None, ("", ""))])
 def test_seconds_of_a_run_show_place_and_kind(kind: str | None, expected: tuple[str, str]) -> None:
     """A hardening isolation in 25 seconds of one run; the sound rig's equations hold there."""
-    campaign = played(hidden_in(wire_bonder(), kind, 1.0, seed=3), RUN, seed=3)
+    campaign = campaign_with(hidden_in(wire_bonder(), kind, 1.0, seed=3), RUN, seed=3)
     answer = early_answer(campaign, baseline_model(campaign))
     assert answer is not None
     assert (answer.kind, answer.place) == expected
@@ -73,7 +73,7 @@ def test_seconds_of_a_run_show_place_and_kind(kind: str | None, expected: tuple[
 @pytest.mark.parametrize(("score", "named"), [(CLEAR, True), (CLEAR - 0.01, False)])
 def test_a_cause_needs_a_clear_score(score: float, named: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """A resonator on the heatblock of a rig that mostly sticks once looked like its friction, with a score of 0.38."""
-    campaign = played(hidden_in(wire_bonder(), None, 1.0, seed=3), RUN, seed=3)
+    campaign = campaign_with(hidden_in(wire_bonder(), None, 1.0, seed=3), RUN, seed=3)
     best = Explanation(kind="sensor", place="table", what="gain", score=score, residuals={}, values={})
     monkeypatch.setattr(early_answer_module, "ranking", lambda _: Ranking(residuals=BROKEN, explanations=(best,)))
     answer = early_answer(campaign, baseline_model(campaign))
@@ -82,6 +82,6 @@ def test_a_cause_needs_a_clear_score(score: float, named: bool, monkeypatch: pyt
 
 
 def test_a_rig_whose_sensors_support_no_equation_has_no_answer() -> None:
-    campaign = played(hidden_in(wire_bonder(), None, 1.0, seed=3), RUN, seed=3)
+    campaign = campaign_with(hidden_in(wire_bonder(), None, 1.0, seed=3), RUN, seed=3)
     blind = msgspec.structs.replace(baseline_model(campaign), sensors=baseline_model(campaign).sensors[:1])
     assert early_answer(campaign, blind) is None

@@ -27,7 +27,7 @@ from isorig.analysis.fitting.solve import Free
 from isorig.analysis.laws import QuadraticDamping
 from isorig.analysis.model.rig_model import RigModel
 from isorig.rig.wire_bonder.description import wire_bonder
-from isorig.rig.wire_bonder.effects import KINDS, OUTSIDE, PAIRS, drawing, hidden_in
+from isorig.rig.wire_bonder.effects import KINDS, OUTSIDE, PAIRS, generator_of, hidden_in
 
 T = TypeVar("T")
 ROOT = Path(__file__).parents[3]
@@ -113,7 +113,9 @@ def not_beyond_the_smallest(cause: Cause, model: RigModel, place: str, smallest:
     once, twice = (cause.sized(model, EVIDENCE, place, size * SMALLEST, WeakestSizes()).parameters for size in (1.0, 2.0))
     towards = {name: np.sign(twice[name] - once[name]) for name in once if twice[name] != once[name]}
     assert towards, "a cause has a parameter that grows or decreases with its size"
-    hidden = [cause.sized(model, EVIDENCE, place, SMALLEST, DrawnSizes(drawing(seed, "any"))).parameters for seed in range(9)]
+    hidden = [
+        cause.sized(model, EVIDENCE, place, SMALLEST, DrawnSizes(generator_of(seed, "any"))).parameters for seed in range(9)
+    ]
     assert all(set(one) == set(smallest.parameters) for one in hidden)
     return [name for name, sign in towards.items() if any(sign * (one[name] - smallest.parameters[name]) < 0.0 for one in hidden)]
 
@@ -153,9 +155,9 @@ def test_a_size_of_any_name_is_compared(number: Callable[[Sizes], float], found:
 
 def test_an_effects_random_numbers_follow_from_its_name() -> None:
     """A new cause must not change what a seed hides under the others' names: these are the numbers that the names give."""
-    assert drawing(3, "end_stop").uniform() == pytest.approx(0.158149683)
-    assert drawing(3, "quadratic_damping").uniform() == pytest.approx(0.095356169)
-    assert len({drawing(3, kind).uniform() for kind in KINDS}) == len(KINDS)
+    assert generator_of(3, "end_stop").uniform() == pytest.approx(0.158149683)
+    assert generator_of(3, "quadratic_damping").uniform() == pytest.approx(0.095356169)
+    assert len({generator_of(3, kind).uniform() for kind in KINDS}) == len(KINDS)
 
 
 def test_every_kind_of_effect_can_be_hidden() -> None:

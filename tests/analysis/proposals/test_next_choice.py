@@ -17,11 +17,11 @@ from isorig.analysis.model.linear import transfer
 from isorig.analysis.model.rig_model import Body, Link
 from isorig.analysis.proposals.choice import Comparison, Question, choose, distinguishing_probability
 from isorig.analysis.proposals.hypotheses import hypotheses
-from isorig.analysis.proposals.limits import LargestMotions, largest, peaks_of, reached_so_far, simulated_peaks
-from isorig.analysis.proposals.menu import CandidateRun, covers, menu, rest
+from isorig.analysis.proposals.limits import LargestMotions, largest_of, peaks_of, reached_so_far, simulated_peaks
+from isorig.analysis.proposals.menu import CandidateRun, candidate_runs, covers_all_modes, run_at_rest
 from isorig.analysis.proposals.policy import POLICY
-from isorig.analysis.proposals.precision import KnownPrecision, design, figure_of, std_of
-from isorig.analysis.proposals.prediction import Predicted, Prospect, distance, drawn_models, left, refit
+from isorig.analysis.proposals.precision import KnownPrecision, parameter_by_name, runs_for_uncertainty, std_of_parameter
+from isorig.analysis.proposals.prediction import Predicted, Prospect, distance, drawn_models, refit, remaining_distance
 from isorig.analysis.simulate import Excitation, simulate
 from isorig.analysis.simulate.excitation import sine, steps, sweep
 from isorig.analysis.simulate.natural import natural_modes
@@ -95,10 +95,10 @@ def test_existing_runs_constrain_the_rival() -> None:
     alone = distance(rival.free, [moments["strong"]], [True])
     held = distance(rival.free, [moments["weak"], moments["strong"]], [False, True])
     assert held > 1.001 * alone
-    assert left(moments["strong"], np.zeros(2)).max() >= held
+    assert remaining_distance(moments["strong"], np.zeros(2)).max() >= held
     # Of several counted runs the one that distinguishes best counts.
     step = refit(rival.free, [moments["weak"], moments["strong"]])
-    assert left(moments["weak"], step).max() < held
+    assert remaining_distance(moments["weak"], step).max() < held
     assert distance(rival.free, [moments["weak"], moments["strong"]], [True, True]) == held
 
 
@@ -107,7 +107,10 @@ def test_motion_without_bound_is_an_infinite_distance() -> None:
     seen = Predicted(prospect(20.0), NOISE, rival.model)
     record = seen.records([rival])[0]
     moments = seen.moments(np.full_like(record, np.nan), record, seen.slopes(rival))
-    assert distance(rival.free, [moments], [True]) == np.inf or np.isinf(left(moments, refit(rival.free, [moments]))).all()
+    assert (
+        distance(rival.free, [moments], [True]) == np.inf
+        or np.isinf(remaining_distance(moments, refit(rival.free, [moments]))).all()
+    )
 
 
 @pytest.mark.parametrize(("size", "chance"), [(0.0, 0.0), (1.0, 0.0), (np.sqrt(3.0), 0.5), (3.0, 1.0), (1e9, 1.0)])
@@ -160,7 +163,7 @@ def test_without_limits_the_runs_so_far_give_them() -> None:
 def test_largest_motions_are_those_of_every_model() -> None:
     one = LargestMotions(stroke={"a": 1.0}, speed={"a": 4.0}, drive=1.0, force=6.0, channels={"m": 1.0, "n": 2.0})
     two = LargestMotions(stroke={"a": 2.0, "b": 3.0}, speed={"a": 3.0}, drive=2.0, force=5.0, channels={"m": 3.0, "n": 1.0})
-    assert largest([one, two]) == LargestMotions(
+    assert largest_of([one, two]) == LargestMotions(
         stroke={"a": 2.0, "b": 3.0}, speed={"a": 4.0}, drive=2.0, force=6.0, channels={"m": 3.0, "n": 2.0}
     )
 
@@ -199,7 +202,7 @@ def test_natural_frequencies_of_a_locked_rig() -> None:
 
 def test_the_menu_keeps_gains_band_and_seconds() -> None:
     limits = Limits(gains=(5.0, 66.6667), band=(0.7, 300.0), seconds=15.0)
-    runs = menu(wire_bonder(), limits, 1024.0, repeatable=[("u70", CandidateRun(
+    runs = candidate_runs(wire_bonder(), limits, 1024.0, repeatable=[("u70", CandidateRun(
         configuration="unlocked", excitation="random", gain=50.0, seconds=15.0, band=(1.0, 20.0), seed=7))])  # fmt: skip
     assert {run.configuration for run in runs} == {"unlocked", "locked"}
     assert {run.excitation for run in runs} == {"random", "multisine", "sine", "sweep", "moves", "steps"}
@@ -208,16 +211,18 @@ def test_the_menu_keeps_gains_band_and_seconds() -> None:
     assert len({run.seed for run in runs if run.repeat_of is None}) == len(runs) - 1
     again = [run for run in runs if run.repeat_of == "u70"]
     assert [run.seed for run in again] == [7]
-    assert rest(wire_bonder(), limits).rests
-    assert any(covers(wire_bonder(), run) for run in runs)
-    assert not covers(wire_bonder(), again[0])
+    assert run_at_rest(wire_bonder(), limits).rests
+    assert any(covers_all_modes(wire_bonder(), run) for run in runs)
+    assert not covers_all_modes(wire_bonder(), again[0])
 
 
 @pytest.mark.parametrize(("gain", "seconds", "allowed"), [(70.0, 12.345, True), (70.001, 12.0, False), (69.1234, 30.001, False)])
 def test_a_repeated_drive_is_the_same_sample_for_sample(gain: float, seconds: float, allowed: bool) -> None:
     """Neither is its gain rounded, nor is it made longer or cut: a plan with such a repeat is refused."""
     earlier = CandidateRun(configuration="unlocked", excitation="random", gain=gain, seconds=seconds, band=(1.0, 20.0), seed=7)
-    runs = menu(wire_bonder(), Limits(gains=(0.0, 70.0), band=(0.7, 300.0), seconds=30.0), 1024.0, repeatable=[("u", earlier)])
+    runs = candidate_runs(
+        wire_bonder(), Limits(gains=(0.0, 70.0), band=(0.7, 300.0), seconds=30.0), 1024.0, repeatable=[("u", earlier)]
+    )
     assert [run for run in runs if run.repeat_of] == ([replace(earlier, repeat_of="u")] if allowed else [])
 
 
@@ -288,7 +293,7 @@ def test_candidates_without_time_are_left_out() -> None:
 def test_every_cause_of_the_catalogue_is_supposed() -> None:
     model = wire_bonder()
     drive = prospect(3.0, seconds=4.0).drive
-    peaks = largest([simulated_peaks([model], Excitation.prepare(drive, 1024.0, oversample=2), "unlocked", 0.0)])
+    peaks = largest_of([simulated_peaks([model], Excitation.prepare(drive, 1024.0, oversample=2), "unlocked", 0.0)])
     causes = {found.cause for found in hypotheses(model, peaks, 1024.0)}
     assert causes == {
         "stribeck_friction", "presliding_friction", "asymmetric_friction", "hardening_stiffness", "softening_stiffness",
@@ -307,19 +312,23 @@ def test_transfer_functions_of_the_linear_part() -> None:
 
 def test_figures_and_their_deviation() -> None:
     fitted = variant(one_mass(), std=0.02)
-    assert figure_of(fitted.model, "body_frequency")(fitted.model) == pytest.approx(FREQUENCY)
-    assert figure_of(fitted.model, "body_damping")(fitted.model) == pytest.approx(DAMPING)
-    assert std_of(fitted, figure_of(fitted.model, "body_frequency")) == pytest.approx(0.5 * 0.02 * FREQUENCY, rel=1e-3)
-    assert std_of(fitted, figure_of(fitted.model, "links.spring.damping")) == pytest.approx(0.02 * DAMPER, rel=1e-3)
-    assert figure_of(one_mass(friction=3.0), "friction_force")(one_mass(friction=3.0)) == 3.0
+    assert parameter_by_name(fitted.model, "body_frequency")(fitted.model) == pytest.approx(FREQUENCY)
+    assert parameter_by_name(fitted.model, "body_damping")(fitted.model) == pytest.approx(DAMPING)
+    assert std_of_parameter(fitted, parameter_by_name(fitted.model, "body_frequency")) == pytest.approx(
+        0.5 * 0.02 * FREQUENCY, rel=1e-3
+    )
+    assert std_of_parameter(fitted, parameter_by_name(fitted.model, "links.spring.damping")) == pytest.approx(
+        0.02 * DAMPER, rel=1e-3
+    )
+    assert parameter_by_name(one_mass(friction=3.0), "friction_force")(one_mass(friction=3.0)) == 3.0
     with pytest.raises(ModelError, match="body_frequency"):
-        figure_of(fitted.model, "nonsense")
+        parameter_by_name(fitted.model, "nonsense")
 
 
 def test_precision_grows_with_the_length_and_the_wish_is_met_at_least_cost() -> None:
     fitted = variant(one_mass(), std=0.02)
     in_hand = prospect(1.0, seconds=8.0)
-    known = KnownPrecision(fitted, figure_of(fitted.model, "body_damping"), NOISE, [in_hand])
+    known = KnownPrecision(fitted, parameter_by_name(fitted.model, "body_damping"), NOISE, [in_hand])
     assert known.linear
     now = known.std(known.now)
     # What the runs in hand gave, the damper's 2 % and half the stiffness's, is where it starts.
@@ -327,7 +336,7 @@ def test_precision_grows_with_the_length_and_the_wish_is_met_at_least_cost() -> 
     again = known.information(in_hand)
     assert known.std(known.now + 3.0 * again) == pytest.approx(0.5 * now, rel=0.02)
     runs = [prospect(0.02, seconds=40.0, seed=2), prospect(1.0, seconds=40.0, seed=3)]
-    (found,) = design(
+    (found,) = runs_for_uncertainty(
         known, [(run, known.information(run)) for run in runs], Limits(), lambda one: one.peaks([fitted.model], whole=True),
         wish=0.6 * now, configuration="unlocked", budget=60.0,
     )  # fmt: skip

@@ -22,11 +22,11 @@ from isorig.analysis.proposals import precision
 from isorig.analysis.proposals.choice import Chosen, ComparedRuns, Comparison, PairDistance, Question, choose
 from isorig.analysis.proposals.hypotheses import hypotheses
 from isorig.analysis.proposals.limits import LargestMotions, simulated_peaks
-from isorig.analysis.proposals.menu import CandidateRun, menu, rest
+from isorig.analysis.proposals.menu import CandidateRun, candidate_runs, run_at_rest
 from isorig.analysis.proposals.policy import POLICY
-from isorig.analysis.proposals.precision import KnownPrecision, PreciseRun, design, figure_of
+from isorig.analysis.proposals.precision import KnownPrecision, PreciseRun, parameter_by_name, runs_for_uncertainty
 from isorig.analysis.proposals.prediction import Prospect, Variant
-from isorig.analysis.proposals.remedies import another_sensor, farther, further, watched
+from isorig.analysis.proposals.remedies import another_sensor, beyond_limits, pair_distance, with_more_sensors
 from isorig.analysis.simulate.natural import HELD, natural_modes
 from isorig.rig.files.rigfile import SHIPPED, read_description
 from isorig.rig.next.sentences import cause
@@ -139,7 +139,7 @@ def test_comparisons_simulate_so_many_seconds() -> None:
 
 
 def runs_of(low: float, high: float, rate: float = 1024.0, top: float = 50.0) -> tuple[CandidateRun, ...]:
-    return menu(wire_bonder(), Limits(gains=(0.0, top), band=(low, high)), rate)
+    return candidate_runs(wire_bonder(), Limits(gains=(0.0, top), band=(low, high)), rate)
 
 
 def test_lengths_and_levels_of_candidates() -> None:
@@ -149,13 +149,13 @@ def test_lengths_and_levels_of_candidates() -> None:
     assert {run.seconds for run in runs if run.excitation in ("sine", "moves", "steps")} == {10.0}
     assert {run.gain for run in runs if run.excitation == "random"} == {share * 50.0 for share in LEVELS}
     assert {run.period for run in runs if run.excitation == "multisine"} == {4.0}
-    assert rest(wire_bonder(), Limits(gains=(0.0, 50.0))).seconds == 5.0
+    assert run_at_rest(wire_bonder(), Limits(gains=(0.0, 50.0))).seconds == 5.0
 
 
 def test_levels_below_the_lowest_gain_are_no_candidates() -> None:
     least = LEVELS[1] * 50.0
     for gain, levels in ((least, LEVELS[:2]), (1.01 * least, LEVELS[:1])):
-        runs = menu(wire_bonder(), Limits(gains=(gain, 50.0), band=(0.5, 300.0)), 1024.0)
+        runs = candidate_runs(wire_bonder(), Limits(gains=(gain, 50.0), band=(0.5, 300.0)), 1024.0)
         assert {run.gain for run in runs if run.excitation == "random"} == {share * 50.0 for share in levels}
 
 
@@ -167,7 +167,7 @@ def test_bands_of_candidates() -> None:
     for low, high in ((None, 4.0), (None, 0.6), ABOUT):
         want = 0.2 if low is None else low * slowest
         assert any(a == pytest.approx(want, rel=5e-3) and b == pytest.approx(high * slowest, rel=5e-3) for a, b in bands)
-    assert not menu(wire_bonder(), Limits(gains=(0.0, 50.0), band=(0.01, 0.2)), 1024.0)
+    assert not candidate_runs(wire_bonder(), Limits(gains=(0.0, 50.0), band=(0.01, 0.2)), 1024.0)
 
 
 @pytest.mark.parametrize(("share", "there"), [(0.98, False), (1.02, True)])
@@ -200,11 +200,11 @@ def test_a_spring_that_holds_a_body(share: float, held: int) -> None:
 
 def known(in_hand: Prospect) -> KnownPrecision:
     fitted = variant(one_mass(), std=0.02)
-    return KnownPrecision(fitted, figure_of(fitted.model, "body_damping"), NOISE, [in_hand])
+    return KnownPrecision(fitted, parameter_by_name(fitted.model, "body_damping"), NOISE, [in_hand])
 
 
 def runs_for(known: KnownPrecision, runs: list[Prospect], *, wish: float, budget: float, most: int) -> list[PreciseRun]:
-    return design(
+    return runs_for_uncertainty(
         known, [(run, known.information(run)) for run in runs], Limits(), lambda _: NOTHING, wish=wish,
         configuration="unlocked", budget=budget, most=most,
     )  # fmt: skip
@@ -213,7 +213,7 @@ def runs_for(known: KnownPrecision, runs: list[Prospect], *, wish: float, budget
 def test_bins_without_coherence_have_no_information() -> None:
     """Noise that hides the response leaves an H1 estimate's coherence near what it is of noise alone."""
     fitted = variant(one_mass(), std=0.02)
-    figure = figure_of(fitted.model, "body_damping")
+    figure = parameter_by_name(fitted.model, "body_damping")
     for noise, told in ((1e-3, True), (1e4, False)):
         one = KnownPrecision(fitted, figure, {"body": noise, "force": 1e-3}, [])
         assert bool(np.any(one.information(prospect(1.0)) > 1.0)) == told
@@ -231,7 +231,7 @@ def test_a_sweep_is_not_shortened_and_a_design_has_so_many_runs_at_most() -> Non
 def test_a_parameter_of_a_law_is_not_found_from_transfer_functions() -> None:
     path = "links.spring.laws.0.cubic_stiffness"
     fitted = variant(one_mass(link_laws=(laws.Cubic(cubic_stiffness=STIFFNESS / 0.01**2),)), "hardening_stiffness", path)
-    assert not KnownPrecision(fitted, figure_of(fitted.model, path), NOISE, [prospect(20.0)]).linear
+    assert not KnownPrecision(fitted, parameter_by_name(fitted.model, path), NOISE, [prospect(20.0)]).linear
 
 
 def designed(budget: float, wish: float, in_hand: float = 8.0) -> list[float]:
@@ -286,16 +286,16 @@ def test_gains_are_raised_step_by_step() -> None:
     def peaks(one: Prospect) -> LargestMotions:
         return simulated_peaks(models, one.excitation(whole=True), "unlocked", 0.0)
 
-    found = further(comparison, pair, beyond, peaks, quiet)
+    found = beyond_limits(comparison, pair, beyond, peaks, quiet)
     assert tuple(asked) == RAISED[: len(asked)]
     assert found is not None
     assert found.distance >= 3.0
     asked.clear()
-    assert further(comparison, pair, lambda factor: beyond(factor) and [prospect(0.01)], peaks, quiet) is None
+    assert beyond_limits(comparison, pair, lambda factor: beyond(factor) and [prospect(0.01)], peaks, quiet) is None
     assert tuple(asked) == RAISED
 
     with Deadline(0.0):
-        assert further(comparison, pair, beyond, peaks, quiet) is None
+        assert beyond_limits(comparison, pair, beyond, peaks, quiet) is None
 
 
 def test_the_smallest_stroke_beyond_the_limits_is_proposed() -> None:
@@ -304,7 +304,7 @@ def test_the_smallest_stroke_beyond_the_limits_is_proposed() -> None:
     def found(strokes: Mapping[int, Mapping[str, float]]) -> int:
         runs = [prospect(40.0, seed=seed) for seed in strokes]
         peaks = {seed: replace(NOTHING, stroke=stroke) for seed, stroke in strokes.items()}
-        remedy = further(comparison, pair, lambda _: runs, lambda one: peaks[one.run.seed], quiet)
+        remedy = beyond_limits(comparison, pair, lambda _: runs, lambda one: peaks[one.run.seed], quiet)
         assert remedy is not None
         return remedy.prospect.run.seed
 
@@ -319,8 +319,8 @@ def test_the_larger_of_the_two_distances_of_a_pair_counts() -> None:
         PairDistance(truth=truth, rival=rival, distance=size, probability=0.0)
         for truth, rival, size in ((a, b, 1.0), (b, a, 2.0), (a, c, 3.0))
     ]
-    assert farther(apart, (a.key, b.key)) == 2.0
-    assert farther(apart, (b.key, c.key)) == 0.0
+    assert pair_distance(apart, (a.key, b.key)) == 2.0
+    assert pair_distance(apart, (b.key, c.key)) == 0.0
 
 
 @pytest.mark.parametrize(("rms", "enough"), [(12.0, True), (1e-3, False)])
@@ -341,7 +341,7 @@ def test_another_sensor_is_tried_with_the_best_candidates() -> None:
 
 def test_where_a_second_sensor_sits() -> None:
     model = wire_bonder()
-    above = {s.channel: s for s in watched(model, "unlocked").sensors}
+    above = {s.channel: s for s in with_more_sensors(model, "unlocked").sensors}
     assert "second motor" in above
     assert "deflection isolation" in above
     (sensor,) = (s for s in model.sensors if s.channel == "motor")
@@ -349,7 +349,7 @@ def test_where_a_second_sensor_sits() -> None:
         model, bodies=(*model.bodies, Body(name="rocking", mass=0.1)), links=(*model.links, Link(name="bearing", a="rocking")),
         sensors=(msgspec.structs.replace(sensor, arms={"rocking": 0.02}), msgspec.structs.replace(sensor, channel="still")),
     )  # fmt: skip
-    watching = {s.channel: s for s in watched(rocking, "locked").sensors}
+    watching = {s.channel: s for s in with_more_sensors(rocking, "locked").sensors}
     second = watching["second motor"]
     assert watching["second still"].arms == {"rocking": 0.0}
     assert second.arms["rocking"] == pytest.approx(0.02 + 0.05)
@@ -417,14 +417,14 @@ def test_a_displacement_sensor_resolves_so_much() -> None:
     comparison, pair, _ = two_springs()
     for rms, sees in ((12.0, True), (1e-3, False)):
         one = prospect(rms)
-        apart = comparison.with_sensors(one, partial(watched, configuration="unlocked"), pair)
+        apart = comparison.with_sensors(one, partial(with_more_sensors, configuration="unlocked"), pair)
         assert (apart["deflection spring"] > 1.0) == sees
 
 
 def test_resolution_of_transfer_functions() -> None:
     """Lines lie 0.5 Hz apart; a band of no line tells nothing."""
     fitted = variant(one_mass(), std=0.02)
-    one = KnownPrecision(fitted, figure_of(fitted.model, "body_damping"), NOISE, [])
+    one = KnownPrecision(fitted, parameter_by_name(fitted.model, "body_damping"), NOISE, [])
     between = prospect(1.0, band=(10 * 0.5 + 0.1, 11 * 0.5 - 0.1))
     at = prospect(1.0, band=(10 * 0.5 - 0.1, 10 * 0.5 + 0.1))
     assert not one.information(between).any()
@@ -433,7 +433,7 @@ def test_resolution_of_transfer_functions() -> None:
 
 def test_neighbouring_lines_count_once(monkeypatch: pytest.MonkeyPatch) -> None:
     fitted = variant(one_mass(), std=0.02)
-    one = KnownPrecision(fitted, figure_of(fitted.model, "body_damping"), NOISE, [])
+    one = KnownPrecision(fitted, parameter_by_name(fitted.model, "body_damping"), NOISE, [])
     told = one.information(prospect(1.0))
     monkeypatch.setattr(precision, "POLICY", replace(POLICY, correlated_bins=2.0 * 1.5))
     assert one.information(prospect(1.0)) == pytest.approx(0.5 * told)

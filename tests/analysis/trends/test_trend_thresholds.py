@@ -7,10 +7,9 @@ import pytest
 
 from isorig.analysis.errors import DataError
 from isorig.analysis.fitting.solve import Free
-from isorig.analysis.trends.change import bent, dated, described, stepped
+from isorig.analysis.trends.change import change_in, date_of_step, fitted_knee, follow, likelihood_of_steps
 from isorig.analysis.trends.cusum import alarms, thresholds
 from isorig.analysis.trends.difference import CauseOfChange, _deviation, _judged
-from isorig.analysis.trends.follow import follow
 from isorig.analysis.trends.series import Series, scatter_of
 from isorig.analysis.trends.siblings import siblings
 
@@ -43,11 +42,11 @@ def test_an_alarm_needs_five_degrees_of_freedom() -> None:
 def test_drift_and_step_are_distinguished_from_twenty_to_one_on(drifts: bool, share: float) -> None:
     time = np.arange(12.0)
     value = np.maximum(time - 5.0, 0.0) if drifts else 1.0 * (time > 5.0)
-    knee, variance = bent(time, value, np.ones(12)), np.ones(12)
+    knee, variance = fitted_knee(time, value, np.ones(12)), np.ones(12)
     for _ in range(5):  # the date of a step in a drift depends on the variance
-        first, _, _ = dated(value, variance)
-        variance = np.full(12, abs(knee.likelihood - stepped(value, np.ones(12), [first])) / (share * np.log(20.0)))
-    found = described(time, value, variance, alarm=8)
+        first, _, _ = date_of_step(value, variance)
+        variance = np.full(12, abs(knee.likelihood - likelihood_of_steps(value, np.ones(12), [first])) / (share * np.log(20.0)))
+    found = change_in(time, value, variance, alarm=8)
     assert found.kind == ("step or drift" if share < 1.0 else "drift" if drifts else "step")
 
 
@@ -62,7 +61,7 @@ def test_a_difference_of_three_and_a_half_standard_deviations_is_no_scatter(shar
 def test_a_campaign_is_an_outlier_from_six_standard_deviations_on(share: float) -> None:
     value = np.zeros(12)
     value[6] = share * 6.0 * np.sqrt(1.0 + 1.0 / 6.0)
-    assert follow(series(value, 1.0), 0.0, NEVER).alone == (() if share < 1.0 else (6,))
+    assert follow(series(value, 1.0), 0.0, NEVER).outlying == (() if share < 1.0 else (6,))
 
 
 def test_five_rigs_are_compared_and_a_fifth_of_them_may_be_outliers() -> None:
@@ -71,11 +70,11 @@ def test_five_rigs_are_compared_and_a_fifth_of_them_may_be_outliers() -> None:
     def first(count: int) -> dict[str, float]:
         return dict(list(levels.items())[:count])
 
-    assert np.isnan(list(siblings(first(4), 0.05).away.values())).all()
-    assert np.isfinite(list(siblings(first(5), 0.05).away.values())).all()
-    assert siblings(levels, 0.05).odd == ("j", "i")
+    assert np.isnan(list(siblings(first(4), 0.05).deviations.values())).all()
+    assert np.isfinite(list(siblings(first(5), 0.05).deviations.values())).all()
+    assert siblings(levels, 0.05).outliers == ("j", "i")
     levels.pop("a")
-    assert siblings(levels, 0.05).odd == ("j",)
+    assert siblings(levels, 0.05).outliers == ("j",)
 
 
 def cause(name: str, misfit: float) -> CauseOfChange:

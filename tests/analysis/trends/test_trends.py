@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 from scipy.stats import binomtest, kstest
 
 from isorig.analysis.errors import DataError
-from isorig.analysis.trends.change import dated, described
+from isorig.analysis.trends.change import change_in, date_of_step, follow
 from isorig.analysis.trends.cusum import alarms, false_rate, run_length, thresholds
-from isorig.analysis.trends.follow import follow
 from isorig.analysis.trends.policy import POLICY
 from isorig.analysis.trends.series import Series, scatter_of
 from isorig.analysis.trends.siblings import siblings
@@ -100,7 +99,7 @@ def test_one_bad_campaign_is_no_change() -> None:
     value[9] += 30.0
     found = follow(series(value), 1.0, LIMITS)
     assert found.changes == ()
-    assert found.alone == (9,)
+    assert found.outlying == (9,)
     value[10:] += 30.0
     assert [change.first for change in follow(series(value), 1.0, LIMITS).changes] == [9]
 
@@ -112,7 +111,7 @@ def test_dates_lie_in_their_intervals_and_agree_with_another_program() -> None:
         first = int(draw.integers(4, 26))
         value = draw.normal(size=30)
         value[first:] += 2.0
-        most_likely, earliest, latest = dated(value, np.ones(30))
+        most_likely, earliest, latest = date_of_step(value, np.ones(30))
         inside += earliest <= first <= latest
         same += most_likely == ruptures.Dynp(model="l2", min_size=1, jump=1).fit(value).predict(n_bkps=1)[0]
     assert binomtest(inside, 300).proportion_ci(0.999).high >= 0.95
@@ -136,7 +135,7 @@ def test_dates_are_those_of_brute_force() -> None:
         odds = np.array([mass(slice(k)) * mass(slice(k, None)) for k in range(1, n)])
         order = np.argsort(-odds)
         held = order[: int(np.searchsorted(np.cumsum(odds[order]) / odds.sum(), 0.95)) + 1] + 1
-        assert dated(value, variance) == (order[0] + 1, held.min(), held.max())
+        assert date_of_step(value, variance) == (order[0] + 1, held.min(), held.max())
 
 
 def test_drift_and_step_are_distinguished_once_there_are_enough_campaigns() -> None:
@@ -159,7 +158,7 @@ def test_drift_and_step_are_distinguished_once_there_are_enough_campaigns() -> N
 
 def test_the_size_of_a_change() -> None:
     value = np.concatenate([np.zeros(10), np.full(5, 2.0)])
-    change = described(np.arange(15.0), value, np.full(15, 0.04), alarm=11)
+    change = change_in(np.arange(15.0), value, np.full(15, 0.04), alarm=11)
     assert (change.first, change.before, change.after) == (10, 0.0, 2.0)
     assert change.std == pytest.approx(0.2 * np.sqrt(1 / 10 + 1 / 5))
 
@@ -183,15 +182,15 @@ def rigs(levels: Iterable[float]) -> dict[str, float]:
 
 
 def test_odd_rigs_are_those_of_the_textbook() -> None:
-    assert sorted(siblings(rigs(ROSNER), 0.05).odd) == ["51", "52", "53"]
+    assert sorted(siblings(rigs(ROSNER), 0.05).outliers) == ["51", "52", "53"]
     few = siblings(rigs([1.0, 2.0, 50.0]), 0.05)
-    assert few.odd == ()
-    assert np.isnan(list(few.away.values())).all()
+    assert few.outliers == ()
+    assert np.isnan(list(few.deviations.values())).all()
 
 
 def test_a_sound_fleet_has_odd_rigs_as_seldom_as_stated() -> None:
     draw = np.random.default_rng(8)
-    wrong = sum(bool(siblings(rigs(draw.normal(size=50)), 0.05).odd) for _ in range(1000))
+    wrong = sum(bool(siblings(rigs(draw.normal(size=50)), 0.05).outliers) for _ in range(1000))
     assert binomtest(wrong, 1000).proportion_ci(0.999).low <= 0.05
 
 

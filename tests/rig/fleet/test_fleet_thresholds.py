@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from made_up import drawn_fleet
 
-from isorig.analysis.trends.change import DatedChange
-from isorig.analysis.trends.follow import Followed
+from isorig.analysis.trends.change import DatedChange, Followed
 from isorig.analysis.trends.series import Series
 from isorig.rig.fleet.history import DiagnosedCampaign, Incident, NewCause, Track, TrackedRig, _joined, _named, followed
 from isorig.rig.fleet.sentences import _pause, change_words, is_confirmed
@@ -20,7 +19,7 @@ AROUND = pytest.mark.parametrize("share", [0.98, 1.02])
 TRACK = Track(
     name="links.isolation.stiffness", unit="N/m", log=False, campaigns=tuple(range(12)),
     series=Series(time=7.0 * np.arange(12), value=np.zeros(12), std=np.ones(12)),
-    followed=Followed(changes=(), level=0.0, std=1.0, alone=()),
+    followed=Followed(changes=(), level=0.0, std=1.0, outlying=()),
 )  # fmt: skip
 
 

@@ -100,7 +100,7 @@ def test_an_odd_rig_and_a_bad_campaign() -> None:
     frame.loc[(frame.rig == "rig-011") & (frame.parameter == SPRING), "value"] *= 1.4
     frame.loc[(frame.rig == "rig-012") & (frame.campaign == "week-008") & (frame.parameter == FRICTION), "value"] *= 0.5
     fleet = followed(frame, "coulomb")
-    assert fleet.siblings[SPRING].odd == ("rig-011",)
+    assert fleet.siblings[SPRING].outliers == ("rig-011",)
     assert not [i for i in fleet.rigs["rig-011"].incidents if is_confirmed(i)]
     assert not [i for i in fleet.rigs["rig-012"].incidents if i.changes and i.changes[0][0].name == FRICTION]
     assert [(c.name, names) for c, names in bad_campaigns(fleet.rigs["rig-012"])] == [

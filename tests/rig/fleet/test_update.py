@@ -172,7 +172,7 @@ def test_a_copy_that_arrives_does_not_take_the_place_of_its_original(tmp_path: P
         )
     )  # fmt: skip
     copy.write_bytes(original.read_bytes())
-    arrived = [r for r in recordings_under({measured / "rig-b": None}) if r.path == copy]
+    arrived = [r for r in recordings_under({measured / "rig-b": None}) if r.path == str(copy)]
     work = work_of(store, "coulomb", only=arrived)
     assert work.jobs == ()
     assert work.notes == (f"{copy} is the same recording as {original}, which is used; remove one of them",)

@@ -149,9 +149,9 @@ def test_a_run_that_is_not_wanted_is_not_proposed_again(lab: Callable[..., Lab],
     assert len(course.declined) == 1
     assert len(course.stages) == 1
     now = situation([OPEN], PLAN.limits, {})
-    refused = next(run for run in now.menu() if run.excitation == "moves")
-    told = investigation_module.described(refused)
-    assert all(investigation_module.described(run) != told for run in replace(now, declined=frozenset([told])).menu())
+    refused = next(run for run in now.candidates() if run.excitation == "moves")
+    told = investigation_module.run_words(refused)
+    assert all(investigation_module.run_words(run) != told for run in replace(now, declined=frozenset([told])).candidates())
 
 
 @pytest.mark.parametrize(
@@ -230,7 +230,7 @@ def test_nothing_known_is_the_rig_as_it_is_described() -> None:
     now = situation([found], PLAN.limits)
     assert now.start_time == 0.0
     assert now.configuration == "unlocked"
-    assert {run.excitation for run in now.menu()} <= {"random"}
+    assert {run.excitation for run in now.candidates()} <= {"random"}
     with pytest.raises(PlanError, match=r"needs limits\.gains and limits\.band"):
         nothing_known(PLAN, Limits(), "coulomb")
 

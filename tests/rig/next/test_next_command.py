@@ -140,14 +140,14 @@ def test_refusals(words: list[str], told: str, tmp_path: Path, capsys: pytest.Ca
 def test_hidden_effects_of_the_virtual_rig(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A gain of a channel is hidden: its record is that many times another's, and the same seed hides the same."""
     from isorig.rig.wire_bonder.description import wire_bonder
-    from isorig.rig.wire_bonder.effects import Hidden, hidden_in, played
+    from isorig.rig.wire_bonder.effects import Hidden, campaign_with, hidden_in
     from isorig.rig.wire_bonder.session import VirtualRun
 
     takes = [VirtualRun(id="a", configuration="unlocked", gain=35.0, seconds=3.0, start=0.0)]
     hidden = hidden_in(wire_bonder(), "sensor_gain", 1.0, 3)
     ((cause, channel),) = hidden.truth
     assert cause == "sensor_gain"
-    with_it, without = (played(each, takes, 1).runs[0] for each in (hidden, Hidden(model=wire_bonder())))
+    with_it, without = (campaign_with(each, takes, 1).runs[0] for each in (hidden, Hidden(model=wire_bonder())))
     other = next(name for name in ("motor", "table") if name != channel)
     assert np.std(with_it.read(channel)) / np.std(without.read(channel)) == pytest.approx(hidden.parameters["factor"], rel=0.01)
     assert np.std(with_it.read(other)) == pytest.approx(np.std(without.read(other)), rel=0.01)

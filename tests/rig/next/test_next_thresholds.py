@@ -14,10 +14,10 @@ from isorig.analysis.proposals.choice import PredictedPair
 from isorig.rig.acquire.plan import InstrumentPlan, Plan
 from isorig.rig.files.rivals import OpenSet
 from isorig.rig.next import proposal as proposal_module
-from isorig.rig.next.investigation import _over, nothing_known
+from isorig.rig.next.investigation import _reason_to_end, nothing_known
 from isorig.rig.next.page import picture_of
 from isorig.rig.next.plan_file import virtual_instrument_of
-from isorig.rig.next.proposal import _noise_first, situation
+from isorig.rig.next.proposal import _rest_first, situation
 from isorig.rig.next.sentences import _errors, unfitted
 from isorig.rig.next.stages import Investigation, InvestigationStage
 
@@ -42,7 +42,7 @@ def test_a_run_at_rest_comes_first_where_the_rig_masks_the_noise(
         return {name: share * level for name, level in found.noise.items()}
 
     monkeypatch.setattr(proposal_module, "noise_levels", levels)
-    assert len(_noise_first(situation([found], LIMITS))) == rests
+    assert len(_rest_first(situation([found], LIMITS))) == rests
 
 
 def test_what_is_not_known_before_the_first_run() -> None:
@@ -70,7 +70,7 @@ def test_an_unexplained_remainder_is_left_after_two_stages_without_a_change(verd
 
         most_runs, seconds = 99, 1e4
 
-    assert bool(_over(so_far, Plenty())) == ends  # type: ignore[arg-type]
+    assert bool(_reason_to_end(so_far, Plenty())) == ends  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("count", "more"), [(4, ""), (5, ", and 1 more")])

@@ -11,8 +11,8 @@ from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.proposals.choice import Choice, PairDistance
 from isorig.analysis.proposals.limits import LargestMotions
-from isorig.analysis.proposals.menu import CandidateRun, rest
-from isorig.analysis.proposals.precision import figure_unit, named_figures
+from isorig.analysis.proposals.menu import CandidateRun, run_at_rest
+from isorig.analysis.proposals.precision import named_parameters, unit_of_parameter
 from isorig.analysis.proposals.prediction import Prospect, Variant
 from isorig.rig.files.rigfile import SHIPPED, read_description
 from isorig.rig.files.rivals import FittedModel, OpenSet, fitted_model
@@ -39,7 +39,7 @@ def shipped(name: str) -> RigModel:
 
 def test_parameters_have_units() -> None:
     def named(rig: RigModel) -> dict[str, str]:
-        return {name: figure_unit(name, rig) for name in named_figures(rig)}
+        return {name: unit_of_parameter(name, rig) for name in named_parameters(rig)}
 
     assert named(shipped("one-mass-rail")) == {
         "stage_mass": "kg", "stage_frequency": "Hz", "stage_damping": "1", "friction_force": "N",
@@ -62,7 +62,7 @@ def test_why_a_rig_rests() -> None:
     """Friction is the reason only where there is a contact."""
     for name, rubs in (("two-carts", False), ("one-mass-rail", True)):
         model = shipped(name)
-        said = " ".join(reasons(Proposed(run=rest(model, Limits())), Proposal(kind="untested"), at(model, Limits())))
+        said = " ".join(reasons(Proposed(run=run_at_rest(model, Limits())), Proposal(kind="untested"), at(model, Limits())))
         assert "the rig's own motion masks the noise" in said
         assert ("friction excites all frequencies" in said) == rubs
 

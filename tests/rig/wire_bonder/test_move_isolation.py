@@ -10,7 +10,7 @@ from isorig.analysis.errors import DataError
 from isorig.analysis.model.rig_model import matrices
 from isorig.analysis.simulate.move_profile import Move
 from isorig.rig.wire_bonder.description import THESIS, one_mass, wire_bonder
-from isorig.rig.wire_bonder.move_isolation import isolation_by_level, level_for, move_within, on_move
+from isorig.rig.wire_bonder.move_isolation import isolation_by_level, move_within, response_to_move
 from isorig.rig.wire_bonder.stroke import frictionless
 
 TOLERANCE = 2e-6
@@ -32,14 +32,14 @@ def test_heatblock_on_the_table_is_scipys() -> None:
     times = np.linspace(0.0, 0.1, 4001)
     z = solve_ivp(rates, (0.0, 0.1), np.zeros(2 * n), t_eval=times, rtol=1e-9, atol=1e-14, max_step=1e-4).y
     wanted = z[1] - z[0]
-    found = on_move(rig, MOVE, tolerance=TOLERANCE)
+    found = response_to_move(rig, MOVE, tolerance=TOLERANCE)
     near = (found.time >= 0.0) & (found.time <= 0.1)
     np.testing.assert_allclose(np.interp(found.time[near], times, wanted), found.motion[near], atol=0.01 * np.abs(wanted).max())
     assert found.largest == pytest.approx(np.abs(wanted).max(), rel=0.01)
 
 
 def test_settling_is_the_decay_of_the_heatblocks_mode() -> None:
-    found = on_move(wire_bonder(), MOVE, tolerance=TOLERANCE, configuration="locked")
+    found = response_to_move(wire_bonder(), MOVE, tolerance=TOLERANCE, configuration="locked")
     after = found.time > MOVE.duration
     # Locked, the mode of heatblock against table decays as exp(-zeta w t), zeta and w of the pair.
     riding = THESIS["table_mass"] + THESIS["motor_mass"]
@@ -49,8 +49,8 @@ def test_settling_is_the_decay_of_the_heatblocks_mode() -> None:
     assert found.settling == pytest.approx(np.log(top / TOLERANCE) / rate, rel=0.15)
     late = found.time > MOVE.duration + found.settling
     assert np.abs(found.motion[late]).max() <= TOLERANCE
-    assert on_move(wire_bonder(), MOVE, tolerance=1.0).settling == 0.0
-    assert np.isnan(on_move(wire_bonder(), MOVE, tolerance=1e-12, configuration="locked").settling)
+    assert response_to_move(wire_bonder(), MOVE, tolerance=1.0).settling == 0.0
+    assert np.isnan(response_to_move(wire_bonder(), MOVE, tolerance=1e-12, configuration="locked").settling)
 
 
 def test_friction_matters_the_less_the_harder_the_move_is() -> None:
@@ -68,15 +68,6 @@ def test_friction_matters_the_less_the_harder_the_move_is() -> None:
     # Twice the friction at twice the level is the same motion doubled.
     twice = isolation_by_level(wire_bonder({**THESIS, "friction_force": 40.0}), 6e-3, 2.0 * levels, tolerance=TOLERANCE)
     np.testing.assert_allclose(twice.isolation, rough.isolation, atol=2e-3)
-
-
-def test_level_for() -> None:
-    found = isolation_by_level(wire_bonder(), 3e-3, np.array([12.5, 30.0, 166.7]), tolerance=TOLERANCE)
-    at = level_for(found, 0.6)
-    assert 12.5 < at < 30.0
-    assert np.interp(at, found.acceleration, found.isolation) == pytest.approx(0.6)
-    assert np.isnan(level_for(found, 0.999))
-    assert level_for(found, 0.0) == 12.5
 
 
 def test_a_move_has_the_given_duration() -> None:

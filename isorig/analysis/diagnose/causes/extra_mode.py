@@ -45,6 +45,7 @@ class ExtraMode(Cause):
     phrase = "a resonator of {mode_mass} at {mode_frequency} attached to the {place}"
     signs = frozenset({"independent of amplitude", "mode"})
     found_as = frozenset({"resonator"})
+    at_bodies = True
 
     def places(self, model: RigModel) -> tuple[str, ...]:
         """The bodies with fewer than two: what is attached to a body may be several parts."""

@@ -22,6 +22,7 @@ class WrongMass(Cause):
     phrase = "the mass of the {place} is {mass}"
     signs = frozenset({"independent of amplitude"})
     found_as = frozenset({"mass", "gain"})
+    at_bodies = True
 
     def places(self, model: RigModel) -> tuple[str, ...]:
         """The drive's channel if its force is mass times acceleration, and the weighed bodies."""
