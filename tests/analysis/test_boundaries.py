@@ -17,7 +17,7 @@ from isorig.analysis.equations.sliding import Sliding
 from isorig.analysis.fitting import solve, uncertainty
 from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.solve import Fit, Free, fit
-from isorig.analysis.fitting.trials import fit_samples
+from isorig.analysis.fitting.trials import decays, fit_samples
 from isorig.analysis.spectra.noise import noise_level
 from isorig.analysis.spectra.quality import faults
 
@@ -33,6 +33,14 @@ def blocks(*powers: tuple[int, float]) -> FloatArray:
 def test_a_run_is_calm_between_two_moves_up_to_a_hundredth_of_the_largest_motion(power: float, samples: int) -> None:
     # Calm: the second move is held out. Otherwise it is one motion, divided by its duration of sixty blocks.
     assert fit_samples(blocks((40, 1.0), (5, power), (15, 1.0))) == samples
+
+
+@pytest.mark.parametrize(("last", "alone"), [(14, True), (16, False)])
+def test_a_run_decays_if_its_last_part_moves_less_than_half_of_its_share(last: int, alone: bool) -> None:
+    """Of a hundred equal blocks 40 are the last part: a fifth of the motion is half of that."""
+    assert decays(blocks((60, 1.0), (last, 1.0))) == alone
+    assert not decays(blocks((40, 1.0), (5, 0.0), (15, 1.0)))
+    assert not decays(np.zeros((1, 5000)))
 
 
 @pytest.mark.parametrize(("power", "samples"), [(0.00101, 1800), (0.00099, 600)])

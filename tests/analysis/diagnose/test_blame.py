@@ -38,13 +38,16 @@ from isorig.analysis.equations.system import Equations
 from isorig.analysis.fitting.score import Score
 from isorig.analysis.fitting.trials import prepare
 
+POSSIBLE = SimpleNamespace(possible=frozenset({"rail"}), includes=lambda place: place == "rail")
+
 
 def blaming(
-    *scores: tuple[str, str, float], worst: float = 20.0, after: float = 2.0, crossing: Sequence[str] = ("rail", "belt")
-) -> Suspects:
+    *scores: tuple[str, str, float], worst: float = 20.0, after: float = 2.0, crossing: Sequence[str] = ("rail", "belt"),
+    exact: bool = False,
+) -> Suspects:  # fmt: skip
     """Suspects of explanations (kind, place, score) of an equation with the residual `worst`, `after` with the best.
 
-    `crossing` are the links whose force is in the equation.
+    `crossing` are the links whose force is in the equation; `exact` is whether all its motions are measured.
     """
     explanations = tuple(
         Explanation(kind=kind, place=place, what="force over deflection", score=score, residuals={"table": after}, values={})
@@ -52,7 +55,8 @@ def blaming(
     )
     ranking = Ranking(residuals={"table": worst}, explanations=explanations)
     elements = [(SimpleNamespace(name=name), 1.0) for name in crossing]
-    equations = SimpleNamespace(balances=[SimpleNamespace(name=name, crossing=elements) for name in ("table", "load")])
+    balances = [SimpleNamespace(name=name, crossing=elements) for name in ("table", "load")]
+    equations = SimpleNamespace(balances=balances, exact=lambda balance: exact)
     return Suspects(ranking=ranking, chosen=explanations, places={}, equations=cast(Equations, equations))
 
 
@@ -306,12 +310,35 @@ def test_what_a_free_shape_leaves_at_its_place_is_not_searched_for_again(
 ) -> None:
     """A second force with a memory beside the free shape of one, unless the equations rest on estimates or show another place."""
     found = blaming(("memory", "rail", 0.5), *([("memory", "belt", 0.4)] if elsewhere else []))
-    monkeypatch.setattr(search, "compared_places", lambda model, trials: SimpleNamespace(possible=frozenset({"rail"})))
+    monkeypatch.setattr(search, "compared_places", lambda model, trials: POSSIBLE)
     job = SimpleNamespace(
         progress=lambda text: None, left=0.2, curved=curved, suspects=found, judged_by_drive=False, trials=(),
         current=SimpleNamespace(model=stage()), equations=SimpleNamespace(hidden=hidden),
     )  # fmt: skip
     assert (next(search.sources(cast(Job, job)), None) is not None) == goes_on
+
+
+@pytest.mark.parametrize(
+    ("exact", "place", "after", "leads"),
+    [
+        (True, "rail", REPAIRED * 20.0, True),
+        (True, "rail", 1.01 * REPAIRED * 20.0, False),
+        (False, "rail", 1.0, False),
+        (True, "belt", 1.0, False),
+    ],
+)
+def test_a_measured_equation_leads_in_a_partly_measured_rig(
+    exact: bool, place: str, after: float, leads: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """If it is repaired at a place from which the misfit of all records can come."""
+    found = blaming(("spring_shape", place, 0.5), after=after, exact=exact)
+    monkeypatch.setattr(search, "compared_places", lambda model, trials: POSSIBLE)
+    job = SimpleNamespace(
+        progress=lambda text: None, left=1.0, curved=None, suspects=found, judged_by_drive=False, trials=(),
+        current=SimpleNamespace(model=stage()), equations=SimpleNamespace(hidden=True),
+    )  # fmt: skip
+    first = next(search.sources(cast(Job, job)))
+    assert isinstance(first, search.Suspected if leads else search.Screened)
 
 
 def test_a_free_shape_does_not_cover_another_kind_at_its_place() -> None:

@@ -15,7 +15,8 @@ from isorig.analysis.diagnose.diagnosis import MOST_STEPS, _of_sensors, _Search
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.diagnose.revise import Revision, SearchStage, merged, near_rivals
-from isorig.analysis.diagnose.step import Entry, Found, Step, best_kind
+from isorig.analysis.diagnose.search import _extends
+from isorig.analysis.diagnose.step import Entry, Found, Step, best_kind, determined
 from isorig.analysis.equations.system import equations_of
 from isorig.analysis.fitting.candidate import Candidate, Shape
 from isorig.analysis.fitting.division import ends
@@ -76,6 +77,24 @@ def test_the_only_candidate_that_explains_most_is_the_main_contributor(second: f
     first, entries = scored(0.1), [entry("sensor_gain", "x", 0.03), entry("sensor_gain", "a", second)]
     found = all_considered([(first, entries)], [], (), {}, first, FLOORS, stage(), (), None)
     assert next(c.standing for c in found if c.location == "x") == standing
+
+
+@pytest.mark.parametrize(("std", "first", "named"), [(1.01, 0.02, 1), (1.01, 0.031, 2), (0.99, 0.02, 2)])
+def test_a_law_whose_values_are_not_determined_gives_way_to_a_simpler_one(std: float, first: float, named: int) -> None:
+    """If that comes close to it (a factor of 1.5 in the error)."""
+    plain, rich = entry("sensor_gain", "x", first), entry("sensor_gain", "x", 0.02)
+    rich = replace(rich, candidate=replace(rich.candidate, free=(*rich.candidate.free, *rich.candidate.free)))
+    rich = replace(rich, fit=replace(rich.fit, covariance=np.eye(1) * std**2))  # of the gain, which is 1
+    plain = replace(plain, fit=replace(plain.fit, covariance=np.eye(1) * 0.1))
+    assert len(determined(rich, [plain, rich], FLOORS).candidate.free) == named
+
+
+@pytest.mark.parametrize(
+    ("more", "extends"), [(0.1 / (1.01 * POLICY.form_alike), True), (0.1 / (0.99 * POLICY.form_alike), False)]
+)
+def test_a_more_general_law_must_leave_clearly_less(more: float, extends: bool) -> None:
+    assert _extends(entry("sensor_gain", "x", more), [entry("sensor_gain", "x", 0.1)], FLOORS) == extends
+    assert _extends(entry("sensor_gain", "x", 0.1), [entry("sensor_gain", "a", 0.01)], FLOORS)
 
 
 def test_no_candidate_has_a_share_of_a_baseline_that_became_adequate_during_the_search() -> None:

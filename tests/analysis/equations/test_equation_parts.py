@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
+from types import SimpleNamespace
+from typing import cast
+
 import numpy as np
 import pytest
 from msgspec.structs import replace
@@ -9,6 +13,7 @@ from small_rigs import chain, guessed, played, rubbing, stage, with_law
 from strange_rigs import StrangeRig, campaign
 
 from isorig.analysis import laws
+from isorig.analysis.equations import repeats
 from isorig.analysis.equations.balances import Element, balances, elements, locks
 from isorig.analysis.equations.columns import SHAPES, Course
 from isorig.analysis.equations.filters import resonator, rocked
@@ -16,9 +21,10 @@ from isorig.analysis.equations.hidden import estimable, fitted, transfer
 from isorig.analysis.equations.known import law_columns, law_forces
 from isorig.analysis.equations.motion import Combinations, derivatives, highpass_gain
 from isorig.analysis.equations.ranking import Regressions, ranking
-from isorig.analysis.equations.sliding import Sliding, SlidingRun, spline_columns
+from isorig.analysis.equations.repeats import pitch_of
+from isorig.analysis.equations.sliding import Columns, Sliding, SlidingFit, SlidingRun, spline_columns
 from isorig.analysis.equations.slip import slip_operator
-from isorig.analysis.equations.spectral import _solve
+from isorig.analysis.equations.spectral import SHORTEST, Spectra, _solve
 from isorig.analysis.equations.system import HOLDS, Equations, equations_of
 from isorig.analysis.model.rig_model import Body, Configuration, Link, RigModel, Sensor
 from isorig.rig.wire_bonder.description import wire_bonder
@@ -279,6 +285,61 @@ def test_the_slow_part_is_a_spline_and_its_derivative() -> None:
 def test_a_segment_has_twenty_periods_of_the_lowest_mode() -> None:
     """As a power of two samples: of the stage at 4.0 Hz and 400 Hz nearest to 2010."""
     assert equations_of(played(stage(), seed=1, longer=2.0), stage()).length == 2048
+
+
+@pytest.mark.parametrize("samples", [4096, 700])
+def test_runs_shorter_than_a_segment_count(samples: int) -> None:
+    """Their noise is that of white noise in the energy of their own segments."""
+    spectra = Spectra(100.0, 2048, 1.0, 50.0, [("a", 0)], {"a": 0})
+    found = []
+    for seed in range(20):
+        spectra.runs.clear()
+        spectra.add(0, {("a", 0): np.random.default_rng(seed).normal(0.0, 2.0, samples)}, {"a": 2.0})
+        (run,) = spectra.runs
+        assert run.segments.shape[1] >= 2
+        found.append(float(np.real(run.power.sum() / run.noise.sum())))
+    assert np.mean(found) == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_run_too_short_for_two_segments_does_not_count() -> None:
+    assert Spectra(100.0, 2048, 1.0, 50.0, [("a", 0)], {"a": 0}).segments(np.ones(2 * SHORTEST - 1), 0).shape[0] == 0
+
+
+@pytest.mark.parametrize(("decay", "loud"), [(3.2, True), (0.01, False)])
+def test_the_loud_start_of_a_decay_counts(decay: float, loud: bool) -> None:
+    """The middle of the first segment is there; otherwise a run's first quarter segment is left out."""
+    time = np.arange(4096) / 100.0
+    spectra = Spectra(100.0, 1024, 1.0, 50.0, [("a", 0)], {"a": 0})
+    spectra.add(0, {("a", 0): np.exp(-decay * time) * np.cos(30.0 * time)}, {"a": 1e-3})
+    assert (0 in spectra.loud_at_start) == loud
+    power = np.sum(np.abs(spectra.runs[0].segments[0]) ** 2, axis=1)
+    assert (power[0] > 10.0 * power[1]) == loud
+
+
+@pytest.mark.parametrize("teeth", [3.0, 90.0, 700.5, 1800.0])
+def test_a_pitch_is_found_over_the_range_of_the_motion(teeth: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    draw = np.random.default_rng(4)
+    d = draw.uniform(-1.0, 3.0, 20000)
+    left = np.sin(2.0 * np.pi * teeth * d / 4.0 + 0.7) + draw.normal(0.0, 1.0, len(d))
+    monkeypatch.setattr(repeats, "_residual", lambda *given: (d, left))
+    found = pitch_of(cast(Sliding, SimpleNamespace(range=(-1.0, 3.0))), cast(SlidingFit, None), cast(Columns, None))
+    assert found == pytest.approx(4.0 / teeth, rel=1e-2 / teeth + 1e-4)
+
+
+def test_a_wandering_zero_does_not_hide_the_curve_of_a_joint() -> None:
+    """The zero of an accelerometer beside the joint wanders by metres, once integrated twice."""
+    model = replace(chain(), sensors=chain().sensors[1:])
+    made = played(with_law(chain(), "l2", laws.Cubic(cubic_stiffness=3e8)), seed=5)
+    draw, runs = np.random.default_rng(6), []
+    for run in made.runs:
+        channel = run.channels["a2"]
+        wander = np.cumsum(draw.normal(0.0, 1.0, len(run)))
+        values = channel.read() + wander * 0.1 * float(np.std(channel.read())) / float(np.std(wander))
+        runs.append(dataclasses.replace(run, channels={**run.channels, "a2": dataclasses.replace(channel, samples=values)}))
+    equations = equations_of(dataclasses.replace(made, runs=tuple(runs)), model)
+    assert equations.wandering == {"a2"}
+    best = ranking(equations).explanations[0]
+    assert (best.kind, best.place) == ("spring_shape", "l2")
 
 
 def test_an_elastic_lock_with_damping_is_found_with_its_stiffness() -> None:
