@@ -14,6 +14,8 @@ FORMS: Mapping[Kind, tuple[str, ...]] = {
 }
 #: Kinds with a free shape: it bounds what any law of the kind can explain.
 SHAPED: frozenset[Kind] = frozenset(("spring_shape", "damping_shape", "friction_shape", "memory", "drift", "sensor"))
+#: Kinds that a force over velocity cannot distinguish: where one is suspected, so is the other.
+OVER_VELOCITY = frozenset({"damping_shape", "friction_shape"})
 _KIND_OF: dict[str, Kind] = {cause.name: cause.kind for cause in CATALOGUE}
 
 

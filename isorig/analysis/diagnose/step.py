@@ -13,7 +13,7 @@ from isorig.analysis.campaign import FloatArray
 from isorig.analysis.diagnose.causes.base import Evidence, Kind
 from isorig.analysis.diagnose.evidence import Sign
 from isorig.analysis.diagnose.free_shapes import tabulated
-from isorig.analysis.diagnose.kinds import kind_of
+from isorig.analysis.diagnose.kinds import OVER_VELOCITY, kind_of
 from isorig.analysis.diagnose.policy import POLICY, form_stands, rivals_alike, wins
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.candidate import Candidate, Reported
@@ -22,7 +22,7 @@ from isorig.analysis.fitting.score import Score, confidence, margin_in_errors, u
 from isorig.analysis.fitting.solve import Fit
 from isorig.analysis.laws import FrictionCurve
 from isorig.analysis.model.parameter_units import unit_of
-from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.model.rig_model import Contact, Link, RigModel
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -242,7 +242,7 @@ def best_kind(
     ]
     apart = [units(other.score) for other in others if all(other is not entry for entry in close)]
     sureness = wins(units(chosen.score), apart)
-    twins = {(entry.candidate.cause, entry.candidate.location) for entry in close if entry is not chosen}
+    twins = {entry.candidate.key for entry in close if entry is not chosen and not _same_curve(entry, chosen)}
     if standing:
         carried = min(alike(standing, floors), key=lambda entry: (len(entry.candidate.free), entry.candidate.rank))
         carried = determined(carried, mates, floors)
@@ -254,6 +254,15 @@ def best_kind(
         return found_step(carried, entries, now, twins, sureness)
     closest = (mates[0].candidate.cause, share_removed(now.error, mates[0].score.error, floors)) if mates else None
     return found_step(chosen, entries, now, twins, sureness, closest, curve_of(chosen.candidate, chosen.fit, evidence))
+
+
+def _same_curve(shape: Entry, chosen: Entry) -> bool:
+    # Whether a free shape over the velocity is between the same ends as a chosen cause over the velocity: it is no other cause.
+    if shape.candidate.shape is None or not {shape.kind, chosen.kind} <= OVER_VELOCITY:
+        return False
+    parts: tuple[Link | Contact, ...] = (*chosen.fit.model.links, *chosen.fit.model.contacts)
+    ends = {part.name: {part.a, part.b} for part in parts}
+    return ends.get(shape.candidate.location) == ends.get(chosen.candidate.location)
 
 
 def found_step(

@@ -13,7 +13,7 @@ from isorig.analysis.deadline import ask_time
 from isorig.analysis.diagnose.causes import CATALOGUE, FOUND_AS, proposed
 from isorig.analysis.diagnose.causes.base import Evidence, Kind
 from isorig.analysis.diagnose.free_shapes import free_shapes
-from isorig.analysis.diagnose.kinds import kind_of
+from isorig.analysis.diagnose.kinds import OVER_VELOCITY, kind_of
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.equations.balances import Element
 from isorig.analysis.equations.forms import ElementForce, element_force, fitted_form, start_values
@@ -62,8 +62,6 @@ TELLS = 0.5
 STANDS, STANDS_ALIKE = 0.02, POLICY.form_alike
 #: Causes that the equations do not see, or that their evidence already locates: they are always tried where they are proposed.
 ALWAYS = frozenset(cause.name for cause in CATALOGUE if cause.always_tried)
-#: Kinds that a force over velocity cannot distinguish: where one is suspected, so is the other.
-OVER_VELOCITY = frozenset({"damping_shape", "friction_shape"})
 
 
 @dataclass(frozen=True, kw_only=True)

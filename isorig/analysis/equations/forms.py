@@ -58,6 +58,8 @@ class ElementForce:
         The whole runs, for laws with memory; their samples in use are those of the other arrays, in this order.
     rate
         Sample rate of the motions, Hz.
+    beside
+        Names of the links between the same ends, whose force is in it.
     """
 
     deflection: FloatArray
@@ -67,6 +69,7 @@ class ElementForce:
     left: FloatArray
     motions: tuple[RecordedMotion, ...]
     rate: float
+    beside: frozenset[str] = frozenset()
 
 
 def shape_of(explanation: Explanation) -> Shape | None:
@@ -122,6 +125,7 @@ def _sliding_force(
     return ElementForce(
         deflection=np.concatenate(d)[samples], velocity=np.concatenate(v)[samples], time=np.concatenate(t)[samples],
         force=np.concatenate(f)[samples], left=np.concatenate(left)[samples], rate=sliding.rate,
+        beside=frozenset(other.name for other, _ in balance.crossing if other.link is not None and element.beside(other)),
         motions=tuple(
             RecordedMotion(deflection=run.deflection, velocity=run.velocity, used=at[runs == run.run]) for run in sliding.runs
         ),
@@ -149,7 +153,7 @@ def fitted_form(
     model
         The rig with the form at its starting values.
     free
-        The parameters of the fit; only those of the element are used.
+        The parameters of the fit; only those of the element, and of the links beside it, are used.
     element
         The element.
     force
@@ -162,9 +166,8 @@ def fitted_form(
     """
     from scipy.optimize import least_squares
 
-    own = [
-        f for f in free if any(f.path.startswith(f"{part}.{name}.") for part in ("links", "contacts") for name in element.names)
-    ]
+    names = element.names | force.beside
+    own = [f for f in free if any(f.path.startswith(f"{part}.{name}.") for part in ("links", "contacts") for name in names)]
     courses: dict[Law, FloatArray] = {}
     if not own or _predicted(model, element, force, courses) is None:
         return None
@@ -228,11 +231,11 @@ def _predicted(
     # An element's force in N; `courses` holds that of laws with memory, which depends on their own parameters only.
     d, v, t = force.deflection + offset, force.velocity, force.time
     total = np.zeros(len(d))
-    link = next((link for link in model.links if link.name in element.names), None)
+    links = [link for link in model.links if link.name in element.names | force.beside]
     contact = next((contact for contact in model.contacts if contact.name in element.names), None)
-    if link is not None:
-        total = link.stiffness * d + link.damping * v
-    laws = [(law, model.constants_of(link)) for law in link.laws] if link is not None else []
+    for link in links:
+        total = total + link.stiffness * d + link.damping * v
+    laws = [(law, model.constants_of(link)) for link in links for law in link.laws]
     for law, constants in laws + ([(contact.law, NO_LINK)] if contact is not None else []):
         if not law.remembers:
             total = total + law.force(d, v, t, np.zeros((1, len(d))), constants)

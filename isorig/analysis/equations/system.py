@@ -469,7 +469,7 @@ class Equations:
                 if other.name == element.name:
                     continue
                 od, ov = self.elongation(signals, other, CUT * self.lowest)
-                if other.link is not None:
+                if other.link is not None and not element.beside(other):
                     fixed += [way * other_sign * od, way * other_sign * ov]
                 if other.contact is not None:
                     fixed.append(way * other_sign * direction_of(ov, max(float(np.std(ov)), 1e-12)))
