@@ -15,9 +15,10 @@ from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
 from isorig.analysis.diagnose.evidence import record_signs
 from isorig.analysis.errors import SimulationError
 from isorig.analysis.fitting import initial_state
+from isorig.analysis.fitting.division import ends
 from isorig.analysis.fitting.initial_state import PreparedRun, begins_in_motion, moving_start
 from isorig.analysis.fitting.solve import Free, Problem, jacobian_of
-from isorig.analysis.fitting.trials import expected, prepare
+from isorig.analysis.fitting.trials import DECAYS, expected, prepare
 from isorig.analysis.laws import Cubic
 from isorig.analysis.model.rig_model import Body, Configuration, Drive, Link, RigModel, Sensor
 from isorig.analysis.simulate import Excitation, simulate
@@ -194,3 +195,43 @@ def test_a_sensor_that_shows_nothing_does_not_weigh() -> None:
     dead = Channel(name="dead", samples=np.zeros(len(run)), quantity="acceleration", unit="m/s^2")
     (trial,) = prepare(replace(records, runs=(replace(run, channels={**run.channels, "dead": dead}),)), two)
     assert trial.start_of(two)["m"][0] == pytest.approx(motion()[1][round(CUT * RATE)], abs=0.05 * motion()[1].std())
+
+
+def releases(starts: tuple[float, ...], described: float, seconds: float) -> tuple[Campaign, RigModel]:
+    """Free decays from these positions by scipy, each described as `described` times its start."""
+    t, runs = np.arange(round(seconds * RATE)) / RATE, []
+    for k, start in enumerate(starts):
+        found = solve_ivp(
+            lambda t, y: [y[1], -(STIFFNESS * y[0] + DAMPING * y[1] + CUBIC * y[0] ** 3) / MASS], (0.0, seconds), (start, 0.0),
+            t_eval=t, rtol=1e-10, atol=1e-13, method="DOP853",
+        )  # fmt: skip
+        x = found.y[0] + np.random.default_rng(k).normal(0.0, 1e-6, len(t))
+        channels = {
+            "force": Channel(name="force", samples=np.zeros(len(t)), quantity="force", unit="N"),
+            "x": Channel(name="x", samples=x, quantity="displacement", unit="m"),
+        }
+        runs.append(Run(id=f"r{k}", configuration=f"from {k}", sample_rate=RATE, gain=1.0, channels=channels, excitation="free"))
+    setups = {f"from {k}": Configuration(initial_position={"m": described * start}) for k, start in enumerate(starts)}
+    return Campaign(runs=tuple(runs), source="releases"), msgspec.structs.replace(RIG, configurations=setups)
+
+
+def test_records_of_a_decay_tell_the_described_state_at_its_start() -> None:
+    """A hand pulls three per cent further than described; within a few periods a state and a friction imitate each other."""
+    measured, described = releases((5e-3,), 1.0 / 1.03, 12.0)
+    (trial,) = prepare(measured, described)
+    assert trial.start_of(described)["m"][0] == pytest.approx(5e-3, rel=1e-3)
+    period = 2.0 * np.pi * np.sqrt(MASS / STIFFNESS)
+    lasting = [prepare(*releases((5e-3,), 1.0, share * DECAYS * period))[0].moving is not None for share in (0.97, 1.03)]
+    assert lasting == [False, True]
+
+
+def test_the_second_strongest_of_several_decays_is_held_out() -> None:
+    """The end of a decay is its weakest part; the other decays are fitted, and judged where that is asked, as a whole."""
+    trials = prepare(*releases((4e-3, -6e-3, 2e-3), 1.0, 12.0))
+    whole = trials[0].samples
+    assert [trial.fitted for trial in trials] == [0, whole, whole]
+    assert [trial.held_out for trial in trials] == 3 * [slice(0, whole)]
+    assert [trial.run.id for trial in ends(trials).judged] == ["r0"]
+    (alone,) = prepare(*releases((4e-3,), 1.0, 12.0))
+    assert 0 < alone.fitted < whole
+    assert alone.held_out == slice(alone.fitted, whole)

@@ -77,3 +77,29 @@ def test_the_end_of_an_imposed_motion_has_no_error() -> None:
     assert trial.uncertain_end == TAPS + round(ENDS * RATE / trial.excitation.corner)
     exact = dataclasses.replace(trial.excitation, corner=np.inf)
     assert dataclasses.replace(trial, excitation=exact).uncertain_end == TAPS
+
+
+def test_damping_that_grows_with_the_velocity_in_short_fast_runs() -> None:
+    """Oil beside a gas spring; a slow run shows only the spring, and the fast one is shorter than twenty periods of the slow one.
+
+    The force over the velocity is that of both links between the two ends, and is named at one of them.
+    """
+    oil, gas, quadratic, draw = 520.0, 3000.0, 3200.0, np.random.default_rng(3)
+    runs = []
+    for k, (frequency, seconds) in enumerate(((0.2, 48.0), (0.8, 14.0), (2.5, 8.0))):
+        angle = 2.0 * np.pi * frequency * np.arange(round(seconds * RATE)) / RATE
+        x, v = 0.011 * np.sin(angle), 0.011 * 2.0 * np.pi * frequency * np.cos(angle)
+        force = -MASS * (2.0 * np.pi * frequency) ** 2 * x + oil * v + quadratic * v * np.abs(v) + gas * x
+        stroke, load = (values + draw.normal(0.0, NOISE * values.std(), len(values)) for values in (x, force))
+        channels = {
+            "stroke": Channel(name="stroke", samples=stroke, quantity="displacement", unit="m"),
+            "load": Channel(name="load", samples=load, quantity="force", unit="N"),
+        }
+        runs.append(Run(id=f"r{k}", configuration="unlocked", sample_rate=RATE, gain=1.0, channels=channels, excitation="other"))
+    links = (Link(name="oil", a="rod", damping=1.1 * oil), Link(name="gas", a="rod", stiffness=0.93 * gas))
+    rig = replace(RIG, links=links, free=("links.oil.damping", "links.gas.stiffness"))
+    found = iso.diagnose(Campaign(runs=tuple(runs), source="damper"), rig)
+    (step,) = found.steps
+    assert (found.verdict, step.cause, step.location) == ("explained", "quadratic_damping", "oil")
+    value, std, _ = step.parameters["quadratic_damping"]
+    assert abs(value - quadratic) <= 3.0 * std <= 0.05 * quadratic
