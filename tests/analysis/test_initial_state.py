@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
 from isorig.analysis.diagnose.evidence import record_signs
 from isorig.analysis.errors import SimulationError
-from isorig.analysis.fitting import initial_state
+from isorig.analysis.fitting import initial_state, trials
 from isorig.analysis.fitting.division import ends
 from isorig.analysis.fitting.initial_state import PreparedRun, begins_in_motion, moving_start
 from isorig.analysis.fitting.solve import Free, Problem, jacobian_of
@@ -215,23 +215,25 @@ def releases(starts: tuple[float, ...], described: float, seconds: float) -> tup
     return Campaign(runs=tuple(runs), source="releases"), msgspec.structs.replace(RIG, configurations=setups)
 
 
-def test_records_of_a_decay_tell_the_described_state_at_its_start() -> None:
+def test_records_of_a_decay_tell_the_described_state_at_its_start(monkeypatch: pytest.MonkeyPatch) -> None:
     """A hand pulls three per cent further than described; within a few periods a state and a friction imitate each other."""
     measured, described = releases((5e-3,), 1.0 / 1.03, 12.0)
     (trial,) = prepare(measured, described)
     assert trial.start_of(described)["m"][0] == pytest.approx(5e-3, rel=1e-3)
-    period = 2.0 * np.pi * np.sqrt(MASS / STIFFNESS)
-    lasting = [prepare(*releases((5e-3,), 1.0, share * DECAYS * period))[0].moving is not None for share in (0.97, 1.03)]
-    assert lasting == [False, True]
+    # Five of its periods are fewer samples than a run must have.
+    monkeypatch.setattr(trials, "DECAYS", 4.0 * DECAYS)
+    limit = 4.0 * DECAYS * 2.0 * np.pi * np.sqrt(MASS / STIFFNESS)
+    told = [prepare(*releases((5e-3,), 1.0, share * limit))[0].moving is not None for share in (0.97, 1.03)]
+    assert told == [False, True]
 
 
 def test_the_second_strongest_of_several_decays_is_held_out() -> None:
     """The end of a decay is its weakest part; the other decays are fitted, and judged where that is asked, as a whole."""
-    trials = prepare(*releases((4e-3, -6e-3, 2e-3), 1.0, 12.0))
-    whole = trials[0].samples
-    assert [trial.fitted for trial in trials] == [0, whole, whole]
-    assert [trial.held_out for trial in trials] == 3 * [slice(0, whole)]
-    assert [trial.run.id for trial in ends(trials).judged] == ["r0"]
+    prepared = prepare(*releases((4e-3, -6e-3, 2e-3), 1.0, 12.0))
+    whole = prepared[0].samples
+    assert [trial.fitted for trial in prepared] == [0, whole, whole]
+    assert [trial.held_out for trial in prepared] == 3 * [slice(0, whole)]
+    assert [trial.run.id for trial in ends(prepared).judged] == ["r0"]
     (alone,) = prepare(*releases((4e-3,), 1.0, 12.0))
     assert 0 < alone.fitted < whole
     assert alone.held_out == slice(alone.fitted, whole)
