@@ -321,11 +321,16 @@ class Spectra:
                     found[:, i, j] = values * a.conj() * b
         return found
 
-    def add(self, run: int, signals: Mapping[tuple[str, int], FloatArray], noise: Mapping[str, float]) -> None:
-        """Add a run: its signals, each shape (n,), and the standard deviation of the sensor noise in each measured channel."""
+    def add(
+        self, run: int, signals: Mapping[tuple[str, int], FloatArray], noise: Mapping[str, float], *, free: bool = False
+    ) -> None:  # fmt: skip
+        """Add a run: its signals, each shape (n,), and the standard deviation of the sensor noise in each measured channel.
+
+        `free` is whether nothing drives it: then its start may be its loudest part.
+        """
         half = self.length // 2
         motions = [signals[channel, order] for channel, order in self.orders.items()]
-        if any(float(np.std(values[:half])) > LOUD * float(np.std(values)) for values in motions):
+        if free and any(float(np.std(values[:half])) > LOUD * float(np.std(values)) for values in motions):
             self.loud_at_start.add(run)
         segments = np.stack([self.segments(signals[name], run) for name in self.names])
         count = segments.shape[1]

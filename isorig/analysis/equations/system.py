@@ -29,7 +29,7 @@ from isorig.analysis.model.rig_model import GROUND, RigModel
 from isorig.analysis.rounding import is_command
 from isorig.analysis.simulate.natural import lowest_mode
 from isorig.analysis.simulate.sampling import as_held
-from isorig.analysis.spectra.noise import noise_of_runs
+from isorig.analysis.spectra.noise import noise_of_runs, rests
 
 #: Periods of the lowest mode in a segment.
 SEGMENT_PERIODS = 20.0
@@ -190,7 +190,9 @@ class Equations:
         self.spectra = Spectra(self.rate, self.length, LOWEST * self.lowest, high, names, orders)
         self.signals: list[dict[tuple[str, int], FloatArray]] = [self._signals_of(record) for record in self.records]
         for record, signals in zip(self.records, self.signals, strict=True):
-            self.spectra.add(record.index, signals, record.noise)
+            drives = [drive.channel for drive in self.model.drives]
+            free = all(rests(record.channels[name], record.noise[name]) for name in drives)
+            self.spectra.add(record.index, signals, record.noise, free=free)
         self.prepared: dict[str, Prepared] = {}
         self.sliding: dict[str, tuple[Sliding, SlidingFit]] = {}
         self._in_time: dict[tuple[str, str, bool], tuple[Sliding, SlidingFit] | None] = {}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from threading import Lock
@@ -384,7 +384,7 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
     noises = noise_of_runs(campaign, tuple(drive.channel for drive in model.drives))
     lowest, wrong = SLOW * lowest_mode(model), frozenset(zero_errors(campaign, model))
     by_drive: list[tuple[Run, int, Mapping[str, float]]] = []
-    trials = []
+    trials, free = list[Trial](), set[str]()
     for run, noise, of_drive in zip(campaign.runs, noises, drive_noises(campaign, model.drive.channel), strict=True):
         if run.configuration not in model.configurations:
             raise DataError(
@@ -402,6 +402,8 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
         still = all(rests(run.channel(d.channel).read(0, stop), noise.get(d.channel, 0.0)) for d in model.drives)
         if still and not described_state(model, run.configuration):
             continue
+        if still:
+            free.add(run.id)
         names = tuple(sensor.channel for sensor in model.sensors)
         measured = np.stack([run.channel(name).read(0, stop) for name in names])
         low = run.band is not None and run.band[1] <= run.sample_rate / 20.0
@@ -426,7 +428,7 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
         return _by_drive(campaign, model, by_drive)
     if not trials:
         raise DataError(f"{campaign.source or 'the campaign'} has no run that a fit can use; measure at least one")
-    return _with_decays_held_out(_with_starts(trials, model))
+    return _with_decays_held_out(_with_starts(trials, model), free)
 
 
 def _with_starts(trials: Sequence[Trial], model: RigModel) -> tuple[Trial, ...]:
@@ -455,10 +457,10 @@ def _lasting(trial: Trial) -> float:
     return float(np.sum(moving > FADED * moving.max())) / BLOCKS * trial.samples / trial.sample_rate
 
 
-def _with_decays_held_out(trials: Sequence[Trial]) -> tuple[Trial, ...]:
-    # Of several free decays the second strongest is held out, and the others are fitted as a whole: the end of a decay is its
-    # weakest part, where an effect of large motions does not show.
-    alike = [k for k, trial in enumerate(trials) if trial.fitted > 0 and trial.motion is None and decays(trial.measured)]
+def _with_decays_held_out(trials: Sequence[Trial], free: Collection[str]) -> tuple[Trial, ...]:
+    # Of several decays of runs that nothing drives the second strongest is held out, and the others are fitted as a whole: the
+    # end of a decay is its weakest part, where an effect of large motions does not show.
+    alike = [k for k, trial in enumerate(trials) if trial.fitted > 0 and trial.run.id in free and decays(trial.measured)]
     if len(alike) < 2:
         return tuple(trials)
     _, judged, *_ = sorted(alike, key=lambda k: -float(np.mean(trials[k].measured ** 2)))
