@@ -21,7 +21,7 @@ from isorig.analysis.equations.hidden import estimable, fitted, transfer
 from isorig.analysis.equations.known import law_columns, law_forces
 from isorig.analysis.equations.motion import Combinations, derivatives, highpass_gain
 from isorig.analysis.equations.ranking import Regressions, ranking
-from isorig.analysis.equations.repeats import pitch_of
+from isorig.analysis.equations.repeats import MOST_INTEGRATED, pitch_of
 from isorig.analysis.equations.sliding import Columns, Sliding, SlidingFit, SlidingRun, spline_columns
 from isorig.analysis.equations.slip import slip_operator
 from isorig.analysis.equations.spectral import SHORTEST, Spectra, _solve
@@ -322,7 +322,11 @@ def test_a_pitch_is_found_over_the_range_of_the_motion(teeth: float, monkeypatch
     d = draw.uniform(-1.0, 3.0, 20000)
     left = np.sin(2.0 * np.pi * teeth * d / 4.0 + 0.7) + draw.normal(0.0, 1.0, len(d))
     monkeypatch.setattr(repeats, "_residual", lambda *given: (d, left))
-    found = pitch_of(cast(Sliding, SimpleNamespace(range=(-1.0, 3.0))), cast(SlidingFit, None), cast(Columns, None))
+    found = pitch_of(
+        cast(Sliding, SimpleNamespace(range=(-1.0, 3.0), integrated=teeth < MOST_INTEGRATED)),
+        cast(SlidingFit, None),
+        cast(Columns, None),
+    )
     assert found == pytest.approx(4.0 / teeth, rel=1e-2 / teeth + 1e-4)
 
 
