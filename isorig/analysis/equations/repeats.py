@@ -12,7 +12,7 @@ from isorig.analysis.equations.sliding import Columns, Sliding, SlidingFit
 #: a period is an inflection of a spring's curve; the shortest one has `CELLS` / `MOST` cells. A motor with a hundred teeth makes
 #: a thousand in ten turns.
 FEWEST, MOST = 2.0, 2048.0
-#: The latter of an integrated deflection. Chosen: nothing turns there, and a force of a pitch below its noise takes long to simulate.
+#: The latter of an integrated deflection. Chosen: nothing turns there, and a pitch below its noise takes long to simulate.
 MOST_INTEGRATED = 128.0
 #: Cells over the range, for whose mean force the search is made, and frequencies for each period.
 CELLS, STEPS = 16384, 4
