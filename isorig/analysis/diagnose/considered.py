@@ -62,9 +62,7 @@ def all_considered(
     found: dict[tuple[str, str], ConsideredCandidate] = {}
     for before, entries in searches:
         best = min(entries, key=lambda entry: excess(entry.score.error, floors))
-        near = [
-            entry.candidate.key for entry in entries if ratio(entry.score.error, best.score.error, floors) < POLICY.form_close
-        ]
+        close = {e.candidate.key for e in entries if ratio(e.score.error, best.score.error, floors) < POLICY.form_close}
         for entry in entries:
             key = entry.candidate.key
             if whole <= 0.0:
@@ -76,7 +74,7 @@ def all_considered(
             # A named cause that is fitted again with itself in place removes hardly anything then.
             if key not in found or (key in named and share > (found[key].share or 0.0)):
                 alike = any(key in one for one in sets)
-                found[key] = _considered(entry, share, best, floors, key in named, alike, len(set(near)) > 1)
+                found[key] = _considered(entry, share, best, floors, key in named, alike, len(close) > 1)
             if key in replaced and key not in named:
                 why = f"It removes {_percent(share)}; a more general friction at the same place replaces it."
                 found[key] = replace(found[key], standing="ruled out", why=why)

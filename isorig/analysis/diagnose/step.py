@@ -166,7 +166,8 @@ def best_form(forms: Sequence[Entry], now: Score, floors: FloatArray) -> Found:
     entries = sorted(forms, key=lambda entry: float(np.mean(np.log(entry.score.blocks))))
     close = alike(entries, floors)
     # Of indistinguishable candidates, the simplest is used.
-    carried = determined(simplest(close), [entry for entry in entries if entry.place == simplest(close).place], floors)
+    carried = simplest(close)
+    carried = determined(carried, [entry for entry in entries if entry.place == carried.place], floors)
     apart = [entry.score for entry in entries if all(entry is not other for other in close)]
     twins = {entry.candidate.key for entry in close if entry is not carried}
     return found_step(carried, entries, now, twins, confidence(carried.score, apart))

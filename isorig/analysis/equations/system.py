@@ -189,8 +189,8 @@ class Equations:
         high = min(self.usable, self.edge)
         self.spectra = Spectra(self.rate, self.length, LOWEST * self.lowest, high, names, orders)
         self.signals: list[dict[tuple[str, int], FloatArray]] = [self._signals_of(record) for record in self.records]
+        drives = [drive.channel for drive in self.model.drives]
         for record, signals in zip(self.records, self.signals, strict=True):
-            drives = [drive.channel for drive in self.model.drives]
             free = all(rests(record.channels[name], record.noise[name]) for name in drives)
             self.spectra.add(record.index, signals, record.noise, free=free)
         self.prepared: dict[str, Prepared] = {}

@@ -470,7 +470,8 @@ def _with_decays_held_out(trials: Sequence[Trial], free: Collection[str]) -> tup
 
 def decays(measured: FloatArray) -> bool:
     """Whether records, shape (channels, n), have a single move that decays, so that their end is at rest."""
-    return _comes_to_rest(_course(measured)) and not len(_between_moves(_course(measured)))
+    course = _course(measured)
+    return _comes_to_rest(course) and not len(_between_moves(course))
 
 
 def fit_samples(measured: FloatArray) -> int:
