@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from isorig.analysis.diagnose.causes.at_link import LinkCause, LinkInRuns
 from isorig.analysis.diagnose.causes.base import Amplitudes, Evidence, RigWithCause, Sizes
+from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.solve import Free
 from isorig.analysis.laws import Periodic
 from isorig.analysis.model.rig_model import Link, RigModel
@@ -43,10 +45,17 @@ class Cogging(LinkCause):
             for phase in PHASES:
                 yield link.having(Periodic(periodic_force=SHARE * _scale(link), pitch=pitch, phase=phase))
 
+    def proposed(self, model: RigModel, evidence: Evidence, place: str) -> Iterator[Candidate]:
+        """As for every law, with the pitch near the one from the equations; see `WITHIN`."""
+        pitch = evidence.pitches.get(place, np.inf)
+        for candidate in super().proposed(model, evidence, place):
+            force, period, phase = candidate.free
+            yield replace(candidate, free=(force, replace(period, low=pitch / WITHIN, high=pitch * WITHIN), phase))
+
     def free(self, link: LinkInRuns) -> Iterable[Free]:
         return (
             Free(path="periodic_force", low=1e-4 * _scale(link), high=1e2 * _scale(link)),
-            Free(path="pitch", low=1e-4 * link.deflection, high=WITHIN * link.deflection),
+            Free(path="pitch"),
             Free(path="phase", low=-np.inf, log=False, step=1e-3),
         )
 
