@@ -49,6 +49,16 @@ def test_the_answer_names_the_cause_with_its_size_and_the_error() -> None:
     assert said.lines == [said.answer, said.ruled_out, said.next]
 
 
+def test_what_was_tried_on_top_of_an_uncertain_cause_does_not_rule_it_out() -> None:
+    tried = [msgspec.to_builtins(each) for each in findings().candidates]
+    tried[0] |= {"standing": "main contributor", "holdout_error": 0.1}
+    tried[1] |= {"standing": "ruled out", "holdout_error": 0.09}
+    said = conclude(findings(verdict="unexplained", steps=[], candidates=tried[:2])).ruled_out
+    unsure, further = (tried[k]["cause"].replace("_", " ") for k in (0, 1))
+    assert said.startswith(f"Not certain enough to be named, with the error it leaves: {unsure}")
+    assert f"Tried in addition, and not certain, with the error then left: {further}" in said
+
+
 def test_what_was_tried_on_top_of_the_answer_is_no_rival_of_it() -> None:
     tried = [msgspec.to_builtins(each) for each in findings().candidates]
     tried[1]["holdout_error"] = 0.9 * findings().holdout.extended

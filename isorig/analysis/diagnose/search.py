@@ -586,12 +586,16 @@ class Suspected:
         return self.found.stands(best.candidate, self.job.current, self.job.evidence)
 
     def allows(self, entry: Entry) -> bool:
-        """Whether the equations blame its kind and place as much as any other, or, for a first cause, none clearly."""
+        """Whether the equations blame its kind and place as much as any other, or, for a first cause, none clearly.
+
+        What they cannot show is allowed as a first cause that removes what no other single one can.
+        """
         if self.found.tentative:
             return self.job.removes_most(entry)
         if not self.found.broken:
             return self.job.left >= 1.0
-        return self.found.blamed(entry.candidate.cause, entry.candidate.location)
+        untested = entry.candidate.key in self.found.untested and self.job.left >= 1.0 and self.job.helps([entry])
+        return untested or self.found.blamed(entry.candidate.cause, entry.candidate.location)
 
     def shown(self, cause: str, place: str) -> bool:
         """Whether the equations of motion show this cause and place, and no other."""
@@ -755,13 +759,16 @@ def _started(candidates: Sequence[Candidate], found: Suspects, current: Fit) -> 
 
 
 def _with_curve(starts: Starts, found: Suspects, current: Fit, evidence: Evidence) -> Starts:
-    # The same with the curve of the best explanation in place of its forms, if none of these leaves as little of a link's force.
+    # The same with the curve of the best explanation in place of its forms, if none of these leaves as little of a link's force;
+    # after the forms of other explanations that are as good, which are simpler.
     curve = found.curve(current, evidence)
     if curve is None or any(found.stands(candidate, current, evidence) for candidate, _, _ in starts):
         return starts
     best, (shape, model) = found.chosen[0].score, curve
+    simpler = [start for start in starts if found.otherwise(start[0].cause, start[0].location)]
     others = [start for start in starts if found.score_of(start[0].cause, start[0].location) < best]
-    return [(shape, shape.parameters(current.model, current.free), model), *others]
+    others = [start for start in others if all(start is not other for other in simpler)]
+    return [*simpler, (shape, shape.parameters(current.model, current.free), model), *others]
 
 
 def unlike(begun: Starts) -> Starts:
@@ -863,7 +870,7 @@ def _together(
     single = job.finished([entry for entry in forms if entry.candidate.key in named])
     if any(adequate(entry.score, job.floors) for entry in single):
         return None
-    least = min((excess(entry.score.error, job.floors) for entry in single), default=np.inf)
+    alone_at_best = min(excess(one.error, job.floors) for one in (job.now, *(entry.score for entry in (*single, *forms))))
     for first, alone, second, rough in pairs:
         with suppress(FitError):
             both = finished(rough, job.trials)
@@ -872,9 +879,11 @@ def _together(
             job.progress(f"{' and '.join(' at '.join(key) for key in names)}: held-out error {entry.score.figure:.3g}")
             # A fit that agrees with its own data to the noise may leave other data because its motion is sensitive to noise.
             floors = np.maximum(job.floors, job.allowed(both.model)) if both.cost <= AGREES else job.floors
-            decisive = excess(entry.score.error, job.floors) <= POLICY.rest * least and job.explains(entry)
+            left = excess(entry.score.error, job.floors)
+            decisive = left <= POLICY.rest * alone_at_best and job.explains(entry)
             stands = adequate(entry.score, floors)
-            if stands or job.nearly(entry) or (single and decisive):
+            # Two causes that leave more than one does are not both there.
+            if stands or decisive or (job.nearly(entry) and left < alone_at_best):
                 done.append((first, alone, entry, stands))
     if not done:
         return None

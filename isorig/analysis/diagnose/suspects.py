@@ -176,6 +176,11 @@ class Suspects:
         """Whether no explanation of another kind or place is clearly better."""
         return self.score_of(cause, place) >= NEARLY * self.chosen[0].score
 
+    def otherwise(self, cause: str, place: str) -> bool:
+        """Whether a cause at a place is a form of an explanation that is not the best one, and nearly as good."""
+        best, *others = self.chosen
+        return any(item.score >= NEARLY * best.score and self._is(item, cause, place) for item in others)
+
     def left(self, candidate: Candidate, current: Sequence[Free]) -> float:
         """The rms force in N that a candidate leaves of its link's recorded force; 0 where the equations do not tell."""
         return self._begun(candidate, current).left or 0.0
@@ -274,11 +279,15 @@ class Suspects:
             chosen.append(min(enough, key=lambda shape: len(shape.free)))
         return chosen
 
+    @property
+    def untested(self) -> frozenset[tuple[str, str]]:
+        """Causes and places that no equation shows, whatever their size: only a simulation tells."""
+        return frozenset(("wrong_mass", body) for body in self.equations.unscaled)
+
     def candidates(self, current: Fit, evidence: Evidence) -> list[Candidate]:
         """The catalogue's candidates at the suspected places, and those that are always tried."""
-        untested = {("wrong_mass", body) for body in self.equations.unscaled}
         every = proposed(current.model, self._located(evidence))
-        found = [c for c in every if c.cause in ALWAYS or c.key in untested or self.includes(c.cause, c.location)]
+        found = [c for c in every if c.cause in ALWAYS or c.key in self.untested or self.includes(c.cause, c.location)]
         curves = {e: left for e in self.chosen if (left := self._of_curve(e, current, evidence)) is not None}
         return self._comparable(found, current, curves)
 

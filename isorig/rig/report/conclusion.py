@@ -162,8 +162,9 @@ def _ruled_out(findings: Findings) -> str:
     if unsure:
         which = "each leaves" if len(unsure) > 1 else "it leaves"
         said.append(f"Not certain enough to be named, with the error {which}: {_listed(unsure)}.")
-    # What leaves less than the model with its causes was tried on top of these.
-    further = [pair for pair in out if findings.steps and pair[0] < findings.holdout.extended]
+    # What leaves less than the model with its causes, or than the cause that is not certain, was tried on top of these.
+    reached = findings.holdout.extended if findings.steps else min((error for error, _ in unsure), default=0.0)
+    further = [pair for pair in out if pair[0] < reached]
     out = [pair for pair in out if pair not in further]
     if further:
         said.append(f"Tried in addition, and not certain, with the error then left: {_listed(further)}.")
