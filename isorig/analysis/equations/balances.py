@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.equations.motion import Combinations
+from isorig.analysis.equations.motion import Combinations, estimate_of
 from isorig.analysis.model.linear import floats
 from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel, direction
 
@@ -233,6 +233,13 @@ def _connected(model: RigModel, bodies: Sequence[str]) -> bool:
         left -= grown
 
 
+def _measured(balance: Balance, combos: Combinations) -> bool:
+    # Whether none of its motions is estimated.
+    channels = {channel for part, _ in balance.crossing for channel in combos.of(part.weights, 0) or {}}
+    estimates = {estimate_of(body) for body in combos.estimated}
+    return not set(balance.bodies) & set(combos.estimated) and not channels & estimates
+
+
 def _chosen(
     found: Sequence[Balance], parts: Sequence[Element], known: Sequence[str], combos: Combinations
 ) -> tuple[Balance, ...]:  # fmt: skip
@@ -241,10 +248,13 @@ def _chosen(
         return terms, len(balance.bodies)
 
     chosen: list[Balance] = []
-    for part in parts:
-        best = min((b for b in found if b.contains(part)), key=size, default=None)
-        if best is not None and best not in chosen:
-            chosen.append(best)
+    # What is measured throughout tells more than a shorter equation with an estimate.
+    measured = [b for b in found if _measured(b, combos)] if combos.estimated else []
+    for group in (found, measured):
+        for part in parts:
+            best = min((b for b in group if b.contains(part)), key=size, default=None)
+            if best is not None and best not in chosen:
+                chosen.append(best)
     for body in known:
         if body not in combos.estimated and not any(body in balance.bodies for balance in chosen):
             best = min((b for b in found if body in b.bodies), key=size, default=None)

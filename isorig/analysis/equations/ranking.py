@@ -102,7 +102,7 @@ class Ranking:
     Parameters
     ----------
     residuals
-        Residual of each equation over noise, by name: about one if it holds.
+        Residual of each equation that counts over noise, by name: about one if it holds.
     explanations
         Best first.
     """
@@ -143,6 +143,13 @@ class Regressions:
         self.on, self._done = on, done
         worst = max(on.residuals().values(), default=0.0)
         self.least = HOLDS if worst >= HOLDS else HINTS  # residual from which an equation is explained
+        # What breaks an equation of measured motions is in it; an error of the model anywhere breaks those of estimated ones.
+        estimated = {balance.name for balance in on.balances if not on.exact(balance)}
+        measured = {name: value for name, value in on.residuals().items() if name not in estimated}
+        self._counted = measured if max(measured.values(), default=0.0) >= HOLDS else on.residuals()
+        self._balances = [balance for balance in on.balances if balance.name in self._counted]
+        self._prepared = {name: item for name, item in on.prepared.items() if name in self._counted}
+        self._sliding = {name: item for name, item in on.sliding.items() if name in self._counted}
 
     def ranked(self) -> Ranking:
         """Every kind at every place, best first.
@@ -152,7 +159,7 @@ class Regressions:
         OutOfTimeError
             The time of the deadline in force has ended.
         """
-        before, found = self.on.residuals(), self._done.found
+        before, found = self._counted, self._done.found
 
         def add(
             kind: str, place: str, what: str, after: Mapping[str, float], charge: float, source: str = "", **values: float
@@ -166,7 +173,7 @@ class Regressions:
 
         parts: list[Callable[[], None]] = [
             *(partial(self._shape, one, shape, add) for one in self.on.elements() for shape in self._shapes(one, before)),
-            *(partial(self._repeating, balance, add, before, found) for balance in self.on.balances),
+            *(partial(self._repeating, balance, add, before, found) for balance in self._balances),
             *(partial(self._body, body, add, before) for body in self.on.combos.measured),
             partial(self._rocking, add), partial(self._locks, add), *self._sensors(add, before),
         ]  # fmt: skip
@@ -178,7 +185,7 @@ class Regressions:
 
     def _shapes(self, element: Element, before: Mapping[str, float]) -> list[Shape]:
         rubbing = element.contact is not None
-        mine = [balance.name for balance in self.on.balances if balance.contains(element)]
+        mine = [balance.name for balance in self._balances if balance.contains(element)]
         if all(before.get(name, 0.0) < self.least for name in mine) and not any(
             lock.element.name == element.name and before[name] >= self.least for name, lock in self.on.stuck.items()
         ):
@@ -190,15 +197,15 @@ class Regressions:
 
     def _shape(self, element: Element, shape: Shape, add: _Add, **values: float) -> None:
         after: dict[str, float] = {}
-        for balance in self.on.balances:
+        for balance in self._balances:
             if not balance.contains(element):
                 continue
-            if balance.name in self.on.prepared and shape.name == "relaxation":
+            if balance.name in self._prepared and shape.name == "relaxation":
                 after[balance.name] = self._relaxed(balance, element)
-            elif balance.name in self.on.prepared:
+            elif balance.name in self._prepared:
                 after[balance.name] = self._bent(balance, element, shape)
-            elif balance.name in self.on.sliding and self.on.primary(balance).name == element.name:
-                sliding, base = self.on.sliding[balance.name]
+            elif balance.name in self._sliding and self.on.primary(balance).name == element.name:
+                sliding, base = self._sliding[balance.name]
                 fitted = self.on.slid(element, sliding, base, shape, self.on.own_frequency(element, balance))
                 passive = shape.name != "relaxation" or dissipates(fitted.values[len(base.values) :])
                 after[balance.name] = sliding.residual(fitted, base) if passive else sliding.residual(base)
@@ -225,7 +232,7 @@ class Regressions:
         # Residual of an equation without friction with a shape. The time domain is better where the slow part of an integrated
         # deflection shifts a curve over it, where rare events count, and for friction, which holds while the element slides:
         # there the ratio of the residuals counts. Rigs that are moved and rest have few segments that tell, except a decay.
-        before = self.on.prepared[balance.name].solved.residual
+        before = self._prepared[balance.name].solved.residual
         moved = self.on.in_time(balance, element, sliding=True)
         if moved is not None and moved[0].rests and not self.on.spectra.loud_at_start:
             return before * self.on.in_motion(balance, element, shape)
@@ -243,7 +250,7 @@ class Regressions:
 
     def _relaxed(self, balance: Balance, element: Element) -> float:
         # Residual with one relaxation of positive stiffness.
-        prepared = self.on.prepared[balance.name]
+        prepared = self._prepared[balance.name]
         sign = next(s for e, s in balance.crossing if e.name == element.name)
         row = {name: sign * weight for name, weight in self.on.motion_row(element.weights, 0).items()}
         ratio = np.asarray(1j * self.on.spectra.frequency / self.on.own_frequency(element, balance), dtype=np.complex128)
@@ -257,12 +264,12 @@ class Regressions:
         if body in self.on.model.imposed or body in self.on.hidden:
             return
         row, mass = self.on.body_row(body), self.on.model.body(body).mass
-        inside = [b for b in self.on.balances if body in b.bodies]
+        inside = [b for b in self._balances if body in b.bodies]
         if all(before.get(b.name, 0.0) < self.least for b in inside):
             return
         inside = sorted(inside, key=self.on.unknown_scale)
-        spectral = {b.name: self.on.prepared[b.name] for b in inside if b.name in self.on.prepared}
-        slid = {b.name: self.on.sliding[b.name] for b in inside if b.name in self.on.sliding}
+        spectral = {b.name: self._prepared[b.name] for b in inside if b.name in self._prepared}
+        slid = {b.name: self._sliding[b.name] for b in inside if b.name in self._sliding}
         # Where this inertia is all that is known, its mass is only the scale.
         scaled = {b.name for b in inside if self.on.scales(b)}
         if f"bodies.{body}.mass" not in self.on.model.free:
@@ -407,7 +414,7 @@ class Regressions:
         sign = next(s for e, s in balance.crossing if e.contact is not None)
         found = {}
         for record, signals in zip(self.on.records, self.on.signals, strict=True):
-            if any(run.run == record.index for run in self.on.sliding[name][0].runs):
+            if any(run.run == record.index for run in self._sliding[name][0].runs):
                 values = np.sign(sign) * self.on.combined(signals, row)
                 if mode is not None:
                     values = filtered(np.asarray(np.fft.rfft(values)), len(values), self.on.rate, mode)
@@ -444,13 +451,13 @@ class Regressions:
             if not links:
                 continue
             free = [n for n, setup in self.on.model.configurations.items() if not links & set(setup.rigid)]
-            inside = [b for b in self.on.balances if pushed in b.bodies]
+            inside = [b for b in self._balances if pushed in b.bodies]
             loose = [r.index for r in self.on.records if r.configuration in free]
             parts: dict[str, tuple[Prepared, float, int, int]] = {}
             for balance in inside:
-                if balance.name not in self.on.prepared:
+                if balance.name not in self._prepared:
                     continue
-                whole = self.on.prepared[balance.name]
+                whole = self._prepared[balance.name]
                 mine = [run for run in whole.runs if run in loose]
                 others = [run for run in whole.runs if run not in loose]
                 if not mine:
@@ -478,13 +485,13 @@ class Regressions:
                 torque |= {name: float(share) * weight for name, weight in row.items()}
             after = {}
             for name, (apart, rest, mine_count, other_count) in parts.items():
-                total = self.on.prepared[name].solved.residual
+                total = self._prepared[name].solved.residual
                 old = apart.solved.residual * mine_count + rest * other_count
                 new = float(scans[name][k]) * mine_count + rest * other_count
                 after[name] = new * total / max(old, 1e-9)
             for balance in inside:
-                if balance.name in self.on.sliding:
-                    sliding, base = self.on.sliding[balance.name]
+                if balance.name in self._sliding:
+                    sliding, base = self._sliding[balance.name]
                     after[balance.name], _ = self._linear(
                         self.on.primary(balance), sliding, base, self._rocked(balance, torque, float(frequencies[k])), OWN
                     )
@@ -493,7 +500,7 @@ class Regressions:
     def _rocked(self, balance: Balance, torque: Row, frequency: float) -> list[dict[int, FloatArray]]:
         found: list[dict[int, FloatArray]] = [{}, {}, {}]
         for record, signals in zip(self.on.records, self.on.signals, strict=True):
-            if any(run.run == record.index for run in self.on.sliding[balance.name][0].runs):
+            if any(run.run == record.index for run in self._sliding[balance.name][0].runs):
                 moved = rocked(self.on.combined(signals, torque), self.on.rate, frequency)
                 for part, values in zip(found, moved, strict=True):
                     part[record.index] = self.on.thinned(values)
@@ -501,7 +508,7 @@ class Regressions:
 
     def _locks(self, add: _Add) -> None:
         for lock in self.on.locks:
-            if lock.beyond is not None and lock.name in self.on.prepared:
+            if lock.beyond is not None and lock.name in self._prepared:
                 residual, stiffness = self._elastic(lock, lock.name)
                 add("added_motion", "lock", "elastic lock", {lock.name: residual}, 2, stiffness=stiffness)
 
@@ -509,7 +516,7 @@ class Regressions:
         # Residual of a lock's equation if its ends differ by its force over a stiffness with damping, and that stiffness.
         beyond = lock.beyond
         assert beyond is not None
-        prepared, sign = self.on.prepared[name], beyond.crossing[0][1]
+        prepared, sign = self._prepared[name], beyond.crossing[0][1]
         force = self.on.force_row(beyond)
         for body in self.on.unknown_masses(beyond):
             force = dict(force)
@@ -539,10 +546,10 @@ class Regressions:
         for channel in channels:
             inside = {
                 name: item
-                for name, item in self.on.prepared.items()
+                for name, item in self._prepared.items()
                 if any(key[0] == channel for row in item.rows for key in row)
             }
-            slid = {name: pair for name, pair in self.on.sliding.items() if self._uses(name, channel)}
+            slid = {name: pair for name, pair in self._sliding.items() if self._uses(name, channel)}
             # A fault of a channel breaks all equations that contain it.
             seen = [before[name] for name in inside] or [before[name] for name in slid]
             if all(value < self.least for value in seen):
@@ -601,7 +608,7 @@ class Regressions:
 
     def _sliding_fault(self, name: str, what: str, channel: str, source: str | None, *, alone: bool) -> tuple[float, float]:
         # Residual of a sliding equation with a fault of a channel, and its value; `alone` if no other equation contains it.
-        sliding, base = self.on.sliding[name]
+        sliding, base = self._sliding[name]
         if what == "delay" and channel not in self.on.combos.orders and alone and not sliding.integrated:
             return self._late(name, channel)
         signals = [self._faulty(name, what, channel, source, base)]
@@ -612,7 +619,7 @@ class Regressions:
     def _late(self, name: str, channel: str) -> tuple[float, float]:
         # Residual of a sliding equation with a drive that acts later or earlier than its record tells, and by how much in s: a
         # command changes at once, so its derivative does not tell.
-        sliding, base = self.on.sliding[name]
+        sliding, base = self._sliding[name]
         balance = self.on.balance_of(name)
         element, sign = next((e, s) for e, s in balance.crossing if e.contact is not None)
         weight = float(np.sign(sign) * np.real(self.on.force_row(balance)[channel, -1]))
@@ -704,7 +711,7 @@ class Regressions:
         rows, values, way = self._signed_rows(name, base)
         found = {}
         for record, signals in zip(self.on.records, self.on.signals, strict=True):
-            if not any(run.run == record.index for run in self.on.sliding[name][0].runs):
+            if not any(run.run == record.index for run in self._sliding[name][0].runs):
                 continue
             errors = {}
             for order in (-1, 0, 1, 2):
