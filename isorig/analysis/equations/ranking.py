@@ -545,9 +545,7 @@ class Regressions:
         channels = [c for c in self.on.model.channels if c in orders or (c, -1) in self.on.spectra.index]
         for channel in channels:
             inside = {
-                name: item
-                for name, item in self._prepared.items()
-                if any(key[0] == channel for row in item.rows for key in row)
+                name: item for name, item in self._prepared.items() if any(key[0] == channel for row in item.rows for key in row)
             }
             slid = {name: pair for name, pair in self._sliding.items() if self._uses(name, channel)}
             # A fault of a channel breaks all equations that contain it.

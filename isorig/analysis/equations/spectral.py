@@ -120,20 +120,22 @@ class Prepared:
             sum(w[:, None, None] * power for w, power in zip(weights, powers, strict=True)) / count
             for powers in ([item.power for item in chosen], [item.noise for item in chosen])
         )
-        self._kept: dict[tuple[int, ...], tuple[ComplexArray, ComplexArray]] = {(): (self.power, self.noise)}
+        self._kept: dict[tuple[tuple[int, ...], int], tuple[ComplexArray, ComplexArray]] = {}
         self._own = tuple(np.real(_gram(matrix, power)).sum(axis=0) for power in (self.power, self.noise))
         self.solved = _solve(*self._own)
         self.count = count
 
-    def _powers(self, kept: tuple[int, ...]) -> tuple[ComplexArray, ComplexArray]:
-        # Of signals and noise, of these signals alone; of all if none is given.
-        if kept not in self._kept:
-            self._kept[kept] = self.power[:, kept][:, :, kept], self.noise[:, kept][:, :, kept]
-        return self._kept[kept]
+    def _powers(self, kept: tuple[int, ...], every: int) -> tuple[ComplexArray, ComplexArray]:
+        # Of signals and noise, of these signals alone, or of all if none is given; in each `every`-th frequency bin.
+        if (kept, every) not in self._kept:
+            power, noise = (part[::every] for part in (self.power, self.noise))
+            self._kept[kept, every] = (power[:, kept][:, :, kept], noise[:, kept][:, :, kept]) if kept else (power, noise)
+        return self._kept[kept, every]
 
     def solve(
-        self, more: Sequence[Row] = (), known: Row | None = None, correction: ComplexArray | None = None, kept: Sequence[int] = ()
-    ) -> Solved:
+        self, more: Sequence[Row] = (), known: Row | None = None, correction: ComplexArray | None = None,
+        kept: Sequence[int] = (), every: int = 1,
+    ) -> Solved:  # fmt: skip
         """Solve with more unknown rows, with a further known part, or with corrected signals.
 
         Parameters
@@ -146,13 +148,15 @@ class Prepared:
             True signals in terms of the recorded ones, shape (bins, signals, signals), or (bins, signals, kept).
         kept
             Places of the signals on which all others depend.
+        every
+            Only each `every`-th frequency bin counts; those of `correction` are these.
         """
-        matrix = np.concatenate([self._matrix, self.spectra.matrix(more)], axis=1)
+        matrix = np.concatenate([self._matrix, self.spectra.matrix(more)], axis=1)[::every]
         if known is not None:
-            matrix[:, :1] += self.spectra.matrix([known])
+            matrix[:, :1] += self.spectra.matrix([known])[::every]
         if correction is not None:
             matrix = matrix @ correction
-        gram, noise = (np.real(_gram(matrix, power)).sum(axis=0) for power in self._powers(tuple(kept)))
+        gram, noise = (np.real(_gram(matrix, power)).sum(axis=0) for power in self._powers(tuple(kept), every))
         return _solve(gram, noise)
 
     def without_fault(self, added: FloatArray, gains: ComplexArray) -> list[Solved]:

@@ -44,6 +44,9 @@ WANDERING_CUT = 0.3
 #: Noise of an element's integrated deflection, as a share of its rms, above which its slow part is fitted up to a higher
 #: frequency. Chosen: noise of a tenth makes a stiffness appear one per cent lower.
 NOISY = 0.1
+#: Ratio of the motion in an octave to that in the next one above from which it is an integrated error. Chosen: white errors of an
+#: acceleration give 2.8, a spring's deflection by a force with a flat spectrum 0.7.
+STEEP = 2.0
 #: Share of it from which on all content is in the integral: the slow part that is fitted along bends little faster.
 SURE = 0.5
 #: Share of the signal's edge at which a record of displacements is cut before its second derivative.
@@ -65,6 +68,8 @@ STUCK = 0.06
 HELD = 0.999
 #: Faults of a channel that `Equations.fault` takes out.
 CHANNEL_FAULTS = ("gain", "delay", "crosstalk", "high-pass")
+#: Frequency bins from which the values behind estimated motions are fitted. Chosen: enough for ten times as many values.
+FITTED_BINS = 100
 #: Residual up to which an equation holds. Chosen: sound rigs with descriptions a quarter off stay below it.
 HOLDS = 2.0
 
@@ -160,14 +165,16 @@ class Equations:
         # What the equations leave if the motion of bodies without sensors is that of a rig with these values.
         spectra = self.spectra
         seen = [body.name for body in self.model.bodies if body.name not in self.hidden]
-        of_bodies, of_drives = transfer(assumed, self.hidden, seen, spectra.omega)
-        correction = np.zeros((len(spectra.bins), len(spectra.names), len(spectra.names)), dtype=complex)
+        every = max(1, len(spectra.bins) // FITTED_BINS)
+        omega = spectra.omega[::every]
+        of_bodies, of_drives = transfer(assumed, self.hidden, seen, omega)
+        correction = np.zeros((len(omega), len(spectra.names), len(spectra.names)), dtype=complex)
         correction[:, range(len(spectra.names)), range(len(spectra.names))] = 1.0
         rows = [self.body_row(body) for body in seen]
         for i, body in enumerate(self.hidden):
             for order in range(3):
                 k = spectra.index[estimate_of(body), order]
-                integral = (1j * spectra.omega) ** (order - 2)
+                integral = (1j * omega) ** (order - 2)
                 correction[:, k] = 0.0
                 for j, row in enumerate(rows):
                     for name, weight in row.items():
@@ -176,7 +183,9 @@ class Equations:
                     correction[:, k, spectra.index[channel, -1]] += integral * gain[:, i]
         hidden = {estimate_of(body) for body in self.hidden}
         kept = [k for k, (name, _) in enumerate(spectra.names) if name not in hidden]
-        solved = (item.solve(correction=correction[:, :, kept], kept=kept) for item in self.prepared.values())
+        exact = {balance.name for balance in self.balances if self.exact(balance)}  # the others depend on the values
+        estimates = [item for name, item in self.prepared.items() if name not in exact]
+        solved = (item.solve(correction=correction[:, :, kept], kept=kept, every=every) for item in estimates)
         return float(sum(np.log(max(each.residual, 0.1)) for each in solved))
 
     def _prepare(self) -> None:
@@ -407,7 +416,25 @@ class Equations:
         found = min(highest, HIGHEST_CUT * self.lowest)
         while found < highest and self.noise_share(element, SURE * found) > NOISY:
             found = min(2.0 * found, highest)
+        while found < WANDERING_CUT * own and self.grows_below(element, found):
+            found = min(2.0 * found, WANDERING_CUT * own)
         return found
+
+    def grows_below(self, element: Element, frequency: float) -> bool:
+        """Whether an element's integrated deflection is mostly error below this frequency in Hz.
+
+        It is where the octave below has more than `NOISY` of the rms motion, and `STEEP` times what the octave above has: errors
+        of an acceleration are divided by the square of the frequency, and a driven motion is not.
+        """
+        shares = []
+        for signals in self.signals:
+            parts = (
+                float(np.var(self.elongation(signals, element, low)[0])) for low in (frequency, 2.0 * frequency, SURE * frequency)
+            )
+            here, above, below = parts
+            shares.append((max(below - here, 0.0) / max(here, 1e-300), max(here - above, 0.0) / max(here, 1e-300)))
+        below, above = np.sqrt(np.median(shares, axis=0))
+        return bool(below > NOISY and below > STEEP * above)
 
     def noise_share(self, element: Element, low: float) -> float:
         """Noise of an element's deflection, integrated from this frequency in Hz on, as its least share of a run's rms."""

@@ -29,6 +29,7 @@ from isorig.analysis.laws.springs import (
     Drift,
     EndStop,
     Periodic,
+    Polynomial,
     QuadraticDamping,
 )
 from isorig.analysis.laws.tables import Curve, FrictionCurve
@@ -36,8 +37,8 @@ from isorig.analysis.laws.tables import Curve, FrictionCurve
 __all__ = [
     "CONTACT_LAWS", "FORMULAS", "LAWS", "SPRING_LAWS", "Arctan", "Asymmetric", "Backlash", "BoucWen", "BoundedSoftening",
     "ContactLaw", "Coulomb", "Cubic", "Curve", "Dahl", "DampingDrift", "Drift", "ElastoSlip", "EndStop", "FrictionCurve",
-    "FrictionLaw", "Karnopp", "Law", "LinkLaw", "LuGre", "Maxwell", "MaxwellSlip", "Parameter", "Periodic", "PositionDependent",
-    "QuadraticDamping", "SpringLaw", "Stribeck", "Viscous",
+    "FrictionLaw", "Karnopp", "Law", "LinkLaw", "LuGre", "Maxwell", "MaxwellSlip", "Parameter", "Periodic", "Polynomial",
+    "PositionDependent", "QuadraticDamping", "SpringLaw", "Stribeck", "Viscous",
 ]  # fmt: skip
 
 L = TypeVar("L", bound=Law)

@@ -32,6 +32,27 @@ def cubed(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
     return p[0] * d * d * d
 
 
+class Polynomial(SpringLaw, frozen=True, kw_only=True, tag="polynomial"):
+    """Force quadratic_stiffness d^2 + cubic_stiffness d^3 added to the spring (N/m^2, N/m^3): unlike in the two directions.
+
+    A gas spring, a membrane, or a hardening spring that carries a weight (Nayfeh and Mook, Nonlinear Oscillations, 1979).
+    """
+
+    quadratic_stiffness: Annotated[float, Parameter("N/m^2", -1e4, 1e4)]
+    cubic_stiffness: Annotated[float, Parameter("N/m^3", 0.0, 1e7)] = 0.0
+
+    def element(self, link: LinkConstants) -> Element:
+        return Element(formula=squared_and_cubed, params=(self.quadratic_stiffness, self.cubic_stiffness))
+
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
+        return self.quadratic_stiffness * d**2 + self.cubic_stiffness * d**3
+
+
+@curved
+def squared_and_cubed(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
+    return (p[0] + p[1] * d) * d * d
+
+
 class BoundedSoftening(SpringLaw, frozen=True, kw_only=True, tag="bounded_softening"):
     """Spring force k ((1 - r) d + r s tanh(d / s)): softening r in [0, 1), scale s in m."""
 

@@ -56,7 +56,7 @@ def blaming(
     ranking = Ranking(residuals={"table": worst}, explanations=explanations)
     elements = [(SimpleNamespace(name=name), 1.0) for name in crossing]
     balances = [SimpleNamespace(name=name, crossing=elements) for name in ("table", "load")]
-    equations = SimpleNamespace(balances=balances, exact=lambda balance: exact)
+    equations = SimpleNamespace(balances=balances, exact=lambda balance: exact, unscaled=frozenset({"load"}))
     return Suspects(ranking=ranking, chosen=explanations, places={}, equations=cast(Equations, equations))
 
 
@@ -133,7 +133,31 @@ def test_a_form_that_leaves_an_error_is_named_only_where_the_equations_blame_it(
 ) -> None:
     found = blaming(("spring_shape", "rail", 0.7), ("drift", "rail", 0.3), worst=worst)
     source = Suspected(job=cast(Job, SimpleNamespace(left=left)), found=found)
-    assert source.allows(cast(Entry, SimpleNamespace(candidate=SimpleNamespace(cause=cause, location="rail")))) == allowed
+    assert source.allows(tried(cause, "rail")) == allowed
+
+
+@pytest.mark.parametrize(
+    ("place", "left", "helps", "allowed"),
+    [("load", 1.0, True, True), ("load", 1.0, False, False), ("load", 0.4, True, False), ("table", 1.0, True, False)],
+)
+def test_a_mass_that_no_equation_tests_is_allowed_as_a_first_cause_that_removes_most(
+    place: str, left: float, helps: bool, allowed: bool
+) -> None:
+    job = SimpleNamespace(left=left, helps=lambda entries: helps)
+    source = Suspected(job=cast(Job, job), found=blaming(("spring_shape", "rail", 0.7)))
+    assert source.allows(tried("wrong_mass", place)) == allowed
+
+
+def test_a_form_of_a_nearly_as_good_explanation_is_one_otherwise() -> None:
+    for score, nearly in ((NEARLY, True), (NEARLY - 1e-9, False)):
+        found = blaming(("memory", "rail", 1.0), ("friction_shape", "rail", score))
+        assert found.otherwise("coulomb_friction", "rail") is nearly
+        assert not found.otherwise("hysteresis", "rail")
+
+
+def tried(cause: str, place: str) -> Entry:
+    """A fitted candidate of which only its name counts."""
+    return cast(Entry, SimpleNamespace(candidate=SimpleNamespace(cause=cause, location=place, key=(cause, place))))
 
 
 @pytest.mark.parametrize(
