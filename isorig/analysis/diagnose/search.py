@@ -440,7 +440,8 @@ class Suspected:
         near = job.left < 1.0 and not self.found.tentative
         limit = LEAVES * misfit(job.current.model, job.rungs[-1].problem) if near else np.inf
         run = verified(starts, job.rungs[-1], job.progress, sure=self.found.shows, limit=limit)
-        if job.left < 1.0 or len(job.rungs) == 1 or out_of_time() or (job.stays(run) and run[0][1].cost < LOST):
+        follows = job.stays(run) and run[0][1].cost < max(LOST, POLICY.settled * job.bare)
+        if job.left < 1.0 or len(job.rungs) == 1 or out_of_time() or follows:
             return run
         # Impacts soon make two motions differ, however close their parameters are.
         again = followed(starts, job.rungs, job.current, job.progress, job.promising)

@@ -130,18 +130,21 @@ class MovingStart:
         return self._whole(model, excitation).state_of(self._values(model, excitation))
 
     def about(self, model: RigModel, excitation: Excitation) -> MovingStart:
-        """The same start for models close to one: their states follow from its state by one linear step, with its derivatives."""
+        """The same start for models close to one: their states follow from its state by one linear step, with its derivatives.
+
+        The state of a model close to that of this start is found from there.
+        """
         values = self._values(model, excitation)
-        slopes = self._whole(model, excitation).slopes(values)
-        return replace(self, values=values, inverse=np.asarray(np.linalg.pinv(slopes)))
+        whole = self._whole(model, excitation)
+        if len(self.values):
+            values = self._refined(whole, values)
+        return replace(self, values=values, inverse=np.asarray(np.linalg.pinv(whole.slopes(values))))
 
     def _whole(self, model: RigModel, excitation: Excitation) -> _Errors:
         return _Errors(self, model, excitation, self.measured.shape[1])
 
     def _values(self, model: RigModel, excitation: Excitation) -> FloatArray:
         # Coordinates and speeds at the start, and offsets of the sensors.
-        from scipy.optimize import least_squares
-
         whole = self._whole(model, excitation)
         if self.values.shape == (whole.unknowns,):
             return np.asarray(self.values - self.inverse @ whole.left(self.values))
@@ -149,10 +152,16 @@ class MovingStart:
         for part in GROWING if whole.nonlinear else GROWING[-1:]:
             n = TAPS + round(part * (self.measured.shape[1] - TAPS))
             if n - TAPS >= SAMPLES * whole.unknowns:
-                errors = _Errors(self, model, excitation, n)
-                scale = np.concatenate([errors.scale, self.sigma])
-                values = least_squares(errors.left, values, jac=errors.slopes, x_scale=scale, ftol=ENDS, max_nfev=EVALUATIONS).x
+                values = self._refined(_Errors(self, model, excitation, n), values)
         return np.asarray(values)
+
+    def _refined(self, errors: _Errors, values: FloatArray) -> FloatArray:
+        # The least-squares values, from values close to them.
+        from scipy.optimize import least_squares
+
+        scale = np.concatenate([errors.scale, self.sigma])
+        found = least_squares(errors.left, values, jac=errors.slopes, x_scale=scale, ftol=ENDS, max_nfev=EVALUATIONS)
+        return np.asarray(found.x)
 
 
 class _Errors:

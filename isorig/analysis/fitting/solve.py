@@ -203,13 +203,14 @@ class Problem:
         self.size = sum(self.sizes)
         # The last model that was simulated alone: a parameter without effect in a run leaves its residual there.
         self._last: dict[int, tuple[bytes, FloatArray]] = {}
+        self._near = b""
 
     def about(self, model: RigModel) -> Self:
         """The same residuals for models close to one; see `Trial.about`."""
-        if all(trial.moving is None for trial in self.trials):
+        if all(trial.moving is None for trial in self.trials) or self._near == model.encoded:
             return self
         near = copy(self)
-        near.trials, near._last = tuple(trial.about(model) for trial in self.trials), {}
+        near.trials, near._last, near._near = tuple(trial.about(model) for trial in self.trials), {}, model.encoded
         return near
 
     def residuals(self, models: Sequence[RigModel]) -> FloatArray:
@@ -296,7 +297,7 @@ def fit(
 
     def misfit(coordinates: FloatArray) -> FloatArray:
         try:
-            return np.asarray(problem.residuals([build(coordinates)])[0])
+            return np.asarray(local.residuals([build(coordinates)])[0])
         except ModelError:
             return np.full(problem.size, np.nan)
 
@@ -304,6 +305,8 @@ def fit(
         tied = ties @ coordinates - ties_at
         return _size(seen) + _size(tied)
 
+    # A run that begins in motion has a state for each model: those of the steps follow from that of the last derivatives.
+    local = problem.about(build(theta))
     residual = misfit(theta)
     cost = cost_of(residual, theta)
     if not np.isfinite(cost):
@@ -313,9 +316,14 @@ def fit(
     taken, steps, fresh, rough, at = 0, 0, True, coarse, theta
     while taken < iterations or not fresh:
         if fresh:
+            nearer = local.about(build(theta))
+            if nearer is not local:
+                local = nearer
+                residual = misfit(theta)
+                cost = cost_of(residual, theta)
             rough, at = coarse if taken == 0 else None, theta
             here = residual if rough is None else rough.residuals([build(theta)])[0]
-            jacobian = jacobian_of(rough or problem, build, theta, free, here)
+            jacobian = jacobian_of(rough or local, build, theta, free, here)
             normal = jacobian.T @ jacobian + ties.T @ ties
             evaluations += len(free)
             taken, steps = taken + 1, 0
