@@ -31,7 +31,7 @@ from isorig.rig.exchange.clock import (
 from isorig.rig.exchange.table import STREAMED, UNTITLED, Column, ForeignTable
 from isorig.rig.exchange.tree import PLAIN, rate_of
 from isorig.rig.exchange.units import OTHER_UNITS, UNITS, known_unit
-from isorig.rig.files.recording import GAIN, RESERVED
+from isorig.rig.files.recording import GAIN, RESERVED, VALUE_MOST
 from isorig.rig.files.rigfile import description_text
 from isorig.rig.files.tomlfile import value_text
 
@@ -125,9 +125,14 @@ def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file
 
 def _further_numbers(table: ForeignTable) -> list[str]:
     # Single numbers of a file may be scales or calibrations.
-    plain = [name for name, number in table.numbers.items() if rate_of(re.split(r"[./]", name)[-1], number) is None]
-    text = ", ".join(f"{name} = {table.numbers[name]:.6g}" for name in plain[:NUMBERS_MOST])
-    return [f"further numbers of the file, perhaps scales of channels: {text}"] if plain else []
+    plain = [f"{name} = {number:.6g}" for name, number in table.numbers.items() if name not in _stated_rates(table)]
+    return [f"further numbers of the file, perhaps scales of channels: {', '.join(plain[:NUMBERS_MOST])}"] if plain else []
+
+
+def _stated_rates(table: ForeignTable) -> dict[str, float]:
+    # Sample rates by the names of the numbers that state them, anywhere in a file.
+    found = {name: rate_of(re.split(r"[./]", name)[-1], number) for name, number in table.numbers.items()}
+    return {name: rate for name, rate in found.items() if rate is not None and 1.0 / VALUE_MOST < rate < VALUE_MOST}
 
 
 def _is_bonder(places: Iterable[str]) -> bool:
@@ -414,7 +419,10 @@ def _run(
     elif rate is not None:
         lines.append(f"sample_rate = {rate!r}")
     else:
-        lines.append("# sample_rate = 1024.0    # ? not given by the file; required for the import")
+        rates = _stated_rates(table)
+        said = [f"sample_rate = {rate!r}    # ? the file states it as {name!r}" for name, rate in rates.items()]
+        absent = "# sample_rate = 1024.0    # ? not given by the file; required for the import"
+        lines.append(said[0] if len(set(rates.values())) == 1 else absent)
     if part.samples is not None:
         lines.append(f"samples = {value_text(list(part.samples))}")
     if own:

@@ -123,7 +123,7 @@ def _add(name: str, value: Any, content: _Content) -> None:
         if stated and rate_of(f"{content.plain(name)}{stated[2]}", 1.0) is not None:
             with suppress(ValueError):
                 content.numbers[f"{name}{stated[2]}"] = float(stated[1])
-    elif values.dtype.kind in "US":
+    elif values.dtype.kind in "US" and values.size <= COLUMNS_MOST:
         content.words.update((f"{name}[{k}]", str(text).strip()) for k, text in enumerate(values.ravel()))
     elif values.dtype.kind in "mM" and values.size > 1:
         content.arrays[name] = (values - values.ravel()[0]) / np.timedelta64(1, "s")
@@ -142,10 +142,6 @@ def _rate(name: str, content: _Content) -> float | None:
         for key, number in content.within(structure, content.numbers).items():
             if (rate := rate_of(key, number)) is not None:
                 return rate
-    # From another structure, if the whole file states one rate only.
-    stated = {rate_of(key.rsplit(dot, 1)[-1], number) for key, number in content.numbers.items()} - {None}
-    if len(stated) == 1:
-        return stated.pop()
     # The logger of the Cambridge laboratory (peer package pydvma): indata with buflen samples at freq.
     return content.numbers["freq"] if {"buflen", "freq"} <= content.numbers.keys() else None
 

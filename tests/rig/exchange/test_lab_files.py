@@ -312,10 +312,13 @@ def test_a_rate_elsewhere_in_a_file(tmp_path: Path, place: str, value: Any, rate
     check(run, {"a": X, "b": Y}, rate)
 
 
-def test_two_rates_elsewhere_in_a_file(tmp_path: Path) -> None:
-    with h5py.File(tmp_path / "m.h5", "w") as hdf:
-        hdf["data/a"], hdf["one/fs"], hdf["other/fs"] = X, 1000.0, 500.0
-    assert read_foreign(tmp_path / "m.h5").columns["data/a"].sample_rate is None
+def test_a_rate_elsewhere_in_a_file_is_a_guess(tmp_path: Path) -> None:
+    """Only one that the whole file agrees on is proposed, with a question mark."""
+    for other, line in ((1000.0, "sample_rate = 1000.0    # ? the file states it as 'one/fs'"), (500.0, "# sample_rate = ")):
+        with h5py.File(tmp_path / "m.h5", "w") as hdf:
+            hdf["data/a"], hdf["one/fs"], hdf["other/fs"] = X, 1000.0, other
+        assert main(["import", "--draft", str(tmp_path / "m.h5"), "-o", str(tmp_path / f"{other:g}.toml")]) == 0
+        assert f"\n{line}" in (tmp_path / f"{other:g}.toml").read_text()
 
 
 def test_packed_values_of_netcdf(tmp_path: Path) -> None:

@@ -50,8 +50,9 @@ def _items(name: str, item: object) -> Iterator[tuple[str, Any]]:
 
 def _scaled(values: Any, attributes: Any) -> Any:
     # Packed values of netCDF (CF conventions, 8.1): physical value = stored value * scale_factor + add_offset.
+    names = ("scale_factor", "add_offset", "_FillValue")
     packed = {
-        key: float(np.ravel(attributes[key])[0]) for key in ("scale_factor", "add_offset", "_FillValue") if key in attributes
+        key: float(np.ravel(attributes[key])[0]) for key in names if np.asarray(attributes.get(key, "")).dtype.kind in "iuf"
     }
     if values.dtype.kind not in "iuf" or not {"scale_factor", "add_offset"} & set(packed):
         return values

@@ -47,7 +47,7 @@ _RATE = re.compile(
     rf"(?:sampl\w*[ _-]*(?:rate|freq\w*)|scan[ _-]*rate|abtast(?:rate|frequenz)|\bfs\b|\bf_s\b){_NUMBER}", re.IGNORECASE
 )
 _STEP = re.compile(
-    r"(?:sampl\w*[ _-]*(?:interval|period|time)|(?:x[ _-]axis[ _-])?delta[ _-]?[tx]?\b|\bdt\b|\btinc\b|(?:^|time[ _-]*)increment"
+    r"(?:sampl\w*[ _-]*(?:interval|period|time)|x[ _-]axis[ _-]delta|delta[ _-]?[tx]|\bdt\b|\btinc\b|(?:^|time[ _-]*)increment"
     rf"|time[ _-]*step|abtast(?:zeit|intervall)){_NUMBER}",
     re.IGNORECASE,
 )
@@ -124,8 +124,8 @@ def _with_whole_cells(text: str) -> str:
 
 def _empty_lines(body: str) -> list[str]:
     # Empty lines after many rows may separate runs.
-    found = re.search(r"\n[ \t\r]*\n\s*[\d+.-]", body)
-    rows = body.count("\n", 0, found.start() + 1) if found else 0
+    at = max(body.find("\n\n"), body.find("\n\r\n"))
+    rows = body.count("\n", 0, at + 1) if re.compile(r"\s*[\d+.-]").match(body, max(at, 0)) else 0
     told = f"an empty line follows {rows} rows: if it separates runs, give each its samples = [first, last + 1], e.g. [0, {rows}]"
     return [told] if rows >= BESIDE else []
 
