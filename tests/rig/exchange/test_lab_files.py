@@ -59,7 +59,7 @@ HEADS = {
     "quoted names in two lines": ['"Time\n(s)","a\n(m/s^2)","b\n(m/s^2)"', *ROWS],
     "empty cells at the end of rows": ["time,a,b", *(f"{row}," for row in ROWS)],
     "empty cells at the end of all lines": ["time,a,b,,,,,,", *(f"{row},,,,,," for row in ROWS)],
-    "settings below the names": ["time,a,b", "T0 = 01.02.2024,CH=1,CH=2", "SR 1 kHz,SR 1 kHz,SR 1 kHz", *ROWS],
+    "settings below the names": ["time,a,b", "T0 = 01.02.2024,CH=1,CH=2", "SR = 1 kHz,SR = 1 kHz,SR = 1 kHz", *ROWS],
     "exponents of Fortran": ["time a b", *(" ".join(f"{float(v):.6E}" for v in r.split(",")).replace("E", "D") for r in ROWS)],
     "quoted decimal commas": ["time,a,b", *('"' + row.replace(",", '","').replace(".", ",") + '"' for row in ROWS)],
     "two copies of the clock": ["# Sample rate: 1000 Hz", "x-axis,a,b,clock of b", *(f"{r},{r[:5]}" for r in ROWS)],
@@ -141,7 +141,7 @@ def test_heads_of_oscilloscopes(tmp_path: Path, kind: str) -> None:
     [
         ("Sample rate: 51,200 Hz", 51200.0), ("Sampling rate: 1 MS/s", 1e6), ("Sampling rate (kHz): 2", 2000.0),
         ("Sample rate: 2.000 Hz", 2.0), ("Sample interval (ms): 0.5", 2000.0), ("Sampling interval [us]: 50", 20000.0),
-        ("Sample time: 10 min", None), ("fs = 1'024.5 Hz", 1024.5), ("x-axis delta: 1e-3", 1000.0),
+        ("Sample time: 10 min", None), ("Sampling time: 30 s", None), ("fs = 1'024.5 Hz", 1024.5), ("x-axis delta: 1e-3", 1000.0),
     ],
 )  # fmt: skip
 def test_rates_of_a_head(tmp_path: Path, head: str, rate: float | None) -> None:
@@ -240,6 +240,20 @@ def test_units_of_other_quantities(tmp_path: Path) -> None:
 @pytest.mark.parametrize("unit", ["g's", "gs", "m·s⁻²", "m s-2", "m*s^-2"])
 def test_spellings_of_accelerations(unit: str) -> None:
     assert known_unit(unit) == ("g" if unit.startswith("g") else "m/s^2")
+
+
+def test_names_that_are_the_same(tmp_path: Path) -> None:
+    columns = read_foreign(table(tmp_path / "m.csv", "Operator,A", "Acc,Acc", *(row[6:] for row in ROWS))).columns
+    assert list(columns) == ["Acc", "Acc[1]"]
+
+
+@pytest.mark.parametrize("first", ["23:59:59", "10:11:12", "59"])
+def test_a_clock_with_an_empty_cell(tmp_path: Path, first: str) -> None:
+    """It is no midnight; the clock may have one."""
+    rows = [f"{first}:{k // 1000:02d}.{k % 1000:03d}" if first == "59" else f"{first}.{k:03d}" for k in range(N)]
+    rows[40] = ""
+    (run,) = drafted(tmp_path, table(tmp_path / "m.csv", "t,a,b", *(f"{t}{row[5:]}" for t, row in zip(rows, ROWS, strict=True))))
+    assert run.sample_rate == pytest.approx(1000.0)
 
 
 def test_names_that_toml_must_quote(tmp_path: Path) -> None:

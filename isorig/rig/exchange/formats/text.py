@@ -356,17 +356,16 @@ def _head(head: Sequence[str], style: _Style) -> tuple[list[str], list[str]]:
     lines = [line for line in reversed(head) if line.strip()]
     above = True
     for line in lines:
-        fields = _named(line, style.separator, style)
-        # Numbers name columns only directly above these, or above their units.
-        if fields and (above or not any(field and _is_value(field, style.decimal) for field in fields)):
+        fields = _named(line, style.separator, style) or []
+        there = [field for field in fields if field]
+        # Settings may have the same cell for several columns, or numbers: directly above the values, or their units, are names.
+        if fields and (above or (len(set(there)) == len(there) and not any(_is_value(cell, style.decimal) for cell in there))):
             (rows if len(fields) == style.count else longer).append(fields[: style.count])
-        above = fields is not None and _are_units(fields[: style.count])
+        above = _are_units(fields[: style.filled])
     blank = [""] * style.count
-    rows = rows or longer or [fields for line in lines[:1] if (fields := _other_names(line, style))]
-    units = rows.pop(0) if len(rows) > 1 and _are_units(rows[0]) else blank
-    # Each column has its own name; lines of settings have the same cell for several columns.
-    distinct = (row for row in rows if len(set(filter(None, row))) == sum(map(bool, row)))
-    named = [_name_and_unit(name) for name in next(distinct, next(iter(rows), blank))]
+    rows = rows or longer or [names for line in lines[:1] if (names := _other_names(line, style))]
+    units = rows.pop(0) if len(rows) > 1 and _are_units(rows[0][: style.filled]) else blank
+    named = [_name_and_unit(name) for name in next(iter(rows), blank)]
     names = [name or f"column{k}" for k, (name, _) in enumerate(named)]
     return names, [unit.strip("[]()").strip(" -") or own for unit, (_, own) in zip(units, named, strict=True)]
 
@@ -377,7 +376,7 @@ def _named(line: str, separator: str, style: _Style) -> list[str] | None:
     while len(fields) > style.count and not fields[-1]:
         fields.pop()
     fields += [""] * (style.count - len(fields) if len(fields) >= style.filled else 0)
-    setting = any(re.match(r"\w+ ?=|.*:$", field) for field in fields[: style.count])
+    setting = any(re.match(r"\w+ ?=|.*:$", field) or _CLOCK.fullmatch(field) for field in fields[: style.count])
     few = len(fields) < style.count or 2 * sum(map(bool, fields[: style.filled])) < style.filled
     return None if few or setting else fields
 
@@ -418,10 +417,10 @@ def _rate(head: Sequence[str], style: _Style) -> float | None:
             prefix = unit["prefix"].lower() if unit else ""
             rate = _number(found["number"], style) * {"": 1.0, "k": 1e3, "m": 1e6}[prefix]
         elif found := _STEP.search(line):
-            # A time of minutes is that of the measurement.
+            # A time of a second or more is rather that of the measurement.
             written = found["unit"] or next((word for word in re.findall(r"[a-zµμ]+", found["gap"]) if seconds_per(word)), "s")
             step = _number(found["number"], style) * (seconds_per(written) or 1.0)
-            rate = 1.0 / step if step > 0.0 and (seconds_per(written) or 1.0) < 60.0 else 0.0
+            rate = 1.0 / step if 0.0 < step < 1.0 else 0.0
         else:
             continue
         if 0.0 < rate < np.inf:
@@ -449,6 +448,7 @@ def _seconds(column: pd.Series[str]) -> FloatArray:
     seconds = np.zeros(len(column))
     for part, size in ((hours, 3600.0), (minutes, 60.0), (own, 1.0)):
         seconds += pd.to_numeric(part, errors="coerce").fillna(0.0).to_numpy(np.float64) * size
+    seconds = np.asarray(pd.Series(seconds).where(column.notna()).ffill(), dtype=np.float64)
     if parts["date"].notna().any():
         first = str(parts["date"].dropna().iloc[0])
         days = pd.to_datetime(parts["date"], dayfirst="." in first, errors="coerce", format="mixed").ffill()
