@@ -89,7 +89,7 @@ def says_time(name: str, column: Column) -> bool:
 
 def is_time(name: str, column: Column) -> bool:
     """Whether a column is an evenly ascending clock: by its name or its unit, and by its values."""
-    return says_time(name, column) and _is_even(name, column)
+    return says_time(name, column) and is_even(name, column)
 
 
 def is_uneven_time(name: str, column: Column) -> bool:
@@ -99,7 +99,7 @@ def is_uneven_time(name: str, column: Column) -> bool:
         return False
     intervals = np.diff(values.astype(np.float64))
     usual = float(np.median(intervals))
-    if not usual > 0.0 or -intervals.min() > BACK * float(np.ptp(values)) or _is_even(name, column):
+    if not usual > 0.0 or -intervals.min() > BACK * float(np.ptp(values)) or is_even(name, column):
         return False
     if says_time(name, column):
         return bool(np.mean(intervals > 0.0) > 1.0 - BREAKS_MOST)
@@ -114,8 +114,8 @@ def rises_evenly(column: Column) -> bool:
     if values.dtype.kind != "f" or len(values) < BESIDE or column.whole:
         return False
     if column.sample_rate is not None:
-        return _is_even("", column) and abs(column_rate("", column, "") / column.sample_rate - 1.0) < RATE_AGREES
-    return _is_even("", column) or is_uneven_time("", column)
+        return is_even("", column) and abs(column_rate("", column, "") / column.sample_rate - 1.0) < RATE_AGREES
+    return is_even("", column) or is_uneven_time("", column)
 
 
 def is_clock(name: str, column: Column, named: bool = True) -> bool:
@@ -162,7 +162,8 @@ def breaks(intervals: FloatArray) -> IntArray:
     return np.array(clear, dtype=np.int64)
 
 
-def _is_even(name: str, column: Column) -> bool:
+def is_even(name: str, column: Column) -> bool:
+    """Whether the values of a column ascend evenly, as those of a clock."""
     try:
         column_rate(name, column, "")
     except (PlanError, RecordingError):

@@ -16,10 +16,11 @@ import numpy as np
 from isorig.analysis.campaign import MOTION, ROTARY, UNLOCKED, Quantity
 from isorig.analysis.model.drafted import DAMPING, MASS, STIFFNESS
 from isorig.analysis.model.rig_model import GROUND, Body, Configuration, Drive, Link, RigModel, Sensor
-from isorig.rig.errors import PlanError, RecordingError
+from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.clock import (
     column_rate,
     is_clock,
+    is_even,
     restarts,
     rises_evenly,
     run_numbers,
@@ -125,7 +126,8 @@ def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file
 
 def _further_numbers(table: ForeignTable) -> list[str]:
     # Single numbers of a file may be scales or calibrations.
-    plain = [f"{name} = {number:.6g}" for name, number in table.numbers.items() if name not in _stated_rates(table)]
+    rates = _stated_rates(table)
+    plain = [f"{name} = {number:.6g}" for name, number in table.numbers.items() if name not in rates]
     return [f"further numbers of the file, perhaps scales of channels: {', '.join(plain[:NUMBERS_MOST])}"] if plain else []
 
 
@@ -300,7 +302,7 @@ def _part(table: ForeignTable, group: str, there: dict[str, tuple[str, Column]],
         if (found := sample_counter(column)) is not None:
             said[name] = f"column {source!r} {found[0]}, so it is no channel and left out" + (f"; {found[1]}" if found[1] else "")
         elif says_time(name, column) and not is_clock(name, column):
-            said[name] = f"column {source!r} is no channel and left out, and no clock: it must ascend evenly"
+            said[name] = f"column {source!r} does not ascend evenly, so it is no clock and left out"
         elif column.unit in OTHER_UNITS or says_time(name, column):
             said[name] = f"column {source!r} is in {column.unit or 's'}, which is no unit of a channel, so it is left out"
     rising = (name for name, (source, column) in there.items() if name not in said and _may_be_time(source, column))
@@ -415,7 +417,10 @@ def _run(
         clock = table.columns[part.time]
         unit = time_unit(part.time, clock)
         if not clock.unit or seconds_per(unit) != 1.0:
-            lines.append(f"time_unit = {value_text(unit)}" + ("" if clock.unit else f"    # ?{_rate_text(part, clock)}"))
+            piece = replace(clock, values=clock.values[slice(*(part.samples or (None,)))])
+            # The rate to which a guessed unit leads shows whether it is right.
+            leads = f" then the sample rate is {column_rate(part.time, piece, ''):.6g} Hz" if is_even(part.time, piece) else ""
+            lines.append(f"time_unit = {value_text(unit)}" + ("" if clock.unit else f"    # ?{leads}"))
     elif rate is not None:
         lines.append(f"sample_rate = {rate!r}")
     else:
@@ -430,12 +435,3 @@ def _run(
     if other:
         lines.append(f"sources = {value_text(other)}")
     return [*lines, ""]
-
-
-def _rate_text(part: _Part, clock: Column) -> str:
-    # The rate to which a guessed unit of time leads shows whether it is right.
-    values = clock.values[slice(*(part.samples or (None,)))]
-    try:
-        return f" then the sample rate is {column_rate(part.time or '', replace(clock, values=values), ''):.6g} Hz"
-    except (PlanError, RecordingError):
-        return ""

@@ -329,7 +329,8 @@ def _unnamed_rate(wanted: RunMap, name: str, column: Column, first: int, here: s
             )
     if wanted.rate_from is None and len(at := first + run_numbers(name.rpartition("/")[2], column)):
         raise RecordingError(
-            f"{here}: column {name!r} numbers {len(at) + 1} runs; import each with its samples, the first [{first}, {at[0]}]"
+            f"{here}: column {name!r} numbers {len(at) + 1} runs; import each with its samples, the first [{first}, {at[0]}], or "
+            "state which sample rate is right with rate_from if they are one"
         )
     if wanted.time is not None:
         return []

@@ -223,7 +223,7 @@ def test_a_clock_that_is_none_is_no_channel(tmp_path: Path) -> None:
     file = table(tmp_path / "m.csv", "time,a,b", *(f"{k // 40 * 0.04}{row[5:]}" for k, row in enumerate(ROWS)))
     assert main(["import", "--draft", str(file), "-o", str(tmp_path / "d.toml")]) == 0
     text = (tmp_path / "d.toml").read_text()
-    assert "column 'time' is no channel and left out, and no clock" in text
+    assert "column 'time' does not ascend evenly, so it is no clock and left out" in text
     assert "[channels.time]" not in text
 
 
