@@ -165,10 +165,10 @@ def _run(wanted: RunMap, mapping: Mapping, table: ForeignTable) -> Run:
     if last > total:
         raise PlanError(f"{here} requests samples up to {last}, but its columns have {total}; correct samples")
     lost = np.unique(np.concatenate([np.empty(0, np.int64), *(c.lost for c in columns.values() if c.lost is not None)]))
-    # A run begins with the first row, and ends with the last one, in which every channel has a value.
-    while len(lost) and first in lost and first < last - 1:
-        first += 1
     lost = lost[(lost >= first) & (lost < last)]
+    # A run begins with the first row in which every channel has a value.
+    first += int(np.argmin(np.append(lost == first + np.arange(len(lost)), False)))
+    lost = lost[lost >= first]
     kept = np.setdiff1d(np.arange(first, last), lost, assume_unique=True) if len(lost) else slice(first, last)
     rate = _rate(wanted, columns, table, (first, last), here)
     if wanted.band is not None and wanted.band[0] >= rate / 2.0:

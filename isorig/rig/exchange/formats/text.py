@@ -225,7 +225,7 @@ def _style(lines: Sequence[str], path: Path) -> _Style:
             both = _are_values(fields, decimal) and _are_values(after, decimal) and len(after) == len(fields)
             if both and not _are_numbered(fields, after):
                 count = len(fields)
-                if best is not None and separator.startswith(r"\s") and count <= best[1].count:
+                if best is not None and separator.startswith(r"\s") and count == best[1].count:
                     break
                 named = any(len(_fields(head.lstrip("#% "), separator)) == count for head in lines[:k] if head.strip())
                 if best is None or (named and count > 1, count) > best[0]:
