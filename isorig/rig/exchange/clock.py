@@ -130,7 +130,8 @@ def restarts(column: Column) -> IntArray:
     readings = np.asarray(column.values, dtype=np.float64)
     finite = readings[np.isfinite(readings)]
     back = BACK * float(np.ptp(finite)) if len(finite) else 0.0
-    steps = np.diff(readings, prepend=readings[:1], append=readings[-1:])
+    with np.errstate(over="ignore", invalid="ignore"):  # of damaged readings
+        steps = np.diff(readings, prepend=readings[:1], append=readings[-1:])
     # A single reading that is wrong rises as far before or after.
     at = np.flatnonzero((-steps > back) & (np.roll(steps, 1) < back) & (np.roll(steps, -1) < back))
     return at if len(at) <= BREAKS_MOST * len(readings) else at[:0]

@@ -14,7 +14,7 @@ from isorig.rig.errors import PlanError, RecordingError
 from isorig.rig.exchange.table import UNTITLED, ForeignTable, Format
 from isorig.rig.exchange.tree import OWN, table_of
 
-#: Properties of a channel with its unit, the first that is not empty.
+#: Properties of a channel with its unit.
 UNITS = ("NI_UnitDescription", "unit_string")
 
 
