@@ -16,14 +16,25 @@ from isorig.rig.files.recording import VALUE_MOST
 #: Seconds per unit of time, as written by programs; lower case.
 TIME_UNITS = {
     **dict.fromkeys(("s", "sec", "secs", "second", "seconds", "sek", "sekunde", "sekunden"), 1.0),
-    **dict.fromkeys(("ms", "msec", "millisecond", "milliseconds", "millisekunden"), 1e-3),
-    **dict.fromkeys(("us", "µs", "μs", "usec", "microsecond", "microseconds"), 1e-6),
+    **dict.fromkeys(("ms", "msec", "millis", "millisecond", "milliseconds", "millisekunden"), 1e-3),
+    **dict.fromkeys(("us", "µs", "μs", "usec", "micros", "microsecond", "microseconds"), 1e-6),
     **dict.fromkeys(("ns", "nsec", "nanosecond", "nanoseconds"), 1e-9),
     **dict.fromkeys(("min", "minute", "minutes", "minuten"), 60.0),
     **dict.fromkeys(("h", "hour", "hours", "stunde", "stunden"), 3600.0),
+    **dict.fromkeys(("d", "day", "days", "tage"), 86400.0),
 }
-_WORD = r"t|time|zeit|temps|tiempo|tempo|sec|secs|seconds?|sek|x_?value|timestamp|time_?stamp|zeitstempel|elapsed[ _]?time|clock"
-_NAME = re.compile(rf"(?:.*[./])?(?:{_WORD})(?:[ _]*(?P<unit>s|sec|seconds|ms|us|µs|ns|min|h))?(?:\[\d+\])?", re.IGNORECASE)
+_WORD = r"t|time|zeit|temps|tiempo|tempo|secs?|seconds?|sek|x_?value|x[ _-]axis|time_?stamp|zeitstempel|elapsed[ _]?time|clock"
+_NAME = re.compile(
+    rf"(?:.*[./])?(?:(?:{_WORD})(?:[ _]*(?P<unit>s|sec|seconds|ms|us|µs|ns|min|h))?|(?P<alone>(?:milli|micro)s(?:econds)?))"
+    r"(?:[ _]*\d+)?(?:\[\d+\])?",
+    re.IGNORECASE,
+)
+#: Times since 1970 in units of one second, from 2001 to 2128: by their size a clock without a unit is known to be one of these.
+EPOCH = (1e9, 5e9)
+#: Names of columns that number the runs of a file.
+RUN_WORDS = re.compile(
+    r"(run|trial|test|rep|repetition|experiment|measurement|versuch|lauf|messung)([ _-]?(no|nr|id|index|number))?\.?"
+)
 #: Allowed deviation of a time column from an even grid, in samples.
 JITTER = 0.1
 #: Share by which a rate that is meant to be whole differs from it, because a program wrote its clock with few digits.
@@ -50,6 +61,8 @@ BACK = 0.1
 CYCLE_LEAST = 16
 #: The largest whole number up to which a float has every one.
 WHOLE_MOST = 2**53
+#: Sample rates that differ by less than this share are one rate: headers round it, and clocks are accurate to 1e-4.
+RATE_AGREES = 5e-3
 #: Share of a column's cells that may be lost samples; with more it is not a record.
 LOST_MOST = 0.1
 
@@ -60,11 +73,13 @@ def seconds_per(unit: str) -> float | None:
 
 
 def time_unit(name: str, column: Column) -> str:
-    """The unit of a time column: given by the file, otherwise by its name, otherwise seconds."""
+    """The unit of a time column: given by the file, by its name, or by the size of a time since 1970; otherwise seconds."""
     if column.unit:
         return column.unit
     found = _NAME.fullmatch(name)
-    return (found["unit"] if found else None) or "s"
+    largest = np.nanmax(column.values, initial=0.0)
+    size = next((unit for unit in ("ms", "us", "ns") if EPOCH[0] <= largest * TIME_UNITS[unit] < EPOCH[1]), "s")
+    return (found["unit"] or found["alone"] if found else None) or size
 
 
 def says_time(name: str, column: Column) -> bool:
@@ -74,7 +89,7 @@ def says_time(name: str, column: Column) -> bool:
 
 def is_time(name: str, column: Column) -> bool:
     """Whether a column is an evenly ascending clock: by its name or its unit, and by its values."""
-    return says_time(name, column) and _is_even(name, column)
+    return says_time(name, column) and is_even(name, column)
 
 
 def is_uneven_time(name: str, column: Column) -> bool:
@@ -84,7 +99,7 @@ def is_uneven_time(name: str, column: Column) -> bool:
         return False
     intervals = np.diff(values.astype(np.float64))
     usual = float(np.median(intervals))
-    if not usual > 0.0 or -intervals.min() > BACK * float(np.ptp(values)) or _is_even(name, column):
+    if not usual > 0.0 or -intervals.min() > BACK * float(np.ptp(values)) or is_even(name, column):
         return False
     if says_time(name, column):
         return bool(np.mean(intervals > 0.0) > 1.0 - BREAKS_MOST)
@@ -94,11 +109,40 @@ def is_uneven_time(name: str, column: Column) -> bool:
 
 def rises_evenly(column: Column) -> bool:
     """Whether a column may be a clock by its values alone: they rise evenly, at most a few rows are missing, and not all are
-    whole numbers, whose unit nothing says."""
+    whole numbers, whose unit nothing says. If the file states a rate, they rise at that rate."""
     values = column.values
     if values.dtype.kind != "f" or len(values) < BESIDE or column.whole:
         return False
-    return _is_even("", column) or is_uneven_time("", column)
+    if column.sample_rate is not None:
+        return is_even("", column) and abs(column_rate("", column, "") / column.sample_rate - 1.0) < RATE_AGREES
+    return is_even("", column) or is_uneven_time("", column)
+
+
+def is_clock(name: str, column: Column, named: bool = True) -> bool:
+    """Whether a column is a clock, even or not, that may start again; without `named` it needs no name or unit of a time."""
+    if not says_time(name, column):
+        return not named and is_uneven_time(name, column)
+    return is_time(name, column) or is_uneven_time(name, column) or len(restarts(column)) > 0
+
+
+def restarts(column: Column) -> IntArray:
+    """The rows at which a clock falls by more than a repeated row, to start again, as in a file with several runs."""
+    readings = np.asarray(column.values, dtype=np.float64)
+    finite = readings[np.isfinite(readings)]
+    back = BACK * float(np.ptp(finite)) if len(finite) else 0.0
+    with np.errstate(over="ignore", invalid="ignore"):  # of damaged readings
+        steps = np.diff(readings, prepend=readings[:1], append=readings[-1:])
+    # A single reading that is wrong rises as far before or after.
+    at = np.flatnonzero((-steps > back) & (np.roll(steps, 1) < back) & (np.roll(steps, -1) < back))
+    return at if len(at) <= BREAKS_MOST * len(readings) else at[:0]
+
+
+def run_numbers(name: str, column: Column) -> IntArray:
+    """The rows at which a column that numbers the runs of a file changes; empty if it is no such column."""
+    values = column.values
+    at = np.flatnonzero(values[1:] != values[:-1]) + 1
+    own = RUN_WORDS.fullmatch(name.lower()) and values.dtype.kind in "iuf" and len(np.unique(values)) == len(at) + 1
+    return at if own and column.whole and len(at) <= BREAKS_MOST * len(values) else at[:0]
 
 
 def breaks(intervals: FloatArray) -> IntArray:
@@ -119,7 +163,8 @@ def breaks(intervals: FloatArray) -> IntArray:
     return np.array(clear, dtype=np.int64)
 
 
-def _is_even(name: str, column: Column) -> bool:
+def is_even(name: str, column: Column) -> bool:
+    """Whether the values of a column ascend evenly, as those of a clock."""
     try:
         column_rate(name, column, "")
     except (PlanError, RecordingError):
@@ -136,8 +181,17 @@ def column_rate(name: str, column: Column, here: str, unit: str = "", first: int
     said = unit or time_unit(name, column)
     factor = seconds_per(said)
     if factor is None:
-        raise PlanError(f"{here} is in {said!r}, which is not a unit of time; give time_unit as s, ms, us, ns, min or h")
-    return even_rate(np.asarray(column.values, dtype=np.float64), here, factor, first)
+        raise PlanError(f"{here} is in {said!r}, which is not a unit of time; give time_unit as s, ms, us, ns, min, h or d")
+    values = column.values
+    if values.dtype.kind in "iu":
+        # Nanoseconds since 1970 have more digits than a float.
+        values = values.astype(np.int64) - np.int64(values[0])
+    if len(at := first + restarts(column)):
+        others = f" (and in {len(at) - 1} more rows)" if len(at) > 1 else ""
+        raise RecordingError(
+            f"{here} starts again in row {at[0] + 1}{others}: import its runs, the first with samples = [{first}, {at[0]}]"
+        )
+    return even_rate(np.asarray(values, dtype=np.float64), here, factor, first)
 
 
 def even_rate(time: FloatArray, here: str, factor: float = 1.0, first: int = 0) -> float:
@@ -265,7 +319,9 @@ def completed(columns: Mapping[str, Column]) -> tuple[dict[str, Column], list[st
     Empty cells at the end mean a shorter column; a value in every k-th cell only means a record with 1/k of the rate; a few empty
     cells are lost samples, listed in `Column.lost`.
     """
-    rate = next((column_rate(name, column, "") for name, column in columns.items() if is_time(name, column)), None)
+    # The clock's, if there is one.
+    rates = [column_rate(name, column, "") for name, column in columns.items() if is_time(name, column)]
+    rate = rates[0] if len(rates) == 1 else None
     found: dict[str, Column] = {}
     remarks = []
     for name, column in columns.items():

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import re
+import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +17,22 @@ from isorig.analysis.campaign import MOTION, ROTARY, UNLOCKED, Quantity
 from isorig.analysis.model.drafted import DAMPING, MASS, STIFFNESS
 from isorig.analysis.model.rig_model import GROUND, Body, Configuration, Drive, Link, RigModel, Sensor
 from isorig.rig.errors import RecordingError
-from isorig.rig.exchange.clock import is_time, is_uneven_time, rises_evenly, sample_counter, says_time, seconds_per, time_unit
+from isorig.rig.exchange.clock import (
+    column_rate,
+    is_clock,
+    is_even,
+    restarts,
+    rises_evenly,
+    run_numbers,
+    sample_counter,
+    says_time,
+    seconds_per,
+    time_unit,
+)
 from isorig.rig.exchange.table import STREAMED, UNTITLED, Column, ForeignTable
-from isorig.rig.exchange.tree import PLAIN
-from isorig.rig.exchange.units import UNITS, known_unit
-from isorig.rig.files.recording import GAIN, RESERVED
+from isorig.rig.exchange.tree import PLAIN, rate_of
+from isorig.rig.exchange.units import OTHER_UNITS, UNITS, known_unit
+from isorig.rig.files.recording import GAIN, RESERVED, VALUE_MOST
 from isorig.rig.files.rigfile import description_text
 from isorig.rig.files.tomlfile import value_text
 
@@ -41,18 +54,22 @@ COUNTED = ("count", "encoder", "pulses", "ticks", "increments")
 AMBIGUOUS = ("A", "V", "m", "1", "in")
 #: What a released rig needs in its mapping.
 FREE = 'write excitation = "free" in every run of the mapping'
+#: Single numbers of a file that are listed at most.
+NUMBERS_MOST = 12
 #: Columns with fewer values next to longer ones are settings, not records.
 SHORT = 16
 
 
 @dataclass(frozen=True)
 class _Part:
-    # Columns of a file with a common sampling: name in the draft, and source with its column; sentences on those left out.
+    # Columns of a file with a common sampling: name in the draft, and source with its column; sentences on those left out; the
+    # part of the rows, if they are several runs.
     table: ForeignTable
     group: str
     columns: dict[str, tuple[str, Column]]
     time: str | None
     counts: tuple[str, ...] = ()
+    samples: tuple[int, int] | None = None
 
 
 def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file: str) -> tuple[str, str]:
@@ -65,8 +82,8 @@ def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file
     if not parts:
         raise RecordingError(_no_records(tables))
     lines = ["# Proposed from the files. Lines marked with ? were guessed: check each.", ""]
-    lines += [f"# {table.path.name}: {remark}." for table in tables for remark in table.remarks]
-    lines += [f"# {part.table.path.name}: {count}." for part in parts for count in part.counts]
+    lines += [f"# {table.path.name}: {remark}." for table in tables for remark in (*table.remarks, *_further_numbers(table))]
+    lines += dict.fromkeys(f"# {part.table.path.name}: {count}." for part in parts for count in part.counts)
     # A column is one channel in all parts that have it; if parts have different columns, each lists its own.
     places = dict.fromkeys(place for part in parts for place in part.columns)
     names: dict[str, str] = {}
@@ -107,6 +124,19 @@ def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file
     return "\n".join(lines), "" if bonder else _rig(kinds, dict(sorted(configurations.items(), reverse=not starts)))
 
 
+def _further_numbers(table: ForeignTable) -> list[str]:
+    # Single numbers of a file may be scales or calibrations.
+    rates = _stated_rates(table)
+    plain = [f"{name} = {number:.6g}" for name, number in table.numbers.items() if name not in rates]
+    return [f"further numbers of the file, perhaps scales of channels: {', '.join(plain[:NUMBERS_MOST])}"] if plain else []
+
+
+def _stated_rates(table: ForeignTable) -> dict[str, float]:
+    # Sample rates by the names of the numbers that state them, anywhere in a file.
+    found = {name: rate_of(re.split(r"[./]", name)[-1], number) for name, number in table.numbers.items()}
+    return {name: rate for name, rate in found.items() if rate is not None and 1.0 / VALUE_MOST < rate < VALUE_MOST}
+
+
 def _is_bonder(places: Iterable[str]) -> bool:
     # Two of its channels by name, and none that says it is something else than an acceleration.
     plain = [re.sub(r"\W+", "_", place).strip("_").lower() for place in places]
@@ -126,7 +156,7 @@ def _starts(parts: Mapping[str, _Part], names: Mapping[str, str]) -> dict[str, C
     for run, part in parts.items():
         ((place, (source, column)),) = part.columns.items()
         unit = UNITS[_unit_of(names[place], column, source)]
-        values = np.asarray(column.values, dtype=np.float64)
+        values = np.asarray(column.values[slice(*(part.samples or (None,)))], dtype=np.float64)
         values = values[np.isfinite(values)]
         if MOTION.get(unit.quantity) == 0 and len(values):
             start = float(f"{float(values[0]) / column.sensitivity * unit.factor:.3g}")
@@ -236,41 +266,57 @@ def _one_each(groups: Mapping[str, Mapping[str, tuple[str, Column]]]) -> bool:
 def _parts(table: ForeignTable, group: str, columns: Mapping[str, tuple[str, Column]]) -> list[_Part]:
     # Columns of equal length and rate were sampled together; clocks belong to the records of their length.
     # One that is not even is proposed, too: the import says where rows are missing.
-    clocks = {
-        name: len(column.values) for name, (_, column) in columns.items()
-        if is_time(name, column) or (says_time(name, column) and is_uneven_time(name, column))
-    }  # fmt: skip
+    clocks = {name: len(column.values) for name, (_, column) in columns.items() if is_clock(name, column)}
     sampled: dict[tuple[int, float | None], dict[str, tuple[str, Column]]] = {}
     for name, (source, column) in columns.items():
         if name not in clocks and len(column.values) > 1:
             sampled.setdefault((len(column.values), column.sample_rate), {})[name] = (source, column)
     longest = max((size for size, _ in sampled), default=0)
+    runs: list[_Part] = []
+    for (size, _), there in sampled.items():
+        if size >= (SHORT if table.spectra else min(SHORT, longest)):
+            time = next((columns[name][0] for name, n in clocks.items() if n == size), None)
+            runs += _runs_of(_part(table, group, there, time))
+    return runs
+
+
+def _runs_of(part: _Part) -> list[_Part]:
+    # The runs in the rows of a part: where its clock starts again, or a column that numbers the runs changes.
+    size = len(next(iter(part.columns.values()))[1].values)
+    numbering = {name: at for name, (_, column) in part.columns.items() if len(at := run_numbers(name, column))}
+    again = () if part.time is None else restarts(part.table.columns[part.time]).tolist()
+    edges = np.unique([0, *again, *(row for at in numbering.values() for row in at), size]).tolist()
+    records = {name: place for name, place in part.columns.items() if name not in numbering}
+    if len(edges) == 2 or not records:
+        return [part]
+    counts = tuple(f"column {name!r} numbers the runs, so it is no channel and left out" for name in numbering)
     return [
-        _part(table, group, there, next((columns[name][0] for name, n in clocks.items() if n == size), None))
-        for (size, _), there in sampled.items()
-        if size >= (SHORT if table.spectra else min(SHORT, longest))
+        replace(part, columns=records, counts=(*part.counts, *counts), samples=samples) for samples in itertools.pairwise(edges)
     ]
 
 
 def _part(table: ForeignTable, group: str, there: dict[str, tuple[str, Column]], time: str | None) -> _Part:
-    # Without the columns that count the samples; a clock may have any name, if no other column is one.
-    counters = {name: found for name, (_, column) in there.items() if (found := sample_counter(column)) is not None}
-    rising = (name for name, (source, column) in there.items() if name not in counters and _may_be_time(source, column))
-    clock = next(rising, None) if time is None else None
-    records = {name: place for name, place in there.items() if name not in counters and name != clock}
-    if not records:
-        return _Part(table, group, there, time)
-    counts = tuple(
-        f"column {there[name][0]!r} {words}, so it is no channel and left out" + (f"; {faults}" if faults else "")
-        for name, (words, faults) in counters.items()
-    )
-    return _Part(table, group, records, time if clock is None else there[clock][0], counts)
+    # Without the columns that are no records; a clock may have any name, if no other column is one.
+    said: dict[str, str] = {}
+    for name, (source, column) in there.items():
+        if (found := sample_counter(column)) is not None:
+            said[name] = f"column {source!r} {found[0]}, so it is no channel and left out" + (f"; {found[1]}" if found[1] else "")
+        elif says_time(name, column) and not is_clock(name, column):
+            said[name] = f"column {source!r} does not ascend evenly, so it is no clock and left out"
+        elif column.unit in OTHER_UNITS or says_time(name, column):
+            said[name] = f"column {source!r} is in {column.unit or 's'}, which is no unit of a channel, so it is left out"
+    rising = (name for name, (source, column) in there.items() if name not in said and _may_be_time(source, column))
+    clock = time or next((there[name][0] for name in rising), None)
+    # Programs write the same clock once for each channel.
+    same = {name for name, (_, c) in there.items() if clock and np.array_equal(c.values, table.columns[clock].values)}
+    records = {name: place for name, place in there.items() if name not in {*said, *same}}
+    return _Part(table, group, records, clock, tuple(said.values())) if records else _Part(table, group, there, time)
 
 
 def _may_be_time(source: str, column: Column) -> bool:
     # A column without a unit, and without the name of a quantity, that rises evenly.
     named = column.unit or _unit_in(column.label, source) or any(word in source.lower() for word, _ in QUANTITIES)
-    return not named and column.sample_rate is None and rises_evenly(column)
+    return not named and rises_evenly(column)
 
 
 def _channel(name: str, source: str, column: Column) -> list[str]:
@@ -287,7 +333,7 @@ def _channel(name: str, source: str, column: Column) -> list[str]:
     if column.sensitivity != 1.0:
         sensitivity = f"{column.sensitivity!r}    # ? the file's unit system has {column.sensitivity:g} of its units in one"
     return [
-        f"[channels.{name}]    # {len(values)} values{extent}",
+        f"[channels.{name if name.isascii() else value_text(name)}]    # {len(values)} values{extent}",
         f"source = {value_text(source)}",
         f"unit = {value_text(_unit_of(name, column, source))}{note}",
         f"sensitivity = {sensitivity}",
@@ -322,9 +368,10 @@ def _unit_in(*names: str) -> str | None:
 
 def _name(source: str, column: Column, taken: set[str], words: Sequence[tuple[str, str]]) -> str:
     text = column.label or source
-    bracketed = re.fullmatch(r"(.*\S)\s*[\[(]([^\[\]()]+)[\])]", text)
+    bracketed = re.fullmatch(r"(.*\S)\s*[\[(]([^\[\]()\d]+[^\[\]()]*)[\])]", text)
     text = bracketed[1] if bracketed and known_unit(bracketed[2]) else text
-    plain = re.sub(r"\W+", "_", text).strip("_").lower() or "channel"
+    # An identifier has no superscripts.
+    plain = re.sub(r"\W+", "_", unicodedata.normalize("NFKC", text)).strip("_").lower() or "channel"
     if plain in (GAIN, STREAMED) and GAIN not in taken and UNITS[known_unit(column.unit) or "1"].quantity == GAIN:
         return GAIN
     name = next((channel for word, channel in words if word in plain and channel not in taken), plain)
@@ -367,13 +414,22 @@ def _run(
     if part.time is not None:
         known = says_time(part.time, table.columns[part.time])
         lines.append(f"time = {value_text(part.time)}" + ("" if known else "    # ? its values rise evenly"))
-        unit = time_unit(part.time, table.columns[part.time])
-        if not table.columns[part.time].unit or seconds_per(unit) != 1.0:
-            lines.append(f"time_unit = {value_text(unit)}" + ("" if table.columns[part.time].unit else "    # ?"))
+        clock = table.columns[part.time]
+        unit = time_unit(part.time, clock)
+        if not clock.unit or seconds_per(unit) != 1.0:
+            piece = replace(clock, values=clock.values[slice(*(part.samples or (None,)))])
+            # The rate to which a guessed unit leads shows whether it is right.
+            leads = f" then the sample rate is {column_rate(part.time, piece, ''):.6g} Hz" if is_even(part.time, piece) else ""
+            lines.append(f"time_unit = {value_text(unit)}" + ("" if clock.unit else f"    # ?{leads}"))
     elif rate is not None:
         lines.append(f"sample_rate = {rate!r}")
     else:
-        lines.append("# sample_rate = 1024.0    # ? not given by the file; required for the import")
+        rates = _stated_rates(table)
+        said = [f"sample_rate = {rate!r}    # ? the file states it as {name!r}" for name, rate in rates.items()]
+        absent = "# sample_rate = 1024.0    # ? not given by the file; required for the import"
+        lines.append(said[0] if len(set(rates.values())) == 1 else absent)
+    if part.samples is not None:
+        lines.append(f"samples = {value_text(list(part.samples))}")
     if own:
         lines.append(f"channels = {value_text(own)}")
     if other:

@@ -24,7 +24,7 @@ from isorig.analysis.spectra.zero_errors import zero_errors
 from isorig.analysis.units import KGF
 from isorig.analysis.wording import did_you_mean
 from isorig.rig.errors import PlanError, RecordingError
-from isorig.rig.exchange.clock import column_rate, is_time, is_uneven_time, sample_counter, says_time
+from isorig.rig.exchange.clock import RATE_AGREES, column_rate, is_clock, is_time, run_numbers, sample_counter, says_time
 from isorig.rig.exchange.mapping import ChannelMap, Mapping, RunMap, read_mapping
 from isorig.rig.exchange.reading import read_foreign
 from isorig.rig.exchange.table import Column, ForeignTable
@@ -34,8 +34,6 @@ from isorig.rig.files.rigfile import read_description, references_of
 from isorig.rig.frf.transfer import faults_in, levels_in_words
 from isorig.rig.wire_bonder.description import wire_bonder
 
-#: Sample rates that differ by less than this share are one rate: headers round it, and clocks are accurate to 1e-4.
-RATE_AGREES = 5e-3
 #: An acceleration in m/s^2 that no rig keeps up: more than gravity, which some sensors transmit, with some calibration error.
 STEADY = 1.1 * KGF
 #: Attributes of a sensor in a mapping.
@@ -168,6 +166,9 @@ def _run(wanted: RunMap, mapping: Mapping, table: ForeignTable) -> Run:
         raise PlanError(f"{here} requests samples up to {last}, but its columns have {total}; correct samples")
     lost = np.unique(np.concatenate([np.empty(0, np.int64), *(c.lost for c in columns.values() if c.lost is not None)]))
     lost = lost[(lost >= first) & (lost < last)]
+    # A run begins with the first row in which every channel has a value.
+    first += int(np.argmin(np.append(lost == first + np.arange(len(lost)), False)))
+    lost = lost[lost >= first]
     kept = np.setdiff1d(np.arange(first, last), lost, assume_unique=True) if len(lost) else slice(first, last)
     rate = _rate(wanted, columns, table, (first, last), here)
     if wanted.band is not None and wanted.band[0] >= rate / 2.0:
@@ -326,9 +327,14 @@ def _unnamed_rate(wanted: RunMap, name: str, column: Column, first: int, here: s
                 f"{here}: column {name!r} {words}, but {faults}; if it is no counter, state which sample rate is right with "
                 "rate_from"
             )
+    if wanted.rate_from is None and len(at := first + run_numbers(name.rpartition("/")[2], column)):
+        raise RecordingError(
+            f"{here}: column {name!r} numbers {len(at) + 1} runs; import each with its samples, the first [{first}, {at[0]}], or "
+            "state which sample rate is right with rate_from if they are one"
+        )
     if wanted.time is not None:
         return []
-    if wanted.rate_from is None and is_uneven_time(name, column):
+    if wanted.rate_from is None and is_clock(name, column, named=False):
         try:
             column_rate(name, column, f"{here}: column {name!r}", wanted.time_unit, first)
         except RecordingError as error:

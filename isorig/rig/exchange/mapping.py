@@ -70,7 +70,7 @@ class RunMap(MappingPart, frozen=True):
     time
         Name of the time column.
     time_unit
-        Unit of that column: s, ms, us, ns, min or h; by default from the file, otherwise seconds.
+        Unit of that column: s, ms, us, ns, min, h or d; by default from the file, otherwise seconds.
     channels
         The channels of this run; by default all.
     rate_from
@@ -169,7 +169,7 @@ def _check_channel(name: str, channel: ChannelMap, here: str) -> None:
 
 def _check_run(run: RunMap, here: str) -> None:
     if run.time_unit and seconds_per(run.time_unit) is None:
-        raise PlanError(f"{here} has time_unit {run.time_unit!r}; give s, ms, us, ns, min or h")
+        raise PlanError(f"{here} has time_unit {run.time_unit!r}; give s, ms, us, ns, min, h or d")
     if run.samples is not None and not 0 <= run.samples[0] < run.samples[1]:
         raise PlanError(f"{here} has samples {list(run.samples)}; give [first, last + 1] with first < last, starting at 0")
     if run.started is not None and run.started.tzinfo is None:

@@ -22,6 +22,9 @@ ARCHIVE = b"PK\x03\x04"
 OTHERS = (
     (b"\xd0\xcf\x11\xe0", "an Excel workbook or another document; save its numbers as CSV"),
     (b"PAR1", "a Parquet file; save it as CSV"),
+    (b"ARROW1", "an Arrow or Feather file; save it as CSV"),
+    (b"MDF     ", "an MDF file; export it as CSV, MATLAB or HDF5"),
+    (b"CDF", "a netCDF 3 file; convert it to netCDF 4, or export it as CSV"),
     (b"\x1f\x8b", "compressed; unpack it"),
     (b"%PDF", "a PDF document; export its numbers as CSV"),
 )
@@ -30,7 +33,10 @@ OTHERS = (
 def read_foreign(path: Path) -> ForeignTable:
     """The columns of a file in another program's format. Raises RecordingError with the fault of the file and what to do."""
     found = FORMATS.get(path.suffix.lower())
-    unknown = f"{path} ends in {path.suffix or 'nothing'}; files that can be imported end in {', '.join(FORMATS)}"
+    unknown = (
+        f"{path} ends in {path.suffix or 'nothing'}; files that can be imported end in {', '.join(FORMATS)}, so export it as one "
+        "of these, or rename it to .csv if it is text"
+    )
     try:
         _blame_content(path, found)
         if found is None:
@@ -50,7 +56,10 @@ def read_foreign(path: Path) -> ForeignTable:
         said = unknown if found is None else f"{path} cannot be read as {found.name} ({reason(error)}); {found.advice}"
         raise RecordingError(said) from None
     if not table.columns and not table.spectra:
-        raise RecordingError(f"{path} contains no numeric records; export the time records too")
+        remarks = "; ".join(table.remarks)
+        raise RecordingError(
+            f"{path} contains no numeric records{f' ({remarks})' if remarks else ''}; export the time records too"
+        )
     return _with_sound_rates(table)
 
 

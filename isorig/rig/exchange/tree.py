@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -26,6 +27,14 @@ STEPS = frozenset((
 ))  # fmt: skip
 FREQUENCIES = frozenset(("f", "freq", "freqs", "frequency", "frequencies", "frequenz", "hz", "fhz", "freqhz", "frequencyhz"))
 #: Parts of a structure with its abscissa, and generic names that add nothing to their structure's name.
+#: Units that may follow such a name: Hz in one of a rate, s in one of an interval.
+RATE_UNITS, STEP_UNITS = {"": 1.0, "hz": 1.0, "khz": 1e3, "mhz": 1e6}, {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+#: Names of lists with a text for each channel of an array next to them: its name, or its unit.
+NAME_LISTS = frozenset((
+    "names", "channels", "channelnames", "channellabels", "labels", "columns", "columnnames", "variables", "variablenames",
+    "signals", "signalnames", "sensors", "sensornames",
+))  # fmt: skip
+UNIT_LISTS = frozenset(("unit", "units", "channelunits"))
 ABSCISSAE = ("x_values", "x", "abscissa", "time", "quantity")
 UNIT_WORDS = ("unit", "units")
 #: Separator after an array's name for its own attributes (attributes of a dataset).
@@ -68,17 +77,21 @@ def _plain(name: str) -> str:
     return re.sub(r"[\W_]", "", name.lower())
 
 
+def rate_of(name: str, number: float) -> float | None:
+    """The sample rate in Hz that a number of a file states by its name (`fs`, `dt`, `rate_kHz` ...); None if it states none."""
+    plain = _plain(name)
+    for names, units in ((RATES, RATE_UNITS), (STEPS, STEP_UNITS)) if number > 0.0 else ():
+        for unit, factor in units.items():
+            if plain.endswith(unit) and plain.removesuffix(unit) in names:
+                return number * factor if names is RATES else 1.0 / (number * factor)
+    return None
+
+
 def table_of(path: Path, items: Iterable[tuple[str, Any]], remarks: Sequence[str] = (), dot: str = ".") -> ForeignTable:
     """A table of a file's items: name, and array, number or text; names are preceded by their structures, joined by `dot`."""
     content = _Content(dot)
     for name, value in items:
-        values = np.asarray(value)
-        if isinstance(value, str):
-            content.words[name] = value
-        elif values.dtype.kind in "biufc" and values.size > 1:
-            content.arrays[name] = values
-        elif values.dtype.kind in "biuf" and values.size == 1:
-            content.numbers[name] = float(values.ravel()[0])
+        _add(name, value, content)
     columns: dict[str, Column] = {}
     spectra: list[Spectrum] = []
     said = list(remarks)
@@ -95,8 +108,30 @@ def table_of(path: Path, items: Iterable[tuple[str, Any]], remarks: Sequence[str
                 spectra += _spectra(vectors, axis, content, len(spectra))
         else:
             rate, unit, label = _rate(name, content), _unit(name, content), _label(name, content) if len(vectors) == 1 else ""
-            columns |= {one: Column(values=vector, sample_rate=rate, unit=unit, label=label) for one, vector in vectors.items()}
+            labels, units = (_listed(name, len(vectors), content, lists) for lists in (NAME_LISTS, UNIT_LISTS))
+            for k, (one, vector) in enumerate(vectors.items()):
+                columns[one] = Column(values=vector, sample_rate=rate, unit=unit or units[k], label=label or labels[k])
     return ForeignTable(path=path, columns=columns, numbers=content.numbers, spectra=tuple(spectra), remarks=tuple(said))
+
+
+def _add(name: str, value: Any, content: _Content) -> None:
+    # An item of a file, by its kind.
+    values = np.asarray(value)
+    if isinstance(value, str):
+        content.words[name] = value
+        stated = re.fullmatch(r"\s*([\d.]+(?:e[+-]?\d+)?)\s*([a-z]*)\s*", value, re.IGNORECASE)
+        if stated and rate_of(f"{content.plain(name)}{stated[2]}", 1.0) is not None:
+            with suppress(ValueError):
+                content.numbers[f"{name}{stated[2]}"] = float(stated[1])
+    elif values.dtype.kind in "US" and values.size <= COLUMNS_MOST:
+        content.words.update((f"{name}[{k}]", str(text).strip()) for k, text in enumerate(values.ravel()))
+    elif values.dtype.kind in "mM" and values.size > 1:
+        content.arrays[name] = (values - values.ravel()[0]) / np.timedelta64(1, "s")
+        content.words[f"{name}_unit"] = "s"
+    elif values.dtype.kind in "biufc" and values.size > 1:
+        content.arrays[name] = values
+    elif values.dtype.kind in "biuf" and values.size == 1:
+        content.numbers[name] = float(values.ravel()[0])
 
 
 def _rate(name: str, content: _Content) -> float | None:
@@ -105,12 +140,21 @@ def _rate(name: str, content: _Content) -> float | None:
     structures = [f"{outer}{part}" for outer in content.around(name) for part in ("", *(f"{each}{dot}" for each in ABSCISSAE))]
     for structure in (f"{name}{OWN}{dot}", *structures):
         for key, number in content.within(structure, content.numbers).items():
-            if _plain(key) in RATES and number > 0.0:
-                return number
-            if _plain(key) in STEPS and number > 0.0:
-                return 1.0 / number
+            if (rate := rate_of(key, number)) is not None:
+                return rate
     # The logger of the Cambridge laboratory (peer package pydvma): indata with buflen samples at freq.
     return content.numbers["freq"] if {"buflen", "freq"} <= content.numbers.keys() else None
+
+
+def _listed(name: str, size: int, content: _Content, lists: frozenset[str]) -> list[str]:
+    # The texts of the nearest list with such a name that has one for each of an array's channels.
+    for structure in (f"{name}{OWN}{content.dot}", *content.around(name)) if size > 1 else ():
+        words = content.within(structure, content.words)
+        for key in (key.removesuffix("[0]") for key in words if key.endswith("[0]")):
+            texts = [words[f"{key}[{k}]"] for k in range(size) if f"{key}[{k}]" in words]
+            if _plain(key) in lists and len(texts) == size and f"{key}[{size}]" not in words:
+                return texts
+    return [""] * size
 
 
 def _label(name: str, content: _Content) -> str:

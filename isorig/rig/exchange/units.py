@@ -21,20 +21,34 @@ class Unit(NamedTuple):
 UNITS = {name: Unit(quantity, factor) for quantity, factors in FACTORS.items() for name, factor in factors.items()}
 #: Units of converter counts, without a physical quantity.
 COUNTS = ("count", "counts", "cts", "ticks", "lsb", "LSB", "inc", "increments")
+#: Units of quantities that no channel of a recording measures.
+OTHER_UNITS = frozenset((
+    "°C", "degC", "deg C", "C", "K", "°F", "degF", "bar", "mbar", "Pa", "hPa", "kPa", "MPa", "psi", "uE", "ue", "um/m", "µm/m",
+    "strain", "ustrain", "microstrain", "Hz", "kHz", "dB", "W", "kW", "J", "kg", "Ohm", "Ω", "T", "%rH",
+))  # fmt: skip
 #: Other spellings, in the order of their replacement.
 _SPELLINGS = (
     ("µ", "u"),
     ("μ", "u"),
     ("sec", "s"),
     ("²", "^2"),
+    ("⁻", "-"),
+    ("¹", "1"),
     ("**", "^"),
+    ("·", " "),
+    ("*", " "),
     ("/s2", "/s^2"),
     ("/s/s", "/s^2"),
-    ("m s^-2", "m/s^2"),
+    ("s^-2", "s-2"),
+    ("s-^2", "s-2"),
+    ("s^-1", "s-1"),
+    (" s-2", "/s^2"),
+    (" s-1", "/s"),
 )
 _WORDS = {
     "meter": "m", "metre": "m", "meters": "m", "metres": "m",
-    "gn": "g", "g_n": "g", "G": "g", "volt": "V", "volts": "V", "Volt": "V", "Volts": "V", "newton": "N", "Newton": "N",
+    "gn": "g", "g_n": "g", "G": "g", "g's": "g", "gs": "g",
+    "volt": "V", "volts": "V", "Volt": "V", "Volts": "V", "newton": "N", "Newton": "N",
     "newtons": "N", "Newtons": "N",
     "°": "deg", "degree": "deg", "degrees": "deg", "°/s": "deg/s", "°/s^2": "deg/s^2", "dps": "deg/s", "radian": "rad",
     "radians": "rad", "RPM": "rpm", "r/min": "rpm", "rev/min": "rpm", "1/min": "rpm", "turn": "rev", "turns": "rev",

@@ -111,7 +111,9 @@ def test_boundary_of_missing_rows(count: int, found: bool) -> None:
 def test_a_clock_may_have_any_name(tmp_path: Path, name: str) -> None:
     text, mapping = drafted(tmp_path, {name: np.arange(N) / RATE})
     assert list(mapping["channels"]) == ["force_n", "x_mm"]
-    assert re.search(r'time = ".+"    # \? its values rise evenly\ntime_unit = "s"    # \?\n', text)
+    assert re.search(
+        r'time = ".+"    # \? its values rise evenly\ntime_unit = "s"    # \? then the sample rate is 500 Hz\n', text
+    )
     assert imported(tmp_path, "") == 0
     assert read(tmp_path / "o.h5").runs[0].sample_rate == RATE
 

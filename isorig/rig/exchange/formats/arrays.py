@@ -68,7 +68,10 @@ def _fields(name: str, values: Any) -> Iterator[tuple[str, Any]]:
 def _flattened(name: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
     if depth > DEEP or isinstance(value, bool) or value is None:
         return
-    if isinstance(value, dict):
+    if isinstance(value, dict) and len(value) > 1 and all(key == str(k) for k, key in enumerate(value)):
+        # A column of pandas: its values by their rows.
+        yield from _flattened(name, list(value.values()), depth + 1)
+    elif isinstance(value, dict):
         for key, inner in value.items():
             yield from _flattened(f"{name}.{key}" if name else str(key), inner, depth + 1)
     elif isinstance(value, list):
@@ -81,6 +84,8 @@ def _listed(name: str, value: list[Any], depth: int) -> Iterator[tuple[str, Any]
     numbers = _numbers(value)
     if numbers is not None:
         yield name or "data", numbers
+    elif value and all(isinstance(item, str) for item in value):
+        yield name, np.array(value)
     elif value and all(isinstance(item, dict) for item in value):
         plain = set.intersection(*(set(item) for item in value))
         rows = {key: _numbers([item[key] for item in value]) for key in value[0] if key in plain}

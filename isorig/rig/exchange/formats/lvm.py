@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from isorig.analysis.campaign import FloatArray
 from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.clock import column_rate, completed
 from isorig.rig.exchange.formats.text import FILE_MOST, decoded
-from isorig.rig.exchange.table import Column, ForeignTable, Format
+from isorig.rig.exchange.table import COLUMNS_MOST, Column, ForeignTable, Format
 from isorig.rig.files.inputs import content_of
 from isorig.rig.files.recording import VALUE_MOST
 
@@ -26,6 +27,8 @@ def read_lvm(path: Path) -> ForeignTable:
 
     text = decoded(content_of(path, FILE_MOST))
     _whole(text, path)
+    # It reads as many columns as the line of channels has cells, which some writers do not fill up.
+    text = re.sub(r"(?m)^(Channels([\t,;]).*)$", lambda line: line[1].rstrip() + line[2] * COLUMNS_MOST, text)
     # Its other function looks for a pickled copy next to the file.
     content = lvm_read.read_str(text)
     segments = [content[k] for k in range(content["Segments"])]

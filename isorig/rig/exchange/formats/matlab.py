@@ -25,6 +25,7 @@ from isorig.rig.files.hdf_walk import EXPANSION, SPARE
 HEAD, COMPRESSED = 128, 15
 #: Maximum nesting of structs and cells, and maximum number of their parts.
 DEEP, PARTS_MOST = 16, 20_000
+OBJECT = "an object of a MATLAB class (timeseries, table, string ...) is left out; save its values as plain arrays"
 
 
 def read_matlab(path: Path) -> ForeignTable:
@@ -35,7 +36,9 @@ def read_matlab(path: Path) -> ForeignTable:
         return _version5(path)
     with opened(path) as hdf:
         visited = (_visited(hdf, name, hdf[name], 0) for name in hdf if not name.startswith("#"))
-        return table_of(path, list(islice(chain.from_iterable(visited), PARTS_MOST)))
+        items = list(islice(chain.from_iterable(visited), PARTS_MOST))
+        remarks = [OBJECT for name, item in items if item is None]
+        return table_of(path, [each for each in items if each[1] is not None], remarks[:1])
 
 
 def _version5(path: Path) -> ForeignTable:
@@ -48,7 +51,7 @@ def _version5(path: Path) -> ForeignTable:
     remarks = []
     for name, value in loadmat(path, simplify_cells=True).items():
         if name == "None" or type(value).__name__ == "MatlabOpaque":
-            remarks.append("an object of a MATLAB class (timeseries, table ...) is left out; save its values as plain arrays")
+            remarks.append(OBJECT)
         elif not name.startswith("__"):
             items += _flattened(name, value)
     return table_of(path, items, remarks)
@@ -101,9 +104,10 @@ def _visited(file: h5py.File, name: str, item: Any, depth: int) -> Iterator[tupl
     # MATLAB_empty marks a size instead of values.
     if not isinstance(item, h5py.Dataset) or item.attrs.get("MATLAB_empty", 0):
         return
-    if _class_of(item) == "char":
-        if item.dtype.kind in "ui":
-            yield name, "".join(map(chr, np.asarray(item[()]).ravel(order="C").tolist()))
+    if "MATLAB_object_decode" in item.attrs:
+        yield name, None
+    elif _class_of(item) == "char" and item.dtype.kind in "ui":
+        yield name, "".join(map(chr, np.asarray(item[()]).ravel(order="C").tolist()))
     elif item.dtype.kind in "biuf":
         yield name, np.asarray(item[()])
     elif item.dtype.names == ("real", "imag"):

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import logging
 import re
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from isorig.rig.errors import PlanError, RecordingError
-from isorig.rig.exchange.table import UNTITLED, Column, ForeignTable, Format
+from isorig.rig.exchange.table import UNTITLED, ForeignTable, Format
+from isorig.rig.exchange.tree import OWN, table_of
+
+#: Properties of a channel with its unit.
+UNITS = ("NI_UnitDescription", "unit_string")
 
 
 def read_tdms(path: Path) -> ForeignTable:
@@ -18,7 +24,8 @@ def read_tdms(path: Path) -> ForeignTable:
         from nptdms import TdmsFile, log
     except ImportError:
         raise PlanError("reading TDMS needs the package npTDMS; install isorig[tdms]") from None
-    columns: dict[str, Column] = {}
+    items: list[tuple[str, Any]] = []
+    labels: dict[str, str] = {}
     empty: list[str] = []
     warnings: list[str] = []
 
@@ -31,29 +38,33 @@ def read_tdms(path: Path) -> ForeignTable:
     console.addFilter(kept)
     try:
         file = TdmsFile.read(path)
+        items += file.properties.items()
         for group in file.groups():
+            items += ((f"{group.name}/{key}", value) for key, value in group.properties.items())
             for channel in group.channels():
                 values = np.asarray(channel[:])
                 name = f"{group.name}/{channel.name}"
                 if not len(values):
                     empty.append(name)
-                elif values.dtype.kind in "biuf":
-                    step = float(channel.properties.get("wf_increment", 0.0))
-                    # LabVIEW names channels Untitled unless they are given a name; then the group has one.
-                    unnamed = UNTITLED.fullmatch(channel.name) and not UNTITLED.fullmatch(group.name)
-                    columns[name] = Column(
-                        values=values, sample_rate=1.0 / step if step > 0.0 else None,
-                        unit=str(channel.properties.get("unit_string", "")), label=group.name if unnamed else "",
-                    )  # fmt: skip
+                    continue
+                items.append((name, values))
+                items += (
+                    (f"{name}_unit" if key in UNITS else f"{name}{OWN}/{key}", v) for key, v in channel.properties.items() if v
+                )
+                # LabVIEW names channels Untitled unless they are given a name; then the group has one.
+                if UNTITLED.fullmatch(channel.name) and not UNTITLED.fullmatch(group.name):
+                    labels[name] = group.name
         if warnings:
             # It reads the available part of a truncated file; the missing amount is unknown.
             raise ValueError(warnings[0])
     finally:
         console.removeFilter(kept)
-    if not columns:
+    table = table_of(path, items, [f"channel {name!r} has no samples" for name in empty], dot="/")
+    if not table.columns:
         text = f"its channels {', '.join(empty)} are empty" if empty else "it has no channel of numbers"
         raise RecordingError(f"{path} has no samples ({text}); record it again, or export the file that the logger wrote them to")
-    return ForeignTable(path=path, columns=columns, remarks=tuple(f"channel {name!r} has no samples" for name in empty))
+    named = {name: replace(column, label=labels.get(name, "")) for name, column in table.columns.items()}
+    return replace(table, columns=named, numbers={})
 
 
 TDMS = Format(extensions=(".tdms",), name="TDMS", read=read_tdms, begins=re.compile(b"TDSm"))

@@ -15,10 +15,10 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.rig.errors import RecordingError
-from isorig.rig.exchange.clock import completed, seconds_per
+from isorig.rig.exchange.clock import BESIDE, completed, seconds_per
 from isorig.rig.exchange.table import Column, ForeignTable, Format
-from isorig.rig.exchange.tree import table_of
-from isorig.rig.exchange.units import known_unit
+from isorig.rig.exchange.tree import rate_of, table_of
+from isorig.rig.exchange.units import COUNTS, OTHER_UNITS, known_unit
 from isorig.rig.files.inputs import content_of
 from isorig.rig.files.output import reason
 
@@ -26,86 +26,140 @@ if TYPE_CHECKING:
     import pandas as pd
 
 #: Separator and decimal mark, in order of preference.
-STYLES = ((";", ","), (";", "."), ("\t", ","), ("\t", "."), (",", "."), (r"\s+", "."), (r"\s+", ","))
+STYLES = ((";", ","), (";", "."), ("\t", ","), ("\t", "."), (",", "."), (",", ","), (r"\s+", "."), (r"\s+", ","))
 #: Separators that a line of names may have instead of the data's.
 HEAD_SEPARATORS = (",", ";", "\t", r"\s{2,}", r"\s+")
 #: Maximum bytes of a text file: as numbers in memory it takes about as many.
 FILE_MOST = 1 << 30
-#: Maximum number of header lines.
-HEAD_LINES = 200
+#: Maximum number of header lines, and of their characters.
+HEAD_LINES, HEAD_LONGEST = 1000, 1 << 20
 #: Number of lines at the end whose digits are compared.
 LAST_LINES = 50
-#: A time of day, with or without its date.
+#: A time of day, with or without its date, its hours and its time zone.
 _CLOCK = re.compile(
-    r"(?:(?P<date>\d{4}[-/]\d\d?[-/]\d\d?|\d\d?[./]\d\d?[./]\d{4})[ T])?(?P<h>\d\d?):(?P<m>\d\d)(?::(?P<s>\d\d(?:[.,]\d+)?))?Z?"
-)
-_RATE = re.compile(
-    r"(?:sampl\w*[ _-]*(?:rate|freq\w*)|scan[ _-]*rate|abtast(?:rate|frequenz)|\bfs\b|\bf_s\b)[^0-9+\-]{0,20}"
-    r"(?P<number>\d+(?:[.,]\d+)?(?:e[+-]?\d+)?)\s*(?P<unit>k?hz|k?s/s|1/s)?",
+    r"(?:(?P<date>\d{4}[-/]\d\d?[-/]\d\d?|\d\d?[./-]\d\d?[./-]\d{2,4})[ T])?"
+    r"(?:(?P<h>\d\d?):(?P<m>\d\d)(?::(?P<s>\d\d(?:[.,:]\d+)?))?|(?P<m2>\d\d?):(?P<s2>\d\d[.,]\d+))"
+    r"(?: ?(?P<half>[AP]M)|Z|[+-]\d\d:?\d\d)?",
     re.IGNORECASE,
+)
+_NUMBER = r"(?P<gap>[^0-9+\-]{0,20})(?P<number>\d+(?:[.,'\u2019]\d+)*(?:e[+-]?\d+)?)\s*(?P<unit>[a-zµμ1/]*)"
+_RATE = re.compile(
+    rf"(?:sampl\w*[ _-]*(?:rate|freq\w*)|scan[ _-]*rate|abtast(?:rate|frequenz)|\bfs\b|\bf_s\b){_NUMBER}", re.IGNORECASE
 )
 _STEP = re.compile(
-    r"(?:sampl\w*[ _-]*(?:interval|period|time)|delta[ _-]?[tx]|\bdt\b|time[ _-]*(?:step|increment)|abtast(?:zeit|intervall))"
-    r"[^0-9+\-]{0,20}(?P<number>\d+(?:[.,]\d+)?(?:e[+-]?\d+)?)\s*(?P<unit>s|ms|us|µs|ns)?\b",
+    r"(?:sampl\w*[ _-]*(?:interval|period|time)|x[ _-]axis[ _-]delta|delta[ _-]?[tx]|\bdt\b|\btinc\b|(?:^|time[ _-]*)increment"
+    rf"|time[ _-]*step|abtast(?:zeit|intervall)){_NUMBER}",
     re.IGNORECASE,
 )
+_PREFIX = re.compile(r"(?P<prefix>[km]?)(?:hz|s/s|sa/s|sps)(?:$|\W)", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
 class _Style:
-    # Format of a file's columns, and the index of the line with the first values.
+    # Format of a file's columns, and the index of the line with the first values. The columns `empty` have no value in the first
+    # two lines; `wordy` ones have words.
     separator: str
     decimal: str
     first: int
     count: int
     clocks: tuple[int, ...]
+    empty: tuple[int, ...] = ()
+    wordy: tuple[int, ...] = ()
+
+    @property
+    def filled(self) -> int:
+        return max(set(range(self.count)) - {*self.empty, *self.wordy}, default=-1) + 1
 
 
 def read_text(path: Path) -> ForeignTable:
     """The columns of a text file; names, units and the sample rate are taken from its header if present. Raises RecordingError,
     with the line and the cell, if there are no columns of numbers, or a line is truncated or contains a cell that is not a
     number."""
-    text = decoded(content_of(path, FILE_MOST))
-    lines = [line.rstrip("\r\n") for line in io.StringIO(text[: 1 << 20]).readlines()[:HEAD_LINES]]
+    text = _with_whole_cells(decoded(content_of(path, FILE_MOST)))
+    lines = [line.rstrip("\r\n") for line in io.StringIO(text[:HEAD_LONGEST]).readlines()[:HEAD_LINES]]
     style = _with_decimal_of(text, _style(lines, path))
-    frame = _frame(text, style, path)
+    _blame_thousands(lines, style, path)
+    begin = sum(len(line) for line in itertools.islice(io.StringIO(text), style.first))
+    frame = _frame(text, text[begin:], style, path)
     names, units = _head(lines[: style.first], style)
-    rate = _rate(lines[: style.first])
+    rate = _rate(lines if style.wordy else lines[: style.first], style)
     columns: dict[str, Column] = {}
+    remarks = []
     for k, (name, unit) in enumerate(zip(names, units, strict=True)):
-        is_clock = k in style.clocks
-        values = _seconds(frame[k]) if is_clock else frame[k].to_numpy()
+        if frame[k].dtype.kind != "f" and k not in style.clocks:
+            remarks.append(f"column {name!r} contains words ({frame[k].dropna().iloc[0]!r}) and is left out")
+            continue
+        values = _seconds(frame[k]) if k in style.clocks else frame[k].to_numpy()
+        stated = np.unique(values[np.isfinite(values)])
+        if len(stated) == 1 and (found := rate_of(name, float(stated[0]))) is not None:
+            rate = found
+            continue
         key = name if name not in columns else f"{name}[{k}]"
-        columns[key] = Column(values=values, unit="s" if is_clock else unit, sample_rate=rate)
+        columns[key] = Column(values=values, unit="s" if k in style.clocks else unit)
+    columns = {key: replace(column, sample_rate=rate) for key, column in columns.items()}
     # A table over frequency: real and imaginary parts, or magnitude and phase, become complex values.
     over = table_of(path, [(name.replace(".", "_"), column.values) for name, column in _joined(columns).items()])
     if over.spectra and not over.columns:
         return over
-    found, remarks = completed(columns)
-    return ForeignTable(path=path, columns=found, remarks=tuple(remarks))
+    found_columns, said = completed(columns)
+    return ForeignTable(path=path, columns=found_columns, remarks=(*remarks, *said, *_empty_lines(text[begin:])))
 
 
 def decoded(raw: bytes) -> str:
-    """The text of a file: UTF-8, UTF-16 with a byte order mark, or Latin-1."""
+    """The text of a file: UTF-8, UTF-16 with a byte order mark, or Latin-1; without zeros that fill it at its end."""
     try:
-        return raw.decode("utf-16" if raw[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
+        text = raw.decode("utf-16" if raw[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
     except UnicodeDecodeError:
-        return raw.decode("latin-1")
+        text = raw.decode("latin-1")
+    text = text.rstrip("\0\x1a")
+    return text if "\n" in text else text.replace("\r", "\n")
 
 
-def _frame(text: str, style: _Style, path: Path) -> pd.DataFrame:
+def _with_whole_cells(text: str) -> str:
+    # A quoted cell of the header may have several lines; empty lines at the start instead keep the numbers of the others.
+    head = re.sub(r'(?<![^,;\t\n])"[^"]*"(?=[,;\t\r\n])', lambda cell: " ".join(cell[0].split()), text[:HEAD_LONGEST])
+    missing = text.count("\n", 0, HEAD_LONGEST) - head.count("\n")
+    return "\n" * missing + head + text[HEAD_LONGEST:]
+
+
+def _empty_lines(body: str) -> list[str]:
+    # Empty lines after many rows may separate runs.
+    at = max(body.find("\n\n"), body.find("\n\r\n"))
+    rows = body.count("\n", 0, at + 1) if re.compile(r"\s*[\d+.-]").match(body, max(at, 0)) else 0
+    told = f"an empty line follows {rows} rows: if it separates runs, give each its samples = [first, last + 1], e.g. [0, {rows}]"
+    return [told] if rows >= BESIDE else []
+
+
+def _frame(text: str, body: str, style: _Style, path: Path) -> pd.DataFrame:
     import pandas as pd
 
-    try:
-        frame = pd.read_csv(
-            io.StringIO(text), sep=style.separator, decimal=style.decimal, skiprows=style.first, header=None,
-            names=range(style.count), dtype={k: "str" if k in style.clocks else "float64" for k in range(style.count)},
-            comment="#", skip_blank_lines=True, skipinitialspace=True, index_col=False,
+    whole = (*style.clocks, *style.empty, *style.wordy)
+
+    def parsed(body: str) -> pd.DataFrame:
+        return pd.read_csv(
+            io.StringIO(body), sep=style.separator, decimal=style.decimal, header=None, names=range(style.count),
+            dtype={k: "str" if k in whole else "float64" for k in range(style.count)}, comment="#", skip_blank_lines=True,
+            skipinitialspace=True, index_col=False,
         )  # fmt: skip
+
+    try:
+        try:
+            frame = parsed(body)
+        except ValueError:
+            # An exponent of Fortran, a minus of Unicode.
+            frame = parsed(re.sub(r"(?<=[\d.,])[dD](?=[+-]?\d)", "e", body.replace("−", "-")))
     except (ValueError, pd.errors.ParserError) as error:
         _blame(text, style, path)
         raise RecordingError(f"{path} has a cell that is not a number ({reason(error)}); correct or cut it") from None
-    if frame[style.count - 1].isna().any():
+    unclear = not all(frame[k].dropna().str.fullmatch(_CLOCK).all() for k in style.clocks)
+    for k in (*style.empty, *style.wordy):
+        values = pd.to_numeric(frame[k].str.replace(style.decimal, "."), errors="coerce")
+        if frame[k].isna().all() or (values.notna().any() and k in style.empty):
+            unclear |= bool((frame[k].notna() & values.isna()).any())
+            frame[k] = values.astype("float64")
+    style = replace(style, wordy=(*style.wordy, *(k for k in style.empty if frame[k].dtype.kind != "f")))
+    last = max((k for k in range(style.count) if k not in style.wordy and frame[k].notna().any()), default=0)
+    if unclear or frame[last].isna().any():
         _blame(text, style, path)
     _cut(text, style, path)
     return frame
@@ -123,11 +177,9 @@ def _blame(text: str, style: _Style, path: Path) -> None:
         here = f"{path}, line {number}"
         if len(fields) > style.count and any(fields[style.count :]):
             raise RecordingError(f"{here} has {len(fields)} cells but the lines before it have {style.count}; correct that line")
-        wrong = next((k for k, field in enumerate(fields) if not _is_value(field, style.decimal)), None)
+        wrong = next((k for k, field in enumerate(fields) if not (_is_value(field, style.decimal) or k in style.wordy)), None)
         if wrong is not None:
-            raise RecordingError(
-                f"{here}, column {wrong + 1} contains {fields[wrong]!r}, which is not a number; correct or cut that line"
-            )
+            raise RecordingError(_no_number(here, wrong, fields[wrong]))
         if len(fields) < style.count:
             short.append((number, len(fields)))
     if short:
@@ -139,6 +191,13 @@ def _blame(text: str, style: _Style, path: Path) -> None:
             )
         if [n for n, _ in short] != list(range(number, last + 1)):
             raise RecordingError(f"{path}, line {number} has {count} of {style.count} cells; correct or delete that line")
+
+
+def _no_number(here: str, column: int, cell: str) -> str:
+    begin = f"{here}, column {column + 1} contains {cell[:40]!r}, which "
+    if re.fullmatch(r"[+-]?\d{1,3}([.,'’ \u00a0\u202f]\d{3})+([.,]\d*)?", cell):
+        return f"{begin}seems to have separators of thousands; export the numbers without them"
+    return f"{begin}is not a number; correct it, leave the cell empty if the sample is lost, or cut that line"
 
 
 def _cut(text: str, style: _Style, path: Path) -> None:
@@ -163,33 +222,95 @@ def _style(lines: Sequence[str], path: Path) -> _Style:
         for k, line in enumerate(lines):
             fields = _fields(line, separator)
             after = next((_fields(other, separator) for other in lines[k + 1 :] if other.strip()), fields)
-            if _are_values(fields, decimal) and _are_values(after, decimal) and len(after) == len(fields):
+            both = _are_values(fields, decimal) and _are_values(after, decimal) and len(after) == len(fields)
+            if both and not _are_numbered(fields, after):
                 count = len(fields)
+                if best is not None and separator.startswith(r"\s") and count == best[1].count:
+                    break
                 named = any(len(_fields(head.lstrip("#% "), separator)) == count for head in lines[:k] if head.strip())
                 if best is None or (named and count > 1, count) > best[0]:
                     clocks = tuple(j for j, field in enumerate(fields) if _CLOCK.fullmatch(field))
-                    best = ((named and count > 1, count), _Style(separator, decimal, k, count, clocks))
+                    empty = tuple(j for j in range(count) if not fields[j] and not after[j])
+                    best = ((named and count > 1, count), _Style(separator, decimal, k, count, clocks, empty))
                 break
+    if best is None and (style := _with_words(lines)) is not None:
+        return style
     if best is None:
         said = [line.strip() for line in lines if line.strip()]
         where = f", only the line {said[0][:60]!r}" if len(said) == 1 else f" in its first {len(lines)} lines"
-        raise RecordingError(f"{path} has no columns of numbers{where}; export it as plain text columns")
-    if best[1].separator == "," and _are_halves(lines, best[1]):
+        last = f" (the last of them is {said[-1][:60]!r})" if len(said) > 1 else ""
+        raise RecordingError(f"{path} has no columns of numbers{where}{last}; export it as plain text columns")
+    style = best[1]
+    if style.separator == "," and _are_halves(lines, style):
+        if style.count == 2:
+            return _Style("\t", ",", style.first, 1, ())
         raise RecordingError(
-            f"{path} seems to have decimal commas in columns that commas separate, too ({lines[best[1].first][:40]!r}); "
+            f"{path} seems to have decimal commas in columns that commas separate, too ({lines[style.first][:40]!r}); "
             "export it with decimal points, or separated by semicolons or tabs"
         )
-    return best[1]
+    return _with_first_rows(lines, style, path)
+
+
+def _are_numbered(fields: Sequence[str], after: Sequence[str]) -> bool:
+    # Whether a line numbers the columns, as pandas names those of an array: the line after it is not of whole numbers.
+    numbers = [field for field in fields if field]
+    counted = any(numbers == [str(k + begin) for k in range(len(numbers))] for begin in (0, 1))
+    return len(numbers) > 1 and counted and any(re.search(r"[.,e]", cell) for cell in after)
+
+
+def _with_words(lines: Sequence[str]) -> _Style | None:
+    # Two columns or more of numbers next to columns of words, in all lines down to the last one.
+    at = [k for k, line in enumerate(lines) if line.strip()]
+    best: _Style | None = None
+    for separator, decimal in STYLES if len(at) > 2 else ():
+        rows = [_fields(lines[k], separator) for k in at]
+        numbers = [j for j, cell in enumerate(rows[-1]) if cell and _is_value(cell, decimal)]
+        alike = [len(row) == len(rows[-1]) and all(row[j] and _is_value(row[j], decimal) for j in numbers) for row in rows]
+        first = len(rows) - (alike[::-1].index(False) if False in alike else len(rows))
+        if len(numbers) > 1 and len(rows) - first > 2 and not separator.startswith(r"\s"):
+            wordy = tuple(j for j in range(len(rows[-1])) if j not in numbers)
+            clocks = tuple(j for j in numbers if _CLOCK.fullmatch(rows[-1][j]))
+            if best is None or len(numbers) > best.count - len(best.wordy):
+                best = _Style(separator, decimal, at[first], len(rows[-1]), clocks, wordy=wordy)
+    return best
+
+
+def _with_first_rows(lines: Sequence[str], style: _Style, path: Path) -> _Style:
+    # A line directly above the first values may be a row, too: with a word in an otherwise empty column, or in place of a number.
+    for k in range(style.first - 1, -1, -1):
+        fields = _fields(lines[k], style.separator)
+        words = [j for j, field in enumerate(fields) if not _is_value(field, style.decimal)]
+        surplus = 2 * (sum(map(bool, fields)) - len(words)) - style.count
+        if len(fields) != style.count or not words or 0 in words or surplus < style.separator.startswith(r"\s"):
+            break
+        if not set(words) <= set(style.empty):
+            raise RecordingError(_no_number(f"{path}, line {k + 1}", words[0], fields[words[0]]))
+        style = replace(style, first=k)
+    return style
 
 
 def _with_decimal_of(text: str, style: _Style) -> _Style:
     # The first rows may be whole numbers, as before a drive begins: then the first mark in the rows below tells.
-    if style.clocks or style.separator == ",":
+    if style.clocks or style.separator == "," or style.wordy:
         return style
     marks = (line for line in itertools.islice(io.StringIO(text), style.first, None) if "." in line or "," in line)
     line = next(marks, "").split("#", 1)[0]
     other = "." if style.decimal == "," else ","
     return replace(style, decimal=other) if other in line and style.decimal not in line else style
+
+
+def _blame_thousands(lines: Sequence[str], style: _Style, path: Path) -> None:
+    # A column with whole numbers of up to three digits, and larger ones with three decimals: the mark separates thousands.
+    rows = [fields for line in lines[style.first :] if len(fields := _fields(line, style.separator)) == style.count]
+    for k, cells in enumerate(zip(*rows, strict=True)):
+        marked, plain = ([cell for cell in cells if cell and (style.decimal in cell) == has] for has in (True, False))
+        large = rf"[+-]?[1-9]\d{{0,2}}{re.escape(style.decimal)}\d{{3}}"
+        small = all(len(cell.strip("+-")) <= 3 for cell in plain)
+        if len(marked) > 2 and plain and small and all(re.fullmatch(large, cell) for cell in marked):
+            raise RecordingError(
+                f"{path}, column {k + 1} contains {plain[0]!r} and {marked[0]!r}, so {style.decimal!r} seems to separate "
+                "thousands; export it without separators of thousands, or with three decimals in every row"
+            )
 
 
 def _are_halves(lines: Sequence[str], style: _Style) -> bool:
@@ -219,36 +340,52 @@ def _fields(line: str, separator: str) -> list[str]:
 
 def _are_values(fields: Sequence[str], decimal: str) -> bool:
     there = [field for field in fields if field]
-    return 2 * len(there) >= len(fields) > 0 and all(_is_value(field, decimal) for field in there)
+    filled = max((k for k, field in enumerate(fields, 1) if field), default=0)
+    return 2 * len(there) >= filled > 0 and all(_is_value(field, decimal) for field in there)
 
 
 def _is_value(field: str, decimal: str) -> bool:
-    pattern = rf"|[+-]?(\d+({re.escape(decimal)}\d*)?|{re.escape(decimal)}\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)|n/?a|null"
+    pattern = rf"|[+\-−]?(\d+({re.escape(decimal)}\d*)?|{re.escape(decimal)}\d+)([ed][+-]?\d+)?|[+-]?(nan|inf|infinity)|n/?a|null"
     return re.fullmatch(pattern, field.strip('"'), re.IGNORECASE) is not None or _CLOCK.fullmatch(field) is not None
 
 
 def _head(head: Sequence[str], style: _Style) -> tuple[list[str], list[str]]:
     # Names and units: from the last header line with a name for each column, or a line of units and the names above it.
-    rows = [fields for line in reversed(head) if (fields := _named(line, style.separator, style.count))]
+    rows: list[list[str]] = []
+    longer: list[list[str]] = []
+    lines = [line for line in reversed(head) if line.strip()]
+    above = True
+    for line in lines:
+        fields = _named(line, style.separator, style) or []
+        there = [field for field in fields if field]
+        # Settings may have the same cell for several columns, or numbers: directly above the values, or their units, are names.
+        if fields and (above or (len(set(there)) == len(there) and not any(_is_value(cell, style.decimal) for cell in there))):
+            (rows if len(fields) == style.count else longer).append(fields[: style.count])
+        above = _are_units(fields[: style.filled])
     blank = [""] * style.count
-    if not rows:
-        rows = [*(fields for line in reversed(head) if (fields := _other_names(line, style.count))), blank][:1]
-    units = rows.pop(0) if len(rows) > 1 and _are_units(rows[0]) else blank
-    named = [_name_and_unit(name) for name in rows[0]]
+    rows = rows or longer or [names for line in lines[:1] if (names := _other_names(line, style))]
+    units = rows.pop(0) if len(rows) > 1 and _are_units(rows[0][: style.filled]) else blank
+    named = [_name_and_unit(name) for name in next(iter(rows), blank)]
     names = [name or f"column{k}" for k, (name, _) in enumerate(named)]
     return names, [unit.strip("[]()").strip(" -") or own for unit, (_, own) in zip(units, named, strict=True)]
 
 
-def _named(line: str, separator: str, count: int) -> list[str] | None:
+def _named(line: str, separator: str, style: _Style) -> list[str] | None:
+    # The cells of a line that may have the names: one for each column with values, and perhaps settings after them.
     fields = [field.strip('"') for field in _fields(line.lstrip("#% "), separator)]
-    return fields if len(fields) == count and 2 * sum(map(bool, fields)) >= count else None
+    while len(fields) > style.count and not fields[-1]:
+        fields.pop()
+    fields += [""] * (style.count - len(fields) if len(fields) >= style.filled else 0)
+    setting = any(re.match(r"\w+ ?=|.*:$", field) or _CLOCK.fullmatch(field) for field in fields[: style.count])
+    few = len(fields) < style.count or 2 * sum(map(bool, fields[: style.filled])) < style.filled
+    return None if few or setting else fields
 
 
-def _other_names(line: str, count: int) -> list[str] | None:
+def _other_names(line: str, style: _Style) -> list[str] | None:
     # Names with another separator than the data's, as written by numpy.savetxt.
     for separator in HEAD_SEPARATORS:
-        fields = _named(line, separator, count)
-        if fields and all(fields) and count > 1:
+        fields = _named(line, separator, style)
+        if fields and len(fields) == style.count > 1 and all(fields):
             return fields
     return None
 
@@ -256,12 +393,13 @@ def _other_names(line: str, count: int) -> list[str] | None:
 def _are_units(fields: Sequence[str]) -> bool:
     plain = [field.strip().strip("[]()").strip() for field in fields]
     known = [known_unit(field) is not None or seconds_per(field) is not None for field in plain]
-    return any(known) and all(one or field in ("", "-") for one, field in zip(known, plain, strict=True))
+    others = sum(field in ("", "-", "mV/V", *COUNTS, *OTHER_UNITS) for field in plain)
+    return any(known) and (sum(known) + others == len(plain) or 3 * sum(known) >= 2 * len(plain))
 
 
 def _name_and_unit(head: str) -> tuple[str, str]:
     found = re.fullmatch(r"(.+?)\s*[\[(]([^\])]+)[\])]", head)
-    if found:
+    if found and not re.search(r"\S[\[(]\d+.$", head):
         return found[1], found[2]
     found = re.fullmatch(r"(.+?)\s*/\s*([^/].*)", head)
     if found and (known_unit(found[2]) or seconds_per(found[2])):
@@ -269,13 +407,20 @@ def _name_and_unit(head: str) -> tuple[str, str]:
     return head, ""
 
 
-def _rate(head: Sequence[str]) -> float | None:
-    for line in head:
+def _rate(head: Sequence[str], style: _Style) -> float | None:
+    # From a line of the header, or from a word and the number below it.
+    rows = [_fields(line, style.separator) for line in head]
+    pairs = (pair for one, below in itertools.pairwise(rows) for pair in zip(one, below, strict=False))
+    for line in (*head, *(f"{name} {value}" for name, value in pairs if name and value and value[0] in "0123456789")):
         if found := _RATE.search(line):
-            rate = float(found["number"].replace(",", ".")) * (1e3 if (found["unit"] or "").lower().startswith("k") else 1.0)
+            unit = _PREFIX.match(found["unit"]) or _PREFIX.search(found["gap"])
+            prefix = unit["prefix"].lower() if unit else ""
+            rate = _number(found["number"], style) * {"": 1.0, "k": 1e3, "m": 1e6}[prefix]
         elif found := _STEP.search(line):
-            step = float(found["number"].replace(",", ".")) * (seconds_per(found["unit"] or "s") or 1.0)
-            rate = 1.0 / step if step > 0.0 else 0.0
+            # A time of a second or more is rather that of the measurement.
+            written = found["unit"] or next((word for word in re.findall(r"[a-zµμ]+", found["gap"]) if seconds_per(word)), "s")
+            step = _number(found["number"], style) * (seconds_per(written) or 1.0)
+            rate = 1.0 / step if 0.0 < step < 1.0 else 0.0
         else:
             continue
         if 0.0 < rate < np.inf:
@@ -283,20 +428,35 @@ def _rate(head: Sequence[str]) -> float | None:
     return None
 
 
+def _number(text: str, style: _Style) -> float:
+    # A number of the header, with the file's decimal mark: another mark separates thousands if it can.
+    marks = ".,'’".replace(style.decimal, "")
+    if re.fullmatch(rf"[1-9]\d{{0,2}}([{marks}]\d{{3}})+({re.escape(style.decimal)}\d+)?", text):
+        text = re.sub(rf"[{marks}]", "", text)
+    return float(text.replace(",", ".")) if text.count(".") + text.count(",") < 2 else 0.0
+
+
 def _seconds(column: pd.Series[str]) -> FloatArray:
     import pandas as pd
 
-    # Seconds since the first reading of a clock; it may pass midnight if it has no date.
-    parts = column.str.extract(_CLOCK)
+    # Seconds since the first reading of a clock; without a date it may pass midnight, without hours the full hour.
+    parts = column.str.extract(rf"^(?:{_CLOCK.pattern})$", flags=re.IGNORECASE)
+    minutes, own = parts["m"].fillna(parts["m2"]), parts["s"].fillna(parts["s2"]).str.replace(r"[,:]", ".", regex=True)
+    hours = pd.to_numeric(parts["h"], errors="coerce")
+    half = parts["half"].str.upper()
+    hours = hours.where(half.isna(), hours % 12 + 12 * (half == "PM"))
     seconds = np.zeros(len(column))
-    for part, size in (("h", 3600.0), ("m", 60.0), ("s", 1.0)):
-        seconds += pd.to_numeric(parts[part].str.replace(",", "."), errors="coerce").fillna(0.0).to_numpy(np.float64) * size
+    for part, size in ((hours, 3600.0), (minutes, 60.0), (own, 1.0)):
+        seconds += pd.to_numeric(part, errors="coerce").fillna(0.0).to_numpy(np.float64) * size
+    seconds = np.asarray(pd.Series(seconds).where(column.notna()).ffill(), dtype=np.float64)
     if parts["date"].notna().any():
         first = str(parts["date"].dropna().iloc[0])
         days = pd.to_datetime(parts["date"], dayfirst="." in first, errors="coerce", format="mixed").ffill()
         seconds = seconds + (days - days.iloc[0]).dt.days.to_numpy(np.float64) * 86400.0
     else:
-        seconds = seconds + 86400.0 * np.concatenate([[0.0], np.cumsum(np.diff(seconds) < -43200.0)])
+        whole = 86400.0 if parts["h"].notna().any() else 3600.0
+        seconds = seconds + whole * np.concatenate([[0.0], np.cumsum(np.diff(seconds) < -0.5 * whole)])
+    seconds[column.isna()] = np.nan
     return np.asarray(seconds - seconds[0])
 
 
