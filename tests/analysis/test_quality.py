@@ -140,6 +140,8 @@ def test_not_at_rest(session: Campaign) -> None:
     late = {n: Channel(name=n, samples=c.read(4000, None), full_scale=c.full_scale) for n, c in run.channels.items()}
     moving = replace(session, runs=(*session.runs[:4], replace(run, channels=late), session.runs[5]))
     assert named(moving) == {("l70", "", "not at rest")}
+    steady = replace(moving.runs[4], period=4000)
+    assert named(replace(moving, runs=(*session.runs[:4], steady, session.runs[5]))) == set()
     names = list(run.channels)
     # An average does not mind, a simulation from rest does.
     assert "l70" in [r.id for r in without(moving, faults(moving, reference="head"), names).runs]

@@ -71,16 +71,33 @@ def test_a_cause_to_which_the_equations_point_is_not_ruled_out() -> None:
     """Its fit leaves much of the error where no simulation follows the records."""
     tried = findings().candidates
     pointed = {"kind": "spring_shape", "location": "coupling"}
-    unconfirmed = [msgspec.to_builtins(msgspec.structs.replace(tried[0], standing="not confirmed", holdout_error=0.69))]
+    unconfirmed = [msgspec.to_builtins(msgspec.structs.replace(tried[0], standing="not confirmed", holdout_error=0.29))]
     others = [msgspec.to_builtins(msgspec.structs.replace(each, location="mount")) for each in tried[1:]]
     found = findings(verdict="unexplained", steps=[], pointed=pointed, candidates=unconfirmed + others)
     said = conclude(found, "out")
     assert "point to a nonlinear spring force over deflection at the coupling, which no fit confirms yet" in said.answer
     assert said.ruled_out == (
-        "Of this kind and place, not confirmed, with the error each leaves: end stop at the coupling (69 %). "
+        "Of this kind and place, not confirmed, with the error each leaves: end stop at the coupling (29 %). "
         "Ruled out, with the error each leaves: hardening stiffness at the mount (12 %), softening stiffness at the mount "
         "(20 %), stiffness drift at the mount (34 %)."
     )
+
+
+def test_a_fit_that_leaves_more_than_the_model_without_it_rules_nothing_out() -> None:
+    first, *others = findings().candidates
+    lost = msgspec.structs.replace(first, standing="not confirmed", holdout_error=2.0 * findings().holdout.baseline)
+    said = conclude(findings(candidates=[lost, *others])).ruled_out
+    assert f"Neither confirmed nor ruled out, because no fit followed the motion: {first.cause.replace('_', ' ')}" in said
+
+
+@pytest.mark.parametrize(
+    ("end", "said"),
+    [(1.0, "20.00 ± 0.10 mm (only of positive deflection)"), (-1.0, "only of negative"), (0.0, "0.10 mm, contact")],
+)
+def test_a_stop_at_one_end_only_says_which(end: float, said: str) -> None:
+    values = {"stroke": (0.02, 1e-4, "m"), "contact_stiffness": (9e4, 1e3, "N/m"), "end": (end, 0.0, "1")}
+    parameters = {name: {"value": value, "std": std, "unit": unit} for name, (value, std, unit) in values.items()}
+    assert said in cause_in_words(step(cause="end_stop", form="end_stop", parameters=parameters))
 
 
 def test_an_error_of_many_times_the_signal_loses_the_motion() -> None:

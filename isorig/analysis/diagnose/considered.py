@@ -81,7 +81,16 @@ def all_considered(
             if key in exchanged and key not in named:
                 why = f"It removes {_percent(share)}; {' at '.join(exchanged[key])} explains more together with the later causes."
                 found[key] = replace(found[key], standing="ruled out", why=why)
+    lost = {
+        entry.candidate.key
+        for before, entries in searches
+        for entry in entries
+        if ratio(entry.score.error, before.error, floors) >= POLICY.form_close
+    }
     for key, one in found.items():
+        if key in lost and one.standing == "ruled out":
+            why = "Its fit left more than the model without it, so it did not follow the motion: that does not rule it out."
+            found[key] = replace(one, standing="not confirmed", why=why)
         if (one.kind, one.location) == pointed and one.standing == "ruled out":
             why = f"{one.why} The equations of motion point to its kind and place, so this does not rule it out."
             found[key] = replace(one, standing="not confirmed", why=why)

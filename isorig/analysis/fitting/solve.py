@@ -305,10 +305,13 @@ def fit(
         tied = ties @ coordinates - ties_at
         return _size(seen) + _size(tied)
 
+    def seen(coordinates: FloatArray) -> tuple[FloatArray, float]:
+        there = misfit(coordinates)
+        return there, cost_of(there, coordinates)
+
     # A run that begins in motion has a state for each model: those of the steps follow from that of the last derivatives.
     local = problem.about(build(theta))
-    residual = misfit(theta)
-    cost = cost_of(residual, theta)
+    residual, cost = seen(theta)
     if not np.isfinite(cost):
         raise FitError(f"the model {model.name!r} cannot be simulated at its starting values; correct its parameters")
     evaluations, damping = 1, 1e-3
@@ -316,11 +319,9 @@ def fit(
     taken, steps, fresh, rough, at = 0, 0, True, coarse, theta
     while taken < iterations or not fresh:
         if fresh:
-            nearer = local.about(build(theta))
-            if nearer is not local:
-                local = nearer
-                residual = misfit(theta)
-                cost = cost_of(residual, theta)
+            earlier, local = local, local.about(build(theta))
+            if local is not earlier:
+                residual, cost = seen(theta)
             rough, at = coarse if taken == 0 else None, theta
             here = residual if rough is None else rough.residuals([build(theta)])[0]
             jacobian = jacobian_of(rough or local, build, theta, free, here)
@@ -332,9 +333,8 @@ def fit(
         before = foretold = cost
         for _ in range(6 if fresh else 1):
             trial = _stepped(theta, free, normal, gradient, damping)
-            candidate = misfit(trial)
+            candidate, new = seen(trial)
             evaluations += 1
-            new = cost_of(candidate, trial)
             linear = cost_of(residual + jacobian @ (trial - theta), trial)
             if np.isfinite(new) and new < cost:
                 theta, residual, cost, foretold = trial, candidate, new, linear

@@ -315,8 +315,9 @@ def _holes(run: Run, spectra: Spectra, reference: str) -> Iterator[Fault]:
 
 def _restless(run: Run, reference: str, hurt: set[tuple[str, str]]) -> Iterator[Fault]:
     # The response explained by the drive through the run's own impulse response, from rest; motion from before the start remains.
-    # The first second of a sweep has frequencies that come never again, and so another error.
-    if run.excitation == "sweep":
+    # The first second of a sweep has frequencies that come never again, and so another error; a record of whole periods is cut
+    # out of a steady motion.
+    if run.excitation == "sweep" or run.period is not None:
         return
     spectra = _spectra_of(run, reference, max(FINE, SEGMENTS / run.duration))
     if spectra is None:

@@ -108,6 +108,9 @@ def _derived(values: Mapping[str, Value]) -> dict[str, str]:
     if "clearance" in values:
         row = values["clearance"]
         found = {"play": _size(row, 2.0), "clearance_alone": _size(Value(value=row.value, std=None, unit=row.unit))}
+    if "stroke" in values:
+        end = values["end"].value if "end" in values else None
+        found["at_end"] = {1.0: " (only of positive deflection)", -1.0: " (only of negative deflection)"}.get(end or 0.0, "")
     if "drift_rate" in values:
         found["per_hour"] = _size(values["drift_rate"], HOUR, "1")
     if "delay" in values and (delay := values["delay"]).value is not None:
@@ -157,6 +160,8 @@ def _ruled_out(findings: Findings) -> str:
     unsure = [pair for pair in _fitted(findings, *open_ones) if (pair[1].cause, pair[1].location) not in named]
     alike = [f"{words(c.cause)} at {with_article(c.location)}" for group in findings.indistinguishable for c in group[1:]]
     said = []
+    lost = [pair for pair in unconfirmed if pair[0] > findings.holdout.baseline]
+    unconfirmed = [pair for pair in unconfirmed if pair not in lost]
     if unconfirmed:
         said.append(f"Of this kind and place, not confirmed, with the error each leaves: {_listed(unconfirmed)}.")
     if unsure:
@@ -170,6 +175,8 @@ def _ruled_out(findings: Findings) -> str:
         said.append(f"Tried in addition, and not certain, with the error then left: {_listed(further)}.")
     if out:
         said.append(f"Ruled out, with the error each leaves: {_listed(out)}.")
+    if lost:
+        said.append(f"Neither confirmed nor ruled out, because no fit followed the motion: {_listed(lost)}.")
     if alike:
         said.append(f"Not distinguishable from it by these runs: {', '.join(alike)}.")
     return " ".join(said)

@@ -62,6 +62,15 @@ def test_a_place_without_such_a_form_is_reported_by_its_free_shape() -> None:
 
 
 @pytest.mark.parametrize(
+    ("factor", "standing"), [(POLICY.form_close + 0.01, "not confirmed"), (POLICY.form_close - 0.01, "ruled out")]
+)
+def test_a_fit_that_left_more_than_the_model_without_it_rules_nothing_out(factor: float, standing: str) -> None:
+    first, entries = scored(0.1), [entry("sensor_gain", "x", 0.1 * factor), entry("sensor_gain", "a", 0.097)]
+    found = all_considered([(first, entries)], [], (), {}, first, FLOORS, stage(), (), None)
+    assert next(c.standing for c in found if c.location == "x" and c.holdout_error is not None) == standing
+
+
+@pytest.mark.parametrize(
     ("pointed", "x"), [(None, "ruled out"), (("sensor", "x"), "not confirmed"), (("memory", "x"), "ruled out")]
 )
 def test_a_cause_to_which_the_equations_point_is_not_ruled_out_by_its_fit(pointed: tuple[str, str] | None, x: str) -> None:

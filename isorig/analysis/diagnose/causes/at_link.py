@@ -90,6 +90,8 @@ class LinkCause(Cause):
     law: ClassVar[type[SpringLaw]]
     #: Whether only links with sliding ends can have it.
     sliding: ClassVar[bool] = False
+    #: Numbers of the law that are reported besides the free ones: its variants differ in them.
+    variant: ClassVar[tuple[str, ...]] = ()
     #: Names in the findings of parameters that differ from those of the law.
     names: ClassVar[Mapping[str, str]] = {}
 
@@ -106,13 +108,15 @@ class LinkCause(Cause):
         link = LinkInRuns(model, evidence, place)
         path = f"links.{place}.laws.{len(link.link.laws)}"
         free = tuple(replace(one, path=f"{path}.{one.path}") for one in self.free(link))
-        names = [one.path.removeprefix(f"{path}.") for one in free]
+        names = [*(one.path.removeprefix(f"{path}.") for one in free), *self.variant]
         for starts in self.variants(link, evidence):
             yield Candidate(
                 cause=self.name, location=place, family=self.family, rank=self.rank, starts=tuple(starts), free=free,
                 dropped=self.dropped(place), plausible=self.plausible(link, evidence, path),
                 reported=tuple(
                     Reported(name=self.names.get(name, name), path=f"{path}.{name}", unit=self.law.parameters[name].unit)
+                    if name not in self.variant
+                    else Reported(name=name, path=f"{path}.{name}", unit="1")
                     for name in names
                 ),
             )  # fmt: skip

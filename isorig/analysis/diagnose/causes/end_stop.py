@@ -26,7 +26,8 @@ class EndStop(LinkCause):
     rank = 2
     law = EndStopLaw
     sliding = True
-    phrase = "an end stop in the {place} at {stroke}, contact stiffness {contact_stiffness}"
+    variant = ("end",)
+    phrase = "an end stop in the {place} at {stroke}{at_end}, contact stiffness {contact_stiffness}"
     signs = frozenset({"amplitude", "blocked by the lock", "stiffens"})
 
     def variants(self, link: LinkInRuns, evidence: Evidence) -> Iterable[Iterable[RigModel]]:
