@@ -295,23 +295,20 @@ def fit(
     bend, straight = bending(model, free)
     ties, ties_at = np.vstack([hold, bend]), np.concatenate([hold @ theta, -straight])
 
-    def misfit(coordinates: FloatArray) -> FloatArray:
-        try:
-            return np.asarray(local.residuals([build(coordinates)])[0])
-        except ModelError:
-            return np.full(problem.size, np.nan)
-
     def cost_of(seen: FloatArray, coordinates: FloatArray) -> float:
         tied = ties @ coordinates - ties_at
         return _size(seen) + _size(tied)
 
-    def seen(coordinates: FloatArray) -> tuple[FloatArray, float]:
-        there = misfit(coordinates)
-        return there, cost_of(there, coordinates)
+    def misfit(coordinates: FloatArray) -> tuple[FloatArray, float]:
+        try:
+            found = np.asarray(local.residuals([build(coordinates)])[0])
+        except ModelError:
+            found = np.full(problem.size, np.nan)
+        return found, cost_of(found, coordinates)
 
     # A run that begins in motion has a state for each model: those of the steps follow from that of the last derivatives.
     local = problem.about(build(theta))
-    residual, cost = seen(theta)
+    residual, cost = misfit(theta)
     if not np.isfinite(cost):
         raise FitError(f"the model {model.name!r} cannot be simulated at its starting values; correct its parameters")
     evaluations, damping = 1, 1e-3
@@ -321,7 +318,7 @@ def fit(
         if fresh:
             earlier, local = local, local.about(build(theta))
             if local is not earlier:
-                residual, cost = seen(theta)
+                residual, cost = misfit(theta)
             rough, at = coarse if taken == 0 else None, theta
             here = residual if rough is None else rough.residuals([build(theta)])[0]
             jacobian = jacobian_of(rough or local, build, theta, free, here)
@@ -333,7 +330,7 @@ def fit(
         before = foretold = cost
         for _ in range(6 if fresh else 1):
             trial = _stepped(theta, free, normal, gradient, damping)
-            candidate, new = seen(trial)
+            candidate, new = misfit(trial)
             evaluations += 1
             linear = cost_of(residual + jacobian @ (trial - theta), trial)
             if np.isfinite(new) and new < cost:
@@ -349,9 +346,8 @@ def fit(
             break
         reused = not fresh and (coarse is None or steps > len(free))
         fresh = small or reused or before - cost < FORETOLD * (before - foretold)
-    fitted = build(theta)
     return Fit(
-        model=fitted, free=free, covariance=_covariance(jacobian, residual, theta, free), cost=cost / problem.size,
+        model=build(theta), free=free, covariance=_covariance(jacobian, residual, theta, free), cost=cost / problem.size,
         evaluations=evaluations, jacobian=jacobian, residual=residual, sizes=problem.sizes,
     )  # fmt: skip
 
