@@ -296,8 +296,7 @@ def fit(
     ties, ties_at = np.vstack([hold, bend]), np.concatenate([hold @ theta, -straight])
 
     def cost_of(seen: FloatArray, coordinates: FloatArray) -> float:
-        tied = ties @ coordinates - ties_at
-        return _size(seen) + _size(tied)
+        return _size(seen) + _size(ties @ coordinates - ties_at)
 
     def misfit(coordinates: FloatArray) -> tuple[FloatArray, float]:
         try:
@@ -323,8 +322,7 @@ def fit(
             here = residual if rough is None else rough.residuals([build(theta)])[0]
             jacobian = jacobian_of(rough or local, build, theta, free, here)
             normal = jacobian.T @ jacobian + ties.T @ ties
-            evaluations += len(free)
-            taken, steps = taken + 1, 0
+            taken, steps, evaluations = taken + 1, 0, evaluations + len(free)
         steps += 1
         gradient = jacobian.T @ residual + ties.T @ (ties @ theta - ties_at)
         before = foretold = cost
