@@ -416,15 +416,16 @@ class Equations:
         found = min(highest, HIGHEST_CUT * self.lowest)
         while found < highest and self.noise_share(element, SURE * found) > NOISY:
             found = min(2.0 * found, highest)
-        while found < WANDERING_CUT * own and self.grows_below(element, found):
-            found = min(2.0 * found, WANDERING_CUT * own)
+        # Above, the rig's motion may grow towards its lowest mode, too.
+        while found < WANDERING_CUT * self.lowest and self.grows_below(element, found):
+            found = min(2.0 * found, WANDERING_CUT * self.lowest)
         return found
 
     def grows_below(self, element: Element, frequency: float) -> bool:
         """Whether an element's integrated deflection is mostly error below this frequency in Hz.
 
-        It is where the octave below has more than `NOISY` of the rms motion, and `STEEP` times what the octave above has: errors
-        of an acceleration are divided by the square of the frequency, and a driven motion is not.
+        It is where in every run the octave below has more than `NOISY` of the rms motion, and `STEEP` times what the octave above
+        has: errors of an acceleration are divided by the square of the frequency, and a driven motion is not.
         """
         shares = []
         for signals in self.signals:
@@ -433,7 +434,7 @@ class Equations:
             )
             here, above, below = parts
             shares.append((max(below - here, 0.0) / max(here, 1e-300), max(here - above, 0.0) / max(here, 1e-300)))
-        below, above = np.sqrt(np.median(shares, axis=0))
+        below, above = np.sqrt(min(shares))
         return bool(below > NOISY and below > STEEP * above)
 
     def noise_share(self, element: Element, low: float) -> float:

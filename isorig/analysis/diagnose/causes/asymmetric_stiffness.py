@@ -41,8 +41,9 @@ class AsymmetricStiffness(LinkCause):
 
     def sized_law(self, link: LinkInRuns, size: float, sizes: Sizes) -> Polynomial:
         quadratic, cubic = _scales(link)
-        square = sizes.one_of((-1.0, 1.0)) * size * sizes.weak_to_strong(0.2, 0.4)
-        return Polynomial(quadratic_stiffness=square * quadratic, cubic_stiffness=sizes.between(0.1, 0.3) * size * cubic)
+        square, cube = sizes.weak_to_strong(0.2, 0.4), sizes.weak_to_strong(0.1, 0.3)
+        sign = sizes.one_of((-1.0, 1.0))
+        return Polynomial(quadratic_stiffness=sign * size * square * quadratic, cubic_stiffness=size * cube * cubic)
 
 
 def _scales(link: LinkInRuns) -> tuple[float, float]:
