@@ -17,6 +17,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import DataError, ModelError
+from isorig.analysis.excitations import PLAYED_BROAD
 from isorig.analysis.isolation.optimum import uncoupled_frequency
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.linear import transfer
@@ -29,8 +30,6 @@ from isorig.analysis.proposals.prediction import Predicted, Prospect, Variant, p
 from isorig.analysis.simulate import simulate
 from isorig.analysis.spectra.welch import estimate
 
-#: Excitations with transfer functions.
-BROAD = ("random", "multisine", "sweep")
 ParameterValue = Callable[[RigModel], float]
 
 
@@ -138,7 +137,7 @@ class KnownPrecision:
 
     def information(self, prospect: Prospect) -> FloatArray:
         """Information of a run on the search coordinates of the fitted values, the inverse of a covariance, shape (k, k)."""
-        if self.linear and prospect.run.excitation in BROAD:
+        if self.linear and prospect.run.excitation in PLAYED_BROAD:
             return self._by_transfer(prospect)
         seen = Predicted(prospect, self._noise, self._variant.model)
         return np.asarray(seen.weight * np.nan_to_num(seen.slopes(self._variant).normal.sum(axis=0)))
