@@ -18,8 +18,8 @@ from isorig.analysis.campaign import FloatArray, IntArray
 from isorig.analysis.errors import ModelError
 from isorig.analysis.laws.base import NO_LINK
 from isorig.analysis.laws.elements import Element, Exit
-from isorig.analysis.model.linear import imposed_coordinates, linear_part
-from isorig.analysis.model.rig_model import GROUND, RigModel, direction
+from isorig.analysis.model.linear import accelerations
+from isorig.analysis.model.rig_model import RigModel, direction
 from isorig.analysis.simulate.curves import code_of
 from isorig.analysis.simulate.holding import implied, patterns, shared
 from isorig.analysis.simulate.workspace import LEAP, Rig
@@ -108,27 +108,9 @@ def _compiled(moving: _Moving, configuration: str, h: float, finer: int) -> Comp
 @lru_cache(maxsize=32)
 def _systems(moving: _Moving, configuration: str) -> _Systems:
     model = moving.model
-    basis, mass, damping, stiffness = linear_part(model, configuration)
-    imposed = imposed_coordinates(model, basis)
-    whole = basis.T @ mass @ basis
-    # No force changes an imposed coordinate: its mobility is zero.
-    inverse = np.zeros_like(whole)
-    loose = np.setdiff1d(np.arange(len(whole)), list(imposed.values()))
-    inverse[np.ix_(loose, loose)] = np.linalg.inv(whole[np.ix_(loose, loose)])
-    columns = []
-    for drive in model.drives:
-        if drive.imposes is not None:
-            column = -inverse @ whole[:, imposed[drive.imposes]]
-            column[imposed[drive.imposes]] = 1.0
-        else:
-            push = np.zeros(len(model.bodies))
-            for name, factor in drive.pushes.items():
-                push += factor * drive.factor * direction(model, name, GROUND, {})
-            column = inverse @ basis.T @ push
-        columns.append(column)
-    free = np.column_stack(
-        [*(inverse @ basis.T @ np.column_stack([-stiffness @ basis, -damping @ basis, np.zeros(len(basis))])).T, *columns]
-    )
+    basis, inverse, by_state, by_drives = accelerations(model, configuration)
+    free = np.column_stack([by_state, np.zeros(len(basis.T)), by_drives])
+    loose = np.flatnonzero(np.diag(inverse))
     elements = _elements(model, frozenset(model.configurations[configuration].rigid), basis, loose)
     return _Systems(basis, free, inverse, elements)
 
