@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, Gap, Run
-from isorig.analysis.spectra.overload import blocks, deviation
+from isorig.analysis.spectra.overload import blocks, channel_std
 
 GAIN = "gain"
 #: Ratio of adjacent levels, a sixth of a decade.
@@ -35,7 +35,7 @@ def by_level(campaign: Campaign) -> Campaign:
 
     An interval starts during a motion, so it is for transfer functions and ratios, not for simulations from rest.
     """
-    return replace(campaign, runs=tuple(part for run in campaign.runs for part in stretches(run)))
+    return replace(campaign, runs=tuple(part for run in campaign.runs for part in runs_by_level(run)))
 
 
 def changes(run: Run) -> bool:
@@ -47,7 +47,7 @@ def changes(run: Run) -> bool:
     return away > STEADY * len(run)
 
 
-def stretches(run: Run) -> Iterator[Run]:
+def runs_by_level(run: Run) -> Iterator[Run]:
     """The run itself if its gain is steady, otherwise its intervals by level; those shorter than `SHORTEST` are omitted.
 
     The gain of an interval is its level's, an integer power of `STEP`: within a twelfth of a decade of the streamed gain.
@@ -89,7 +89,7 @@ def by_drive(runs: Sequence[Run], drive: str) -> list[list[Run]]:
 
 def level_of(run: Run, drive: str) -> float:
     """Standard deviation of a run's drive channel, in its unit."""
-    return deviation(run.channel(drive))
+    return channel_std(run.channel(drive))
 
 
 def _part(run: Run, start: int, stop: int, gain: float, count: int) -> Run:

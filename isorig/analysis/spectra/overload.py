@@ -143,7 +143,7 @@ def extremes(channel: Channel) -> tuple[float, float]:
     return min(each.low for each in extents(channel)), max(each.high for each in extents(channel))
 
 
-def deviation(channel: Channel) -> float:
+def channel_std(channel: Channel) -> float:
     """Standard deviation of a channel, in its unit."""
     return combined((each.length, each.mean, each.std) for each in extents(channel))
 

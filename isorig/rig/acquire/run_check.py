@@ -12,7 +12,7 @@ from isorig.analysis.campaign import Campaign, FloatArray, Run, broad
 from isorig.analysis.errors import DataError
 from isorig.analysis.spectra.gain_levels import GAIN
 from isorig.analysis.spectra.hits import looks_hit
-from isorig.analysis.spectra.overload import LONGEST, blocks, combined, deviation, extents, extremes
+from isorig.analysis.spectra.overload import LONGEST, blocks, channel_std, combined, extents, extremes
 from isorig.analysis.spectra.periodic import Detection, detect
 from isorig.analysis.spectra.quality import DEAD
 from isorig.analysis.spectra.welch import Spectra, estimate
@@ -133,7 +133,7 @@ def _losses(run: Recovered) -> Iterator[str]:
 
 
 def _channels(run: Run) -> Iterator[str]:
-    sizes = {name: deviation(channel) for name, channel in run.sensors.items()}
+    sizes = {name: channel_std(channel) for name, channel in run.sensors.items()}
     loudest: dict[str, float] = {}
     for name, channel in run.sensors.items():
         loudest[channel.quantity] = max(loudest.get(channel.quantity, 0.0), sizes[name])

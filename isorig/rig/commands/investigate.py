@@ -55,7 +55,7 @@ def investigate(
     """
     from isorig.rig.acquire.plan import as_virtual
     from isorig.rig.acquire.plan_check import read_plan
-    from isorig.rig.acquire.session import Operator
+    from isorig.rig.acquire.rig_operator import Operator
     from isorig.rig.acquire.terminal import Terminal
     from isorig.rig.diagnose.many import tolerated
     from isorig.rig.errors import PlanError, RigError

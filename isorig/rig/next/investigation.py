@@ -17,7 +17,8 @@ from isorig.analysis.proposals.precision import named_parameters, std_of_paramet
 from isorig.analysis.wording import capitalized, sized
 from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.recorder import working_file
-from isorig.rig.acquire.session import Decision, Operator, acquire
+from isorig.rig.acquire.rig_operator import Decision, Operator
+from isorig.rig.acquire.session import acquire
 from isorig.rig.acquire.store import whole_runs
 from isorig.rig.choices import Baseline
 from isorig.rig.diagnose.many import diagnose_file
