@@ -22,7 +22,8 @@ from isorig.drivers.simulated.commanded import Simulation
 from isorig.drivers.simulated.framed import SimulatedFramed
 from isorig.drivers.simulated.served import PtyWire, exchange
 from isorig.rig.acquire.plan import plan_of
-from isorig.rig.acquire.session import Operator, acquire
+from isorig.rig.acquire.rig_operator import Operator
+from isorig.rig.acquire.session import acquire
 
 RATE, CHANNELS = 51200.0, 8
 #: Rows of a frame and seconds between syncs; without end there is none while the run lasts, with 0 one after every block.

@@ -20,7 +20,7 @@ from table import Row, keep, options
 from isorig.analysis.campaign import Channel, FloatArray, Run
 from isorig.analysis.errors import AnalysisError
 from isorig.analysis.spectra.half_power import half_power
-from isorig.analysis.spectra.modes import Kind, fit_modes
+from isorig.analysis.spectra.modes import FrfKind, fit_modes
 from isorig.analysis.spectra.welch import Frf, estimate
 
 SECONDS, NOISE = 300.0, 0.02
@@ -33,7 +33,7 @@ REPEATS, QUICK = 500, 20
 OTHERS = 10
 
 
-def measured(frequency: float, damping: float, rate: float, kind: Kind, lines: float, seed: tuple[int, int]) -> Frf:
+def measured(frequency: float, damping: float, rate: float, kind: FrfKind, lines: float, seed: tuple[int, int]) -> Frf:
     """The H1 estimate of one mode under white noise, with `lines` frequency bins per half-power bandwidth."""
     generator = np.random.default_rng(seed)
     n = round(SECONDS * rate)
@@ -48,7 +48,7 @@ def measured(frequency: float, damping: float, rate: float, kind: Kind, lines: f
     return spectra.frf("answer", "drive")
 
 
-def ours(frf: Frf, frequency: float, damping: float, kind: Kind, *, tapered: bool = True) -> tuple[float, float]:
+def ours(frf: Frf, frequency: float, damping: float, kind: FrfKind, *, tapered: bool = True) -> tuple[float, float]:
     """Damping ratio and its stated standard uncertainty by our fit."""
     reach = max(8.0 * damping * frequency, 6.0 * frf.resolution)
     band = max(frequency - reach, 2.0 * frf.resolution), frequency + reach
@@ -100,7 +100,7 @@ def judged(values: Sequence[Sequence[float]], damping: float) -> Judged:
     return Judged(bias=table[:, 0].mean() / damping - 1.0, others=others, spread=float(spread))
 
 
-def estimated(frequency: float, damping: float, rate: float, kind: Kind, lines: float, seed: tuple[int, int]) -> list[float]:
+def estimated(frequency: float, damping: float, rate: float, kind: FrfKind, lines: float, seed: tuple[int, int]) -> list[float]:
     """Our damping ratio with its stated uncertainty, and in the first repeats that of the plain fit, pyEMA and half-power."""
     frf = measured(frequency, damping, rate, kind, lines, seed)
     plain = peer = half = float("nan")
@@ -119,7 +119,7 @@ def main(repeats: int) -> list[Row]:
     print(f"{repeats} repeats of {SECONDS:g} s; bias in %; 'spread' is the scatter of our fit over its stated uncertainty")
     print(f"{'case':28s} {'B/df':>5s} {'ours':>7s} {'spread':>7s} {'plain':>7s} {'pyEMA':>7s} {'half-power':>11s}")
     held = True
-    kinds: tuple[Kind, ...] = ("accelerance", "transmissibility")
+    kinds: tuple[FrfKind, ...] = ("accelerance", "transmissibility")
     for number, ((frequency, damping, rate), kind, lines) in enumerate(product(CASES, kinds, LINES)):
         values = [estimated(frequency, damping, rate, kind, lines, (number, seed)) for seed in range(repeats)]
         row = judged(values, damping)

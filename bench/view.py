@@ -26,7 +26,8 @@ from tornado.httpclient import HTTPRequest
 from tornado.websocket import websocket_connect
 
 from isorig.rig.acquire.plan import Plan, plan_of
-from isorig.rig.acquire.session import Operator, acquire
+from isorig.rig.acquire.rig_operator import Operator
+from isorig.rig.acquire.session import acquire
 from isorig.rig.view.messages import planned_by
 from isorig.rig.view.process import session_screen
 from isorig.rig.view.requests import Desk

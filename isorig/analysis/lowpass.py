@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from scipy.fft import next_fast_len, prev_fast_len
 
 from isorig.analysis.campaign import FloatArray
 
@@ -62,6 +61,8 @@ def mirrored(values: FloatArray, sign: float = 1.0) -> FloatArray:
     The period is the next length above 2 n - 3 with a fast Fourier transform; a large prime factor takes several times the time.
     What is mirrored about the two ends meets half a record away from both.
     """
+    from scipy.fft import next_fast_len
+
     n = len(values)
     if n < 3:
         return values
@@ -72,6 +73,8 @@ def mirrored(values: FloatArray, sign: float = 1.0) -> FloatArray:
 
 def fast_length(samples: int) -> int:
     """The next smaller number of samples with a fast Fourier transform; a large prime factor takes several times the time."""
+    from scipy.fft import prev_fast_len
+
     return prev_fast_len(samples) if samples > 0 else 0
 
 

@@ -63,7 +63,7 @@ FarEnd = Callable[[DrivenRig, Simulation], Peer]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Kind:
+class InstrumentKind:
     """A kind of instrument.
 
     Parameters
@@ -91,7 +91,7 @@ class Kind:
 
 
 @dataclass(frozen=True, kw_only=True)
-class StreamKind(Kind):
+class StreamKind(InstrumentKind):
     """An instrument that streams samples: `open` at a port, with its settings and timeouts; whether it `plays` a drive."""
 
     open: Callable[[str, Any, Waits], Stream]
@@ -99,7 +99,7 @@ class StreamKind(Kind):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecordsKind(Kind):
+class RecordsKind(InstrumentKind):
     """An instrument that returns records: `open` at a port, with the names of its traces and timeouts.
 
     `trace` is the pattern of the traces' names, and an example.

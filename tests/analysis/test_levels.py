@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Gap, Run
 from isorig.analysis.isolation.ratio import isolation_ratio, stuck_share
-from isorig.analysis.spectra.gain_levels import SHORTEST, STEP, by_level, changes, stretches
+from isorig.analysis.spectra.gain_levels import SHORTEST, STEP, by_level, changes, runs_by_level
 from isorig.rig.model.prediction import predicted
 from isorig.rig.virtual.levels import BEGIN, HEAD_PER_GAIN
 from isorig.rig.wire_bonder.description import wire_bonder
@@ -34,9 +34,9 @@ def test_a_steady_gain_is_left_alone() -> None:
     noisy = 70.0 * (1.0 + 0.01 * np.random.default_rng(0).normal(size=5000))
     run = run_with(noisy)
     assert not changes(run)
-    assert list(stretches(run)) == [run]
+    assert list(runs_by_level(run)) == [run]
     bare = replace(run, channels={"head": run.channels["head"]})
-    assert list(stretches(bare)) == [bare]
+    assert list(runs_by_level(bare)) == [bare]
 
 
 @given(st.lists(st.sampled_from([0.0, 7.0, 20.0, 35.0, 70.0, 200.0]), min_size=2, max_size=6), st.integers(0, 3))
@@ -44,7 +44,7 @@ def test_stretches_are_the_samples_of_their_level(gains: list[float], odd: int) 
     lengths = [int(RATE * (3 + (k + odd) % 3)) for k in range(len(gains))]
     gain = np.concatenate([np.full(n, g) for n, g in zip(lengths, gains, strict=True)])
     run = run_with(gain)
-    parts = list(stretches(run))
+    parts = list(runs_by_level(run))
     if not changes(run):
         assert parts == [run]
         return
@@ -64,7 +64,7 @@ def test_times_and_gaps_go_with_the_stretches() -> None:
     gain = np.repeat([7.0, 70.0], int(10 * RATE))
     began = datetime(2011, 11, 7, tzinfo=UTC)
     run = run_with(gain, started=began, gaps=(Gap(first_tick=100, count=50), Gap(first_tick=int(15 * RATE), count=3)))
-    low, high = stretches(run)
+    low, high = runs_by_level(run)
     assert low.gaps == (Gap(first_tick=100, count=50),)
     # 50 ticks before it are missing, so tick 15 s is sample 15 s - 50.
     assert high.gaps == (Gap(first_tick=int(15 * RATE) - 50 - int(10 * RATE), count=3),)

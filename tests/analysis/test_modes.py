@@ -10,11 +10,11 @@ import pytest
 from isorig.analysis.campaign import Channel, FloatArray, Run
 from isorig.analysis.errors import DataError, FitError
 from isorig.analysis.spectra.half_power import half_power
-from isorig.analysis.spectra.modes import Kind, fit_modes
+from isorig.analysis.spectra.modes import FrfKind, fit_modes
 from isorig.analysis.spectra.welch import Frf, estimate
 
 
-def answered(drive: FloatArray, rate: float, modes: list[tuple[float, float, float]], kind: Kind) -> FloatArray:
+def answered(drive: FloatArray, rate: float, modes: list[tuple[float, float, float]], kind: FrfKind) -> FloatArray:
     """Response of modes (frequency, damping ratio, amplitude), exactly, to a drive that repeats."""
     s = 2j * np.pi * np.fft.rfftfreq(len(drive), 1.0 / rate)
     total = np.zeros(len(s), dtype=complex)
@@ -26,7 +26,7 @@ def answered(drive: FloatArray, rate: float, modes: list[tuple[float, float, flo
 
 
 def measured(
-    modes: list[tuple[float, float, float]], rate: float, resolution: float, seed: int, kind: Kind, noise: float = 0.02,
+    modes: list[tuple[float, float, float]], rate: float, resolution: float, seed: int, kind: FrfKind, noise: float = 0.02,
     seconds: float = 300.0,
 ) -> Frf:  # fmt: skip
     generator = np.random.default_rng(seed)
@@ -41,7 +41,7 @@ def measured(
 @pytest.mark.parametrize("kind", ["accelerance", "transmissibility"])
 @pytest.mark.parametrize("lines", [1.5, 6.0])
 @pytest.mark.parametrize(("f", "zeta", "rate"), [(164.5, 0.009, 512.0), (5.06, 0.073, 32.0)])
-def test_no_bias_and_deviations_that_hold(f: float, zeta: float, rate: float, lines: float, kind: Kind) -> None:
+def test_no_bias_and_deviations_that_hold(f: float, zeta: float, rate: float, lines: float, kind: FrfKind) -> None:
     found = []
     for seed in range(24):
         frf = measured([(f, zeta, 1.0)], rate, 2.0 * zeta * f / lines, seed, kind)

@@ -244,15 +244,16 @@ class LuGre(ContactLaw, frozen=True, kw_only=True, tag="lugre"):
     exponent: Annotated[float, Parameter("1", 1.0, 2.0, above=0.0)] = 2.0
     remembers: ClassVar[bool] = True
 
-    def element(self, link: LinkConstants) -> Element:
-        return Element(
-            formula=LUGRE, memories=1,
-            steepest=(2.0 * self.bristle_stiffness, 2.0 * (self.bristle_damping + self.viscous_coefficient)),
-            params=(
-                self.bristle_stiffness, self.bristle_damping, self.viscous_coefficient, self.friction_force,
-                self.static_force - self.friction_force, self.stribeck_velocity, self.exponent,
-            ),
+    @property
+    def _params(self) -> tuple[float, ...]:
+        return (
+            self.bristle_stiffness, self.bristle_damping, self.viscous_coefficient, self.friction_force,
+            self.static_force - self.friction_force, self.stribeck_velocity, self.exponent,
         )  # fmt: skip
+
+    def element(self, link: LinkConstants) -> Element:
+        steepest = 2.0 * self.bristle_stiffness, 2.0 * (self.bristle_damping + self.viscous_coefficient)
+        return Element(formula=LUGRE, memories=1, steepest=steepest, params=self._params)
 
     def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         moving = v - self.bristle_stiffness * np.abs(v) * memory[0] / self._level(v)
@@ -260,6 +261,11 @@ class LuGre(ContactLaw, frozen=True, kw_only=True, tag="lugre"):
 
     def rates(self, d: float, v: float, memory: FloatArray) -> FloatArray:
         return np.asarray(v - self.bristle_stiffness * abs(v) * memory / self._level(np.array(v)))
+
+    def along(self, d: FloatArray, v: FloatArray, rate: float, link: LinkConstants = NO_LINK) -> FloatArray:
+        bristles = np.zeros((1, len(v)))
+        bristles_along(np.array(self._params), np.ascontiguousarray(v), 1.0 / rate, bristles[0])
+        return self.force(d, v, d, bristles, link)
 
     def _level(self, v: FloatArray) -> FloatArray:
         return falling(v, self.friction_force, self.static_force, self.stribeck_velocity, self.exponent)
@@ -270,6 +276,13 @@ def bristle_rate(p: FloatArray, z: float, v: float) -> float:
     """dz/dt of the mean bristle."""
     level = p[3] + p[4] * np.exp(-((abs(v) / p[5]) ** p[6]))
     return v - p[0] * abs(v) * z / level
+
+
+@kernel
+def bristles_along(p: FloatArray, v: FloatArray, h: float, out: FloatArray) -> None:
+    """Mean bristle for velocities v (m/s), linear between samples h seconds apart, into `out`, shape (n,)."""
+    for k in range(len(v) - 1):
+        out[k + 1] = integrated(bristle_rate, p, out[k], p[0] / p[3], v[k], 0.5 * (v[k] + v[k + 1]), v[k + 1], 0.0, 1.0, h)
 
 
 @kernel

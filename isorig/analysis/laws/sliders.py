@@ -111,6 +111,12 @@ class MaxwellSlip(ContactLaw, frozen=True, kw_only=True, tag="maxwell_slip"):
         slips = (np.abs(lead) >= np.array(self.slip_forces) / np.array(self.stiffnesses)) & (lead * v > 0.0)
         return np.where(slips, v, 0.0)
 
+    def along(self, d: FloatArray, v: FloatArray, rate: float, link: LinkConstants = NO_LINK) -> FloatArray:
+        sliders = np.empty((len(self.stiffnesses), len(d)))
+        for stiffness, force, out in zip(self.stiffnesses, self.slip_forces, sliders, strict=True):
+            dragged_along(force / stiffness, np.ascontiguousarray(d), out)
+        return self.force(d, v, d, sliders, link)
+
 
 @kernel
 def resist(p: FloatArray, gate: float, memory: FloatArray, d: float, v: float, t: float) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 
 from isorig.analysis.campaign import MOTION, ComplexArray, FloatArray
 from isorig.analysis.errors import ModelError
-from isorig.analysis.model.rig_model import GROUND, Link, RigModel, direction, matrices
+from isorig.analysis.model.rig_model import Drive, Link, RigModel, direction, matrices
 
 #: Normalised eigenvalue of the stiffness matrix below which a motion counts as held by no spring (rounding).
 SLACK = 1e-12
@@ -39,6 +39,34 @@ def imposed_coordinates(model: RigModel, basis: FloatArray) -> dict[str, int]:
     return {name: int(np.argmax(np.abs(rows[name]))) for name in model.imposed}
 
 
+def accelerations(model: RigModel, configuration: str) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Accelerations of the n coordinates that a configuration leaves free, by coordinates and speeds and by the drives.
+
+    An imposed coordinate has the acceleration that its drive states. Raises ModelError if the rig has no such configuration.
+
+    Returns
+    -------
+    tuple
+        Basis (bodies, n); matrix from forces on the coordinates to their accelerations, (n, n), zero for imposed ones; matrix
+        from coordinates and speeds, (n, 2 n); matrix from the drives' values, (n, drives).
+    """
+    basis, mass, damping, stiffness = linear_part(model, configuration)
+    imposed = imposed_coordinates(model, basis)
+    whole = basis.T @ mass @ basis
+    # No force changes an imposed coordinate: its mobility is zero.
+    inverse = np.zeros_like(whole)
+    loose = np.ix_(*2 * [np.setdiff1d(np.arange(len(whole)), list(imposed.values()))])
+    inverse[loose] = np.linalg.inv(whole[loose])
+    by_drives = np.zeros((len(whole), len(model.drives)))
+    for k, drive in enumerate(model.drives):
+        if drive.imposes is not None:
+            by_drives[:, k] = -inverse @ whole[:, imposed[drive.imposes]]
+            by_drives[imposed[drive.imposes], k] = 1.0
+        else:
+            by_drives[:, k] = inverse @ basis.T @ _push(model, drive)
+    return basis, inverse, inverse @ basis.T @ np.hstack([-stiffness @ basis, -damping @ basis]), by_drives
+
+
 def free_matrices(model: RigModel, configuration: str) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Matrix from the n coordinates that are neither locked nor imposed to all bodies, and their mass, damping and stiffness.
 
@@ -67,13 +95,17 @@ def transfer(model: RigModel, configuration: str, frequency: FloatArray) -> Comp
     """
     basis, mass, damping, stiffness = linear_part(model, configuration)
     mass, damping, stiffness = (basis.T @ matrix @ basis for matrix in (mass, damping, stiffness))
-    push = sum((weight * direction(model, name, GROUND, {}) for name, weight in model.drive.pushes.items()), np.zeros(len(basis)))
     s = 2j * np.pi * frequency[:, None, None]
-    force = np.broadcast_to(model.drive.factor * (basis.T @ push), (len(s), basis.shape[1]))
+    force = np.broadcast_to(basis.T @ _push(model, model.drive), (len(s), basis.shape[1]))
     motion = np.linalg.solve(s**2 * mass + s * damping + stiffness, force[..., None])[..., 0]
     places = [direction(model, sensor.body, sensor.relative_to, sensor.arms) @ basis for sensor in model.sensors]
     orders = [MOTION[sensor.quantity] for sensor in model.sensors]
     return np.stack([motion @ place * s[:, 0, 0] ** order for place, order in zip(places, orders, strict=True)])
+
+
+def _push(model: RigModel, drive: Drive) -> FloatArray:
+    # Force on each body by a unit of the drive's channel.
+    return drive.factor * np.array([drive.pushes.get(body.name, 0.0) for body in model.bodies])
 
 
 def constraint_basis(model: RigModel, rigid: Sequence[Link]) -> FloatArray:

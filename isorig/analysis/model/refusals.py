@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, get_args
 
 from isorig.analysis.campaign import Quantity
+from isorig.analysis.excitations import SyntheticExcitation
 from isorig.analysis.laws import FrictionLaw, LinkLaw
 from isorig.analysis.wording import did_you_mean
 
@@ -69,7 +70,7 @@ def _allowed(way: Sequence[str]) -> list[str]:
         "quantity": list(get_args(Quantity)),
         "shape": ["exponential", "rational"],
         "motion": ["straight", "rotation"],
-        "excitation": ["random", "multisine", "sweep", "half-sine", "hits", "moves", "free"],
+        "excitation": list(get_args(SyntheticExcitation)),
         "law": [str(kind.__struct_config__.tag) for kind in get_args(FrictionLaw if "contacts" in way else LinkLaw)],
     }
     return kinds.get(way[-1] if way else "", ["the values that are known there"])

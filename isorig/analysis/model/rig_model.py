@@ -19,6 +19,7 @@ import numpy as np
 
 from isorig.analysis.campaign import MOTION, ROTARY, UNLOCKED, FloatArray, Quantity
 from isorig.analysis.errors import ArgumentError, ModelError
+from isorig.analysis.excitations import SyntheticExcitation
 from isorig.analysis.given import all_of_type, given_mapping, number, of_type, text
 from isorig.analysis.laws import FrictionLaw, LinkLaw
 from isorig.analysis.laws.base import LinkConstants
@@ -162,7 +163,7 @@ class Usual(Part, frozen=True, kw_only=True):
         A number is not allowed.
     """
 
-    excitation: Literal["random", "multisine", "sweep", "half-sine", "hits", "moves", "free"] = "random"
+    excitation: SyntheticExcitation = "random"
     level: float | None = None
     band: tuple[float, float] | None = None
     seconds: float = 30.0

@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
-from typing import Literal
 
+from isorig.analysis.excitations import PlannedExcitation
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.proposals.policy import POLICY
 from isorig.analysis.simulate.natural import natural_modes
-
-ExcitationKind = Literal["random", "multisine", "sine", "sweep", "moves", "steps", "free", "other"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +39,7 @@ class CandidateRun:
     """
 
     configuration: str
-    excitation: ExcitationKind
+    excitation: PlannedExcitation
     gain: float
     seconds: float
     band: tuple[float, float] | None = None

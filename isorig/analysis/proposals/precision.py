@@ -17,6 +17,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import DataError, ModelError
+from isorig.analysis.excitations import PLAYED_BROAD
 from isorig.analysis.isolation.optimum import uncoupled_frequency
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.linear import transfer
@@ -29,8 +30,6 @@ from isorig.analysis.proposals.prediction import Predicted, Prospect, Variant, p
 from isorig.analysis.simulate import simulate
 from isorig.analysis.spectra.welch import estimate
 
-#: Excitations with transfer functions.
-BROAD = ("random", "multisine", "sweep")
 ParameterValue = Callable[[RigModel], float]
 
 
@@ -138,7 +137,7 @@ class KnownPrecision:
 
     def information(self, prospect: Prospect) -> FloatArray:
         """Information of a run on the search coordinates of the fitted values, the inverse of a covariance, shape (k, k)."""
-        if self.linear and prospect.run.excitation in BROAD:
+        if self.linear and prospect.run.excitation in PLAYED_BROAD:
             return self._by_transfer(prospect)
         seen = Predicted(prospect, self._noise, self._variant.model)
         return np.asarray(seen.weight * np.nan_to_num(seen.slopes(self._variant).normal.sum(axis=0)))
@@ -203,8 +202,11 @@ def runs_for_uncertainty(
     runs: list[PreciseRun] = []
     left = list(candidates)
     while known.std(now) > wish and len(runs) < most and budget >= POLICY.shortest_run and left:
-        ranked = [_ranked(known, now, prospect, own, wish, configuration, limits, budget) for prospect, own in left]
-        _, prospect, own = min(ranked, key=lambda item: item[0])
+        shortest = [_shortest(known, now, wish, prospect, own, budget) for prospect, own in left]
+        # Runs that reach the required value first, the cheapest of them; then the most precise others.
+        _, prospect, own = min(
+            shortest, key=lambda one: (not one[0], cost(one[1].run, configuration, limits) if one[0] else known.std(now + one[2]))
+        )
         peaks = kept(prospect)
         if peaks.beyond(limits):
             left = [item for item in left if item[0].run.seed != prospect.run.seed]
@@ -218,11 +220,10 @@ def runs_for_uncertainty(
     return runs
 
 
-def _ranked(
-    known: KnownPrecision, now: FloatArray, prospect: Prospect, own: FloatArray, wish: float, configuration: str, limits: Limits,
-    budget: float,
-) -> tuple[tuple[bool, float], Prospect, FloatArray]:  # fmt: skip
-    # Runs that reach the required value first, the cheapest of them; then the most precise others. No longer than necessary.
+def _shortest(
+    known: KnownPrecision, now: FloatArray, wish: float, prospect: Prospect, own: FloatArray, budget: float
+) -> tuple[bool, Prospect, FloatArray]:
+    # Whether a run reaches the required value; the run, no longer than necessary for it, and its information.
     whole = prospect.run.seconds
     longest = min(whole, budget)
     seconds = longest
@@ -232,9 +233,7 @@ def _ranked(
         lengths = range(int(np.ceil(min(POLICY.shortest_run, longest))), int(np.ceil(longest)))
         seconds = float(lengths.start + bisect_left(lengths, True, key=lambda s: known.std(now + own * s / whole) <= wish))
     seconds = min(max(seconds, POLICY.shortest_run), longest)
-    own = own * seconds / whole
-    cut = prospect.shortened(seconds)
-    return (not reached, cost(cut.run, configuration, limits) if reached else known.std(now + own)), cut, own
+    return reached, prospect.shortened(seconds), own * seconds / whole
 
 
 def std_of_parameter(variant: Variant, parameter: ParameterValue) -> float:

@@ -18,8 +18,8 @@ from isorig.analysis.campaign import FloatArray, IntArray
 from isorig.analysis.errors import ModelError
 from isorig.analysis.laws.base import NO_LINK
 from isorig.analysis.laws.elements import Element, Exit
-from isorig.analysis.model.linear import imposed_coordinates, linear_part
-from isorig.analysis.model.rig_model import GROUND, RigModel, direction
+from isorig.analysis.model.linear import accelerations
+from isorig.analysis.model.rig_model import RigModel, direction
 from isorig.analysis.simulate.curves import code_of
 from isorig.analysis.simulate.holding import implied, patterns, shared
 from isorig.analysis.simulate.workspace import LEAP, Rig
@@ -108,27 +108,9 @@ def _compiled(moving: _Moving, configuration: str, h: float, finer: int) -> Comp
 @lru_cache(maxsize=32)
 def _systems(moving: _Moving, configuration: str) -> _Systems:
     model = moving.model
-    basis, mass, damping, stiffness = linear_part(model, configuration)
-    imposed = imposed_coordinates(model, basis)
-    whole = basis.T @ mass @ basis
-    # No force changes an imposed coordinate: its mobility is zero.
-    inverse = np.zeros_like(whole)
-    loose = np.setdiff1d(np.arange(len(whole)), list(imposed.values()))
-    inverse[np.ix_(loose, loose)] = np.linalg.inv(whole[np.ix_(loose, loose)])
-    columns = []
-    for drive in model.drives:
-        if drive.imposes is not None:
-            column = -inverse @ whole[:, imposed[drive.imposes]]
-            column[imposed[drive.imposes]] = 1.0
-        else:
-            push = np.zeros(len(model.bodies))
-            for name, factor in drive.pushes.items():
-                push += factor * drive.factor * direction(model, name, GROUND, {})
-            column = inverse @ basis.T @ push
-        columns.append(column)
-    free = np.column_stack(
-        [*(inverse @ basis.T @ np.column_stack([-stiffness @ basis, -damping @ basis, np.zeros(len(basis))])).T, *columns]
-    )
+    basis, inverse, by_state, by_drives = accelerations(model, configuration)
+    free = np.column_stack([by_state, np.zeros(len(basis.T)), by_drives])
+    loose = np.flatnonzero(np.diag(inverse))
     elements = _elements(model, frozenset(model.configurations[configuration].rigid), basis, loose)
     return _Systems(basis, free, inverse, elements)
 
@@ -325,30 +307,24 @@ class _Systems:
             mode -= self.modes[mode][other] * self.strides[other]
         return mode
 
-    def compiled(self, cuts: int, step: float) -> Compiled:
-        """The arrays for the kernel, in units of a step of `step` seconds."""
-        m, size, modes = self.m, self.size, len(self.modes)
-        n, elements = m // 2, self.elements
+    def _scale(self, step: float) -> FloatArray:
         # y in units of a step: speeds and first derivatives times its length, second derivatives times its square.
-        scale = np.ones(size)
-        scale[n:m] = step
-        scale[m + 2] = step
-        for place in range(len(self.curved)):
-            scale[m + 4 + 3 * place], scale[m + 5 + 3 * place] = step, step**2
-        rates = np.arange(size - 2 * self.further + 1, size, 2)
-        scale[rates] = step
-        system = np.zeros((modes, size, size))
-        system[:, :m] = self.rate * step * scale[:m, None] / scale
-        system[:, m + 1, m + 2] = 1.0
-        system[:, rates - 1, rates] = 1.0
-        for place in range(len(self.curved)):
-            first = m + 3 + 3 * place
-            system[:, first, first + 1] = system[:, first + 1, first + 2] = 1.0
+        scale = np.ones(self.size)
+        scale[self.m // 2 : self.m] = step
+        scale[self.m + 2] = step
+        for place in range(self.m + 3, self.m + 3 + 3 * len(self.curved), 3):
+            scale[place + 1], scale[place + 2] = step, step**2
+        scale[self.size - 2 * self.further + 1 :: 2] = step
+        return scale
+
+    def _outputs(self, scale: FloatArray, step: float) -> tuple[IntArray, FloatArray, FloatArray]:
+        # The exits' entries in `Compiled.exits` and `Compiled.limits`; rows on y: elongations and speeds, coordinates, margins.
+        m, n, modes = self.m, self.m // 2, len(self.modes)
         ways = [self._ways(mode) for mode in range(modes)]
         exits = max(1, *(len(found) for found in ways))
         table, limits = np.full((modes, exits, 3), -1, dtype=np.int64), np.ones((modes, exits))
         bent = 2 * len(self.curved)
-        rows = np.zeros((modes, bent + m + exits, size))
+        rows = np.zeros((modes, bent + m + exits, self.size))
         rows[:, 0:bent:2, :n] = self.w[self.curved]
         rows[:, 1:bent:2, n:m] = self.w[self.curved] / step
         rows[:, bent : bent + m, :m] = np.eye(m)
@@ -357,12 +333,31 @@ class _Systems:
                 rows[mode, bent + m + place] = way.row / scale
                 table[mode, place] = way.element, way.target, way.kind
                 limits[mode, place] = way.limit
+        return table, limits, rows
+
+    def _series(self, rows: FloatArray, scale: FloatArray, step: float) -> FloatArray:
+        # Taylor coefficients of the rows over a step, shape (modes, terms, rows, M).
+        m, rates = self.m, np.arange(self.size - 2 * self.further + 1, self.size, 2)
+        system = np.zeros((len(rows), self.size, self.size))
+        system[:, :m] = self.rate * step * scale[:m, None] / scale
+        system[:, m + 1, m + 2] = 1.0
+        system[:, rates - 1, rates] = 1.0
+        for first in range(m + 3, m + 3 + 3 * len(self.curved), 3):
+            system[:, first, first + 1] = system[:, first + 1, first + 2] = 1.0
         series, last = [rows], 1.0
         while (len(series) < 6 or last > 1e-17) and len(series) < 30:
             last *= self.quickest * step / len(series)
             series.append(series[-1] @ system / len(series))
-        taylor = np.stack(series, axis=1)
-        power = np.arange(len(series))
+        return np.stack(series, axis=1)
+
+    def compiled(self, cuts: int, step: float) -> Compiled:
+        """The arrays for the kernel, in units of a step of `step` seconds."""
+        m, size, modes, elements = self.m, self.size, len(self.modes), self.elements
+        n, bent = m // 2, 2 * len(self.curved)
+        scale = self._scale(step)
+        table, limits, rows = self._outputs(scale, step)
+        taylor = self._series(rows, scale, step)
+        power = np.arange(taylor.shape[1])
         # In the middle, at the end, and the slope at the end.
         half, moved, slopes = np.tensordot(np.array([0.5**power, power**0, power]), taylor, axes=(1, 1))
         met = np.stack([part[:, :bent].reshape(modes, -1, 2, size) for part in (half, moved)], axis=2).reshape(modes, -1, size)
@@ -380,7 +375,7 @@ class _Systems:
                 blocks=-(-(met.shape[1] + m + 2 * (table[:, :, 0] >= 0).sum(axis=1)) // 8),
                 leap=_columns(_leap(moved[:, bent : bent + m], margins, self.further) if cuts == 1 and not bent else no_leap),
                 series=_columns(taylor),
-                terms=len(series),
+                terms=taylor.shape[1],
                 exits=table,
                 limits=limits,
                 settle=self.settle,

@@ -9,7 +9,7 @@ import numpy as np
 
 from isorig.analysis.campaign import MOTION, SI_UNIT, FloatArray
 from isorig.analysis.errors import ModelError
-from isorig.analysis.model.linear import imposed_coordinates, linear_part
+from isorig.analysis.model.linear import accelerations
 from isorig.analysis.model.rig_model import RigModel, direction, given_configuration
 from isorig.analysis.views import call, shows
 
@@ -57,7 +57,7 @@ def state_space(model: RigModel, configuration: str | None = None) -> StateSpace
     Raises ArgumentError if the configuration is no text; ModelError if the configuration is unknown, a motion is imposed by other
     than its acceleration, or a sensor records a force."""
     name = given_configuration(model, configuration)
-    basis, mass, damping, stiffness = linear_part(model, name)
+    basis, _, of_state, of_input = accelerations(model, name)
     other = next((drive for drive in model.drives if drive.imposes is not None and MOTION.get(drive.quantity) != 2), None)
     if other is not None:
         raise ModelError(
@@ -68,22 +68,6 @@ def state_space(model: RigModel, configuration: str | None = None) -> StateSpace
     if force is not None:
         raise ModelError(f"the sensor {force.channel!r} records a force, which is no state; leave it out of the model")
     n = basis.shape[1]
-    imposed = imposed_coordinates(model, basis)
-    loose = [k for k in range(n) if k not in imposed.values()]
-    m, c, k = (basis.T @ matrix @ basis for matrix in (mass, damping, stiffness))
-    inverse = np.linalg.inv(m[np.ix_(loose, loose)])
-    push = np.zeros((n, len(model.drives)))
-    held = np.zeros((n, len(model.drives)))
-    names = [body.name for body in model.bodies]
-    for j, drive in enumerate(model.drives):
-        weights = np.array([drive.pushes.get(body, 0.0) for body in names])
-        push[:, j] = drive.factor * (basis.T @ weights)
-        if drive.imposes is not None:
-            held[imposed[drive.imposes], j] = 1.0
-    # Accelerations of all coordinates from states and inputs; imposed ones are inputs.
-    of_state, of_input = np.zeros((n, 2 * n)), held.copy()
-    of_state[loose] = inverse @ np.hstack([-k, -c])[loose]
-    of_input[loose] = inverse @ (push - m @ held)[loose]
     a = np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), of_state])
     b = np.vstack([np.zeros_like(of_input), of_input])
     rows, through = [], []
@@ -93,7 +77,7 @@ def state_space(model: RigModel, configuration: str | None = None) -> StateSpace
         place = np.hstack([weights, np.zeros(n)]) if order == 0 else np.hstack([np.zeros(n), weights])
         rows.append(weights @ of_state if order == 2 else place)
         through.append(weights @ of_input if order == 2 else np.zeros(len(model.drives)))
-    kept = [names[int(np.argmax(np.abs(column)))] for column in basis.T]
+    kept = [model.bodies[int(np.argmax(np.abs(column)))].name for column in basis.T]
     inputs, outputs = tuple(drive.channel for drive in model.drives), tuple(sensor.channel for sensor in model.sensors)
     units = {drive.channel: SI_UNIT[drive.quantity] for drive in model.drives}
     units |= {sensor.channel: SI_UNIT[sensor.quantity] for sensor in model.sensors}

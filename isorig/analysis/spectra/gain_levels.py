@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, Gap, Run
-from isorig.analysis.spectra.overload import extents
+from isorig.analysis.spectra.overload import blocks, channel_std
 
 GAIN = "gain"
 #: Ratio of adjacent levels, a sixth of a decade.
@@ -26,8 +26,6 @@ SHORTEST = 2.0
 #: Ratio of drive levels from which runs with the same stated gain, band and excitation were driven differently. Chosen: the rms
 #: of a noise run varies by a few per cent, and levels that are meant to differ do so by a half or more.
 APART = 1.25
-#: Samples processed at once: a run may be longer than memory.
-PART = 1 << 20
 #: Level for a gain of zero.
 SILENT = np.iinfo(np.int64).min
 
@@ -37,20 +35,19 @@ def by_level(campaign: Campaign) -> Campaign:
 
     An interval starts during a motion, so it is for transfer functions and ratios, not for simulations from rest.
     """
-    return replace(campaign, runs=tuple(part for run in campaign.runs for part in stretches(run)))
+    return replace(campaign, runs=tuple(part for run in campaign.runs for part in runs_by_level(run)))
 
 
 def changes(run: Run) -> bool:
     """Whether the streamed gain differs from its median by more than `STEADY`, for more than that share of the run."""
     if GAIN not in run.channels:
         return False
-    gain, middle = run.channels[GAIN], abs(run.gain)
-    parts = (gain.read(start, start + PART) for start in range(0, len(run), PART))
-    away = sum(int((np.abs(np.abs(part) - middle) > STEADY * middle).sum()) for part in parts)
+    middle = abs(run.gain)
+    away = sum(int((np.abs(np.abs(part) - middle) > STEADY * middle).sum()) for part in blocks(run.channels[GAIN]))
     return away > STEADY * len(run)
 
 
-def stretches(run: Run) -> Iterator[Run]:
+def runs_by_level(run: Run) -> Iterator[Run]:
     """The run itself if its gain is steady, otherwise its intervals by level; those shorter than `SHORTEST` are omitted.
 
     The gain of an interval is its level's, an integer power of `STEP`: within a twelfth of a decade of the streamed gain.
@@ -92,10 +89,7 @@ def by_drive(runs: Sequence[Run], drive: str) -> list[list[Run]]:
 
 def level_of(run: Run, drive: str) -> float:
     """Standard deviation of a run's drive channel, in its unit."""
-    found = extents(run.channel(drive))
-    lengths = [each.length for each in found]
-    mean = np.average([each.mean for each in found], weights=lengths)
-    return float(np.sqrt(np.average([each.std**2 + (each.mean - mean) ** 2 for each in found], weights=lengths)))
+    return channel_std(run.channel(drive))
 
 
 def _part(run: Run, start: int, stop: int, gain: float, count: int) -> Run:

@@ -30,7 +30,7 @@ LEAST, EDGE = 1e-7, 1e-3
 #: to 1.4 times too large, because leakage of neighbouring groups partly cancels, and uncertain by 13 %; sparse impulses give 6.
 CONTRADICTED = 1.6
 
-Kind = Literal["accelerance", "transmissibility", "general"]
+FrfKind = Literal["accelerance", "transmissibility", "general"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +65,7 @@ class ModalFit:
     """
 
     modes: tuple[Mode, ...]
-    kind: Kind
+    kind: FrfKind
     frequency: FloatArray
     fitted: ComplexArray
     misfit: float
@@ -78,7 +78,7 @@ class ModalFit:
 
 
 def fit_modes(
-    frf: Frf, band: tuple[float, float], *, kind: Kind = "accelerance", guesses: Sequence[tuple[float, float]] = (),
+    frf: Frf, band: tuple[float, float], *, kind: FrfKind = "accelerance", guesses: Sequence[tuple[float, float]] = (),
     residuals: int = 2, tapered: bool = True,
 ) -> ModalFit:  # fmt: skip
     """Fit modes to the frequency bins of a band, including the window of the estimate.
@@ -126,7 +126,7 @@ def fit_modes(
     of_type(frf, Frf, "the transfer function", "one of iso.frf; give one, for example iso.frf(campaign)[0]")
     band = interval(band, "the band")
     guesses = given_guesses(guesses)
-    one_of(kind, get_args(Kind), "the kind")
+    one_of(kind, get_args(FrfKind), "the kind")
     residuals, tapered = whole(residuals, "the number of residuals", 0), flag(tapered, "the argument tapered")
     found = solved_modes(frf, band, kind=kind, guesses=guesses, residuals=residuals, tapered=tapered)
     # A single average does not determine its errors: the residuals must.
@@ -189,7 +189,7 @@ class SolvedModes:
 
 
 def solved_modes(
-    frf: Frf, band: tuple[float, float], *, kind: Kind, guesses: Sequence[tuple[float, float]] = (), residuals: int = 2,
+    frf: Frf, band: tuple[float, float], *, kind: FrfKind, guesses: Sequence[tuple[float, float]] = (), residuals: int = 2,
     tapered: bool = True,
 ) -> SolvedModes:  # fmt: skip
     """The modes of `fit_modes`, whose arguments these are, without their uncertainties, which take half of its time. Raises
@@ -254,7 +254,7 @@ def _parts(values: ComplexArray) -> FloatArray:
 class _Shape:
     """The model's columns: one per mode and one per residual term, each as seen through the window."""
 
-    def __init__(self, f: FloatArray, kind: Kind, residuals: int, seen: WindowEffect, top: float | None = None) -> None:
+    def __init__(self, f: FloatArray, kind: FrfKind, residuals: int, seen: WindowEffect, top: float | None = None) -> None:
         self.frequency = f
         self._kind, self._seen, self._residuals = kind, seen, residuals
         self._top = float(f.max()) if top is None else top

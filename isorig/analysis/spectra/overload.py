@@ -6,7 +6,7 @@ command and at the top of a slow swing it does not.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -141,6 +141,20 @@ def _rows(block: FloatArray, start: int) -> Iterator[Row]:
 def extremes(channel: Channel) -> tuple[float, float]:
     """The smallest and the largest value of a channel."""
     return min(each.low for each in extents(channel)), max(each.high for each in extents(channel))
+
+
+def channel_std(channel: Channel) -> float:
+    """Standard deviation of a channel, in its unit."""
+    return combined((each.length, each.mean, each.std) for each in extents(channel))
+
+
+def combined(parts: Iterable[tuple[int, float, float]]) -> float:
+    """Standard deviation of values given in parts, by the number, mean and standard deviation of each part.
+
+    Squares are about the mean of each part, which loses no digits (Chan, Golub and LeVeque 1983).
+    """
+    count, mean, std = np.array(list(parts)).T
+    return float(np.sqrt(np.average(std**2 + (mean - np.average(mean, weights=count)) ** 2, weights=count)))
 
 
 def plateaus(channel: Channel) -> int:

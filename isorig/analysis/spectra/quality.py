@@ -19,9 +19,9 @@ from isorig.analysis.spectra.noise import noise_level
 from isorig.analysis.spectra.overload import LONGEST, extents, extremes, plateaus
 from isorig.analysis.spectra.welch import Spectra, common_lines, estimate, stretches
 
-Kind = Literal["clipped", "dead", "stuck", "swapped", "noisy", "too short", "not at rest", "no drive", "spike"]
+FaultKind = Literal["clipped", "dead", "stuck", "swapped", "noisy", "too short", "not at rest", "no drive", "spike"]
 #: Kinds that spoil an average of transfer functions; motion before the start spoils only free-run simulations.
-SPOILING: tuple[Kind, ...] = ("clipped", "dead", "stuck", "swapped", "noisy")
+SPOILING: tuple[FaultKind, ...] = ("clipped", "dead", "stuck", "swapped", "noisy")
 #: Number of flat tops at a record's extreme that indicates a limit.
 ROWS = 3
 #: A channel below this share of the strongest of its kind is dead.
@@ -57,7 +57,7 @@ class Fault:
 
     run: str
     channel: str
-    kind: Kind
+    kind: FaultKind
     text: str
 
 

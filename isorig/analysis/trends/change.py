@@ -15,7 +15,7 @@ from isorig.analysis.trends.cusum import alarms
 from isorig.analysis.trends.policy import POLICY
 from isorig.analysis.trends.series import Series
 
-Kind = Literal["step", "drift", "step or drift"]
+ChangeKind = Literal["step", "drift", "step or drift"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +38,7 @@ class DatedChange:
         Change per day of a drift; 0 for a step.
     """
 
-    kind: Kind
+    kind: ChangeKind
     first: int
     earliest: int
     latest: int

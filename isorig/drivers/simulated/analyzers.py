@@ -11,16 +11,18 @@ from isorig.drivers.simulated.commanded import Commanded, Simulation
 
 #: x and values of a trace.
 Curve = tuple[FloatArray, FloatArray]
+#: Number of status queries that a measurement takes.
+POLLS = 2
 
 
 class SimulatedSr785(Commanded):
-    """Two displays with given curves; a measurement takes `polls` status queries."""
+    """Two displays with given curves; a measurement takes `POLLS` status queries."""
 
     FAULTS, NAME = frozenset({"overload"}), "an sr785"
 
-    def __init__(self, displays: Mapping[int, Curve], asked: Simulation, *, polls: int = 2, order: str = "<") -> None:
+    def __init__(self, displays: Mapping[int, Curve], asked: Simulation, *, order: str = "<") -> None:
         super().__init__(asked)
-        self._displays, self._polls, self._order = displays, polls, order
+        self._displays, self._order = displays, order
         self._left, self._events = 0, 0
         self.sourcing, self._level = False, 0
 
@@ -28,7 +30,7 @@ class SimulatedSr785(Commanded):
         head, _, rest = command.partition("?")
         words = rest.split(",") if rest else []
         if command in ("OUTX0", "OUTX1", "STRT", "SRCO 0", "SRCO 1") or head.startswith("NAMP "):
-            self._left = self._polls if command == "STRT" else self._left
+            self._left = POLLS if command == "STRT" else self._left
             self.sourcing = command == "SRCO 1" if head.startswith("SRCO") else self.sourcing
             self._level = int(head.split()[1]) if head.startswith("NAMP ") else self._level
             return b""
@@ -63,13 +65,13 @@ class SimulatedSr785(Commanded):
 
 
 class Simulated35670a(Commanded):
-    """Traces by feed; a measurement takes `polls` status queries."""
+    """Traces by feed; a measurement takes `POLLS` status queries."""
 
     NAME = "a 35670a"
 
-    def __init__(self, feeds: Mapping[str, Curve], asked: Simulation, *, polls: int = 2) -> None:
+    def __init__(self, feeds: Mapping[str, Curve], asked: Simulation) -> None:
         super().__init__(asked)
-        self._feeds, self._polls = feeds, polls
+        self._feeds = feeds
         self._left, self._measuring, self._complete, self._enabled = 0, False, False, False
         self._traces: dict[str, Curve] = {}
         self._errors: list[str] = []
@@ -78,7 +80,7 @@ class Simulated35670a(Commanded):
     def answer(self, command: str) -> bytes:
         trace, _, about = command.partition(":")
         if command == "ABOR;INIT:IMM;*OPC":
-            self._left, self._measuring = self._polls, True
+            self._left, self._measuring = POLLS, True
         elif command == "*STB?":
             return b"+%d\n" % self.status_byte()
         elif command in ("*CLS", "*ESE 1;*SRE 32"):

@@ -22,8 +22,8 @@ from isorig.analysis.spectra.periodic import SETTLING, Detection
 from isorig.analysis.spectra.welch import WELL_DRIVEN, Spectra, estimate
 from isorig.rig.acquire.policy import DIFFERENT, LEVEL_RATIO, NOISE_RATIO, NOT_REPEATABLE, REPEATABLE
 
-Kind = Literal["nonlinear", "undecided", "noise"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
+IncoherenceKind = Literal["nonlinear", "undecided", "noise"]
+KINDS: tuple[IncoherenceKind, ...] = get_args(IncoherenceKind)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +31,7 @@ class Incoherence:
     """Why a response is incoherent, and the sentence for the operator."""
 
     response: str
-    kind: Kind
+    kind: IncoherenceKind
     text: str
 
 
@@ -50,7 +50,7 @@ def incoherence(
     left = _incoherent_power(spectra, name, drive, driven) / max(float(np.sum(density)), 1e-300)
     level = noise_levels(Campaign(runs=(run,))).get(name, 0.0)
 
-    def because(kind: Kind, text: str) -> Incoherence:
+    def because(kind: IncoherenceKind, text: str) -> Incoherence:
         return Incoherence(response=name, kind=kind, text=begin + text)
 
     if left * float(np.mean(density)) <= NOISE_RATIO * 2.0 * level**2 / run.sample_rate:

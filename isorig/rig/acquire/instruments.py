@@ -13,9 +13,7 @@ from isorig.drivers.simulated.served import served
 from isorig.drivers.waits import WAITS, Waits
 from isorig.rig.acquire.locks import port_locked
 from isorig.rig.acquire.plan import Plan
-from isorig.rig.acquire.simulated_instruments import far_end
 from isorig.rig.errors import PlanError
-from isorig.rig.wire_bonder.description import wire_bonder
 
 
 @contextmanager
@@ -23,6 +21,10 @@ def _reached(kind: str, port: str, about: Any, waits: Waits) -> Iterator[Any]:
     # An instrument of that kind; at the port "virtual" a simulated one in a thread of this process, with the thesis's rig.
     with ExitStack() as stack:
         if port == "virtual":
+            # The simulator takes longer to import than the rest of a session.
+            from isorig.rig.acquire.simulated_instruments import far_end
+            from isorig.rig.wire_bonder.description import wire_bonder
+
             port = stack.enter_context(served(far_end(kind, wire_bonder())))
         yield stack.enter_context(closing(kinds()[kind].open(port, about, waits)))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 
 import numpy as np
@@ -12,7 +12,7 @@ from isorig.drivers.errors import DriverError, InstrumentError
 from isorig.drivers.instrument import Stream, in_real_time
 from isorig.rig.acquire.block_stream import BlockStream
 from isorig.rig.acquire.drive import drive_of, load
-from isorig.rig.acquire.live import BlockSummary, LiveState
+from isorig.rig.acquire.live import BlockSummary
 from isorig.rig.acquire.loggers import RunLoggers
 from isorig.rig.acquire.pace import Pace
 from isorig.rig.acquire.plan import Plan, RunPlan
@@ -20,6 +20,7 @@ from isorig.rig.acquire.policy import RATE_REFUSED, RATE_SECONDS
 from isorig.rig.acquire.recorder import RunWriter, Tally, WorkingFileWriter
 from isorig.rig.acquire.remarks import Remarks
 from isorig.rig.acquire.response_limits import Guard
+from isorig.rig.acquire.rig_operator import Operator
 from isorig.rig.acquire.waits import SESSION_WAITS, SessionWaits
 
 
@@ -53,17 +54,14 @@ def measure_run(
     plan: Plan,
     run: RunPlan,
     repeat: int,
-    watch: Callable[[LiveState], None],
+    operator: Operator,
     remarks: Remarks,
-    stopped: Callable[[], bool] = lambda: False,
-    answered: Callable[[], bool] = lambda: False,
     *,
     loggers: Mapping[str, Stream] | None = None,
     waits: SessionWaits = SESSION_WAITS,
     force: bool = False,
 ) -> Tally:
-    """Measure one run; the status of its blocks is added to `remarks`. It ends early if `stopped` or `answered` returns True, and
-    is complete in the second case. The `loggers` run along.
+    """Measure one run, with the `loggers` beside it; the status of its blocks is added to `remarks`.
 
     Unless it is to `force` the run, a wrong sample rate by the host's clock ends it. Raises DriverError or OutputError if the
     instrument or the disk fails; the data measured until then are in the file.
@@ -73,7 +71,9 @@ def measure_run(
     load(instrument, run, drive, plan.limits)
     writer = RunWriter(file, name, period=drive.period, waits=waits)
     summary = BlockSummary(file.layout, run, instrument, plan.drive)
-    incoming = BlockStream(instrument, run.ticks(rate), rate, waits=waits, stopped=lambda: stopped() or answered())
+    incoming = BlockStream(
+        instrument, run.ticks(rate), rate, waits=waits, stopped=lambda: operator.stopped() or operator.answered()
+    )
     guard = Guard(plan, instrument)
     pace = None if force or not in_real_time(instrument) else PaceCheck(instrument.identity, rate)
     along = RunLoggers(plan, loggers or {}, writer.log)
@@ -86,7 +86,7 @@ def measure_run(
         if pace is not None:
             pace.add(block)
         if summary.add(block):
-            watch(summary.state(name, writer.tally))
+            operator.watch(summary.state(name, writer.tally))
 
     try:
         along.start()
@@ -99,6 +99,6 @@ def measure_run(
         raise
     finally:
         remarks.end(instrument, incoming.returned, along.stop())
-        tally = writer.finish(incoming.counted, whole=whole, enough=answered())
-    watch(summary.state(name, tally))
+        tally = writer.finish(incoming.counted, whole=whole, enough=operator.answered())
+    operator.watch(summary.state(name, tally))
     return tally

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import msgspec
 
 from isorig.analysis.campaign import Quantity
+from isorig.analysis.excitations import PlannedExcitation
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel, from_tree
 from isorig.drivers.kinds import RecordsKind, StreamKind, kinds
@@ -112,7 +113,7 @@ class RunPlan(PlanPart, frozen=True):
     configuration: str
     gain: float
     seconds: float
-    excitation: Literal["random", "multisine", "sine", "sweep", "moves", "steps", "free", "other"] = "random"
+    excitation: PlannedExcitation = "random"
     band: tuple[float, float] | None = None
     period: float = 4.0
     frequency: float | None = None

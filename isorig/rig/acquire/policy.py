@@ -2,8 +2,6 @@
 
 #: Pre-run check: seconds at rest and with drive, and factor by which a channel must increase under drive.
 REST_SECONDS, DRIVEN_SECONDS, RESPONSE_RATIO = 0.25, 0.75, 1.2
-#: Share of full scale from which on a value is clipped.
-FULL_SCALE_SHARE = 0.999
 #: Share of its range that a channel uses: below the first, noise and quantization affect the result; above the second, bursts
 #: clip.
 SMALL_SHARE, LARGE_SHARE = 0.03, 0.80
@@ -21,8 +19,6 @@ CERTAIN = 1.25
 SENSITIVITY_DIFFERENCE = 0.01
 #: Below this median coherence within the band, a response contains more than the effect of the drive.
 COHERENT = 0.5
-#: A channel with less than this share of the strongest of its quantity is dead or not connected.
-DEAD = 1e-4
 #: Below this share of relative motion between the two bodies of a contact, it sticks.
 STICKING = 0.2
 #: Distortion above this share of the response and above the noise is reported; a gain that differs more from the plan, too.

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray, Run
+from isorig.analysis.spectra.overload import FULL
 from isorig.drivers.alignment import WIRE
 from isorig.drivers.block import Block, Status
 from isorig.drivers.instrument import Records, Stream, in_real_time
@@ -153,8 +154,8 @@ def _rate(blocks: Sequence[Block], rate: float, *, real_time: bool) -> list[str]
 
 
 def _channel(name: str, values: FloatArray, full: float | None) -> list[str]:
-    if full is not None and np.abs(values).max() >= policy.FULL_SCALE_SHARE * full:
-        if np.median(np.abs(values)) >= policy.FULL_SCALE_SHARE * full:
+    if full is not None and np.abs(values).max() >= FULL * full:
+        if np.median(np.abs(values)) >= FULL * full:
             return [
                 f"{name} remains at the end of its input's range; the sensor is disconnected or has no supply, check its cable"
             ]

@@ -10,9 +10,11 @@ import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray, Run, broad
 from isorig.analysis.errors import DataError
+from isorig.analysis.spectra.gain_levels import GAIN
 from isorig.analysis.spectra.hits import looks_hit
-from isorig.analysis.spectra.overload import LONGEST
+from isorig.analysis.spectra.overload import LONGEST, blocks, channel_std, combined, extents, extremes
 from isorig.analysis.spectra.periodic import Detection, detect
+from isorig.analysis.spectra.quality import DEAD
 from isorig.analysis.spectra.welch import Spectra, estimate
 from isorig.rig.acquire import policy
 from isorig.rig.acquire.incoherence import KINDS, Incoherence, driven_bins, incoherence
@@ -20,9 +22,6 @@ from isorig.rig.acquire.incoherence import KINDS, Incoherence, driven_bins, inco
 if TYPE_CHECKING:
     from isorig.analysis.model.rig_model import RigModel
     from isorig.rig.acquire.recover import Recovered
-
-#: Samples of a channel that are processed at once: a run may be longer than memory.
-PART = 1 << 20
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,8 +74,10 @@ def check_run(
         )  # fmt: skip
     spectra, detections = _spectra(run, drive), _detections(run, drive)
     sliding = least_sliding(
-        rig, run.configuration, lambda one, other: _parts(run, one, other) if {one, other} <= set(run.channels) else None
-    )
+        rig, run.configuration,
+        lambda one, other: zip(blocks(run.channels[one]), blocks(run.channels[other]), strict=True)
+        if {one, other} <= set(run.channels) else None,
+    )  # fmt: skip
     coherence = {} if spectra is None else _coherence(run, spectra, drive)
     against = [*_losses(recovered), *against, *_channels(run), *_gain(run, recovered.planned_gain)]
     remarks = [*remarks]
@@ -132,24 +133,19 @@ def _losses(run: Recovered) -> Iterator[str]:
 
 
 def _channels(run: Run) -> Iterator[str]:
-    sizes = {name: _spread(_moments(values) for (values,) in _parts(run, name))[0] for name in run.sensors}
+    sizes = {name: channel_std(channel) for name, channel in run.sensors.items()}
     loudest: dict[str, float] = {}
     for name, channel in run.sensors.items():
         loudest[channel.quantity] = max(loudest.get(channel.quantity, 0.0), sizes[name])
     for name, channel in run.sensors.items():
-        if channel.full_scale is not None:
-            limit = policy.FULL_SCALE_SHARE * channel.full_scale
-            clipped = sum(int((np.abs(values) >= limit).sum()) for (values,) in _parts(run, name))
-            if clipped:
-                yield f"{name} clipped {clipped} times; choose a larger range or a lower gain and repeat the run."
-        if sizes[name] <= policy.DEAD * loudest[channel.quantity]:
+        if clipped := sum(each.full for each in extents(channel)):
+            yield f"{name} clipped {clipped} times; choose a larger range or a lower gain and repeat the run."
+        if sizes[name] <= DEAD * loudest[channel.quantity]:
             yield f"{name} hardly moves ({sizes[name]:.2g} {channel.unit} rms); check its cable and its supply."
 
 
 def _gain(run: Run, planned: float) -> Iterator[str]:
-    low = high = run.gain
-    if "gain" in run.channels:
-        _, low, high = _spread(_moments(values) for (values,) in _parts(run, "gain"))
+    low, high = extremes(run.channels[GAIN]) if GAIN in run.channels else (run.gain, run.gain)
     if high - low > policy.GAIN_DIFFERENCE * abs(run.gain):
         yield f"The gain changed from {low:.4g} to {high:.4g} during the run; repeat it with a constant gain."
     elif abs(run.gain - planned) > policy.GAIN_DIFFERENCE * planned:
@@ -201,24 +197,11 @@ def least_sliding(
 def _relative_motion(parts: Iterable[Sequence[FloatArray]]) -> float:
     # rms of the first body's motion relative to the other divided by that of its own motion.
     own, relative = zip(*((_moments(one), _moments(one - other)) for one, other in parts), strict=True)
-    return _spread(relative)[0] / max(_spread(own)[0], 1e-30)
+    return combined(relative) / max(combined(own), 1e-30)
 
 
-def _spread(moments: Iterable[tuple[float, ...]]) -> tuple[float, float, float]:
-    # Standard deviation, minimum and maximum of values that were given in parts.
-    count, mean, variance, lowest, highest = np.array(list(moments)).T
-    # Squares are about the mean of each part, which loses no digits (Chan, Golub and LeVeque 1983).
-    square = np.average(variance + (mean - np.average(mean, weights=count)) ** 2, weights=count)
-    return float(np.sqrt(square)), float(lowest.min()), float(highest.max())
-
-
-def _moments(values: FloatArray) -> tuple[float, ...]:
-    return len(values), float(values.mean()), float(values.var()), float(values.min()), float(values.max())
-
-
-def _parts(run: Run, *names: str) -> Iterator[Sequence[FloatArray]]:
-    for start in range(0, len(run), PART):
-        yield [run.channels[name].read(start, start + PART) for name in names]
+def _moments(values: FloatArray) -> tuple[int, float, float]:
+    return len(values), float(values.mean()), float(values.std())
 
 
 def _detections(run: Run, drive: str) -> tuple[Detection, ...]:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence, Set
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial as partial_of
 from pathlib import Path
-from typing import Literal
 
 import msgspec
 
@@ -20,62 +19,20 @@ from isorig.rig.acquire.journal import SYNC
 from isorig.rig.acquire.live import LiveState
 from isorig.rig.acquire.locks import output_locked, port_locked
 from isorig.rig.acquire.measure_run import measure_run
-from isorig.rig.acquire.pace import ClockDrift
 from isorig.rig.acquire.plan import Plan, RunPlan
 from isorig.rig.acquire.preflight import check_analyzer, check_record, check_room, preflight, refuse
 from isorig.rig.acquire.recorder import Tally, recording_into, working_file
 from isorig.rig.acquire.recover import Recovered, WorkingFileReader
 from isorig.rig.acquire.remarks import Remarks
 from isorig.rig.acquire.response_limits import check_responses
-from isorig.rig.acquire.run_check import Verdict, check_run
+from isorig.rig.acquire.rig_operator import MeasuredRun, Operator, decoupled_operator
+from isorig.rig.acquire.run_check import check_run
 from isorig.rig.acquire.sensors import refuse_sensors
 from isorig.rig.acquire.store import ended, keep_measured, keep_session, whole_runs
 from isorig.rig.acquire.waits import SESSION_WAITS, SessionWaits
 from isorig.rig.errors import OutputError, PlanError, RecordingError
-from isorig.rig.files.output import sweep
+from isorig.rig.files.output import remove_leftovers
 from isorig.rig.process.interrupts import ended_by_signals
-
-
-@dataclass(frozen=True, kw_only=True)
-class MeasuredRun:
-    """A measured run: its sample counts, its post-run check, and the drift of its clock."""
-
-    id: str
-    tally: Tally
-    verdict: Verdict
-    drift: ClockDrift | None = None
-
-
-#: Decision on the next run: measure it, skip it, or end the session before it.
-Decision = Literal["take", "skip", "end"]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Operator:
-    """The person at the rig, or a substitute.
-
-    Parameters
-    ----------
-    lock
-        Asks to bring the rig into a configuration; returns when it is done.
-    watch
-        Receives the live state of a run.
-    taken
-        Receives each measured run.
-    decide
-        Asked before each run, by its name, for the decision.
-    stopped
-        Polled during a run; True ends the run, which then counts as incomplete.
-    answered
-        Polled during a run; True ends the run, which then counts as complete.
-    """
-
-    lock: Callable[[str], None]
-    watch: Callable[[LiveState], None]
-    taken: Callable[[MeasuredRun], None]
-    decide: Callable[[str], Decision] = lambda name: "take"
-    stopped: Callable[[], bool] = lambda: False
-    answered: Callable[[], bool] = lambda: False
 
 
 def acquire(
@@ -113,7 +70,7 @@ def acquire(
         with output_locked(output), port_locked(port), ended_by_signals():
             # The leftovers of killed sessions take space, too.
             for path in (output, working_file(output)):
-                sweep(path)
+                remove_leftovers(path)
             no_room = check_room(plan, output)
             if no_room is not None and not force:
                 raise OutputError(f"{no_room}; --force starts anyway")
@@ -127,23 +84,6 @@ def acquire(
             return session.taken
     finally:
         display.end()
-
-
-def decoupled_operator(operator: Operator, display: DisplayThread) -> Operator:
-    """The same operator, called from another thread, with all calls completed before a question is asked."""
-
-    def lock(configuration: str) -> None:
-        display.settle()
-        operator.lock(configuration)
-
-    def decide(name: str) -> Decision:
-        display.settle()
-        return operator.decide(name)
-
-    return replace(
-        operator, lock=lock, decide=decide, watch=lambda live: display.latest(lambda: operator.watch(live)),
-        taken=lambda item: display.each(lambda: operator.taken(item)),
-    )  # fmt: skip
 
 
 class _Session:
@@ -184,8 +124,8 @@ class _Session:
                             refuse(name, preflight(instrument, plan, run))
                         remarks = Remarks(plan.instrument.sample_rate)
                         tally = measure_run(
-                            instrument, file, plan, run, repeat, partial_of(self._watch, number), remarks, self._operator.stopped,
-                            self._operator.answered, loggers=loggers, waits=self._waits, force=self._force,
+                            instrument, file, plan, run, repeat, replace(self._operator, watch=partial_of(self._watch, number)),
+                            remarks, loggers=loggers, waits=self._waits, force=self._force,
                         )  # fmt: skip
                         self._keep(saved.run(name), tally, remarks, [saved.run(item.id).run for item in self.taken])
             finally:

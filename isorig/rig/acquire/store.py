@@ -23,7 +23,7 @@ from isorig.rig.acquire.recorder import RESERVE
 from isorig.rig.acquire.recover import Recovered, campaign_of, working
 from isorig.rig.errors import OutputError, PlanError
 from isorig.rig.files.hdf import CHUNK_CACHE
-from isorig.rig.files.output import sweep
+from isorig.rig.files.output import remove_leftovers
 from isorig.rig.files.recording import SENSOR, Extra, Stored, open_recording, write
 
 #: Advice if a working file remains.
@@ -77,7 +77,7 @@ def keep_recovered(working_file: Path, output: Path) -> list[Recovered]:
     RecordingError if it is not a working file, or contains no sample; OutputError if the recording cannot be written, or a
     session is writing it."""
     with output_locked(output), working(working_file) as (known, found):
-        sweep(output)
+        remove_leftovers(output)
         _write(output, known, _kept(found), str(working_file))
     return found
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rich.console import Console, Group
 
     from isorig.rig.acquire.live import LiveState
-    from isorig.rig.acquire.session import Decision, MeasuredRun
+    from isorig.rig.acquire.rig_operator import Decision, MeasuredRun
 
 #: Refusal where a question cannot be asked.
 NO_ANSWER = (

@@ -75,7 +75,7 @@ def acquire(
     from isorig.rig.acquire.notes import reopen_notes, settle_notes
     from isorig.rig.acquire.plan import as_virtual
     from isorig.rig.acquire.plan_check import read_plan
-    from isorig.rig.acquire.session import Operator
+    from isorig.rig.acquire.rig_operator import Operator
     from isorig.rig.acquire.session import acquire as run_session
     from isorig.rig.acquire.terminal import Terminal
     from isorig.rig.errors import OutputError, PlanError

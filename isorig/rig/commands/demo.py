@@ -31,7 +31,8 @@ def demo(*, output: Output = Path("demo-out"), seed: int = 1, investigate: bool 
         return
     from isorig.rig.acquire.plan import as_virtual
     from isorig.rig.acquire.plan_check import read_plan
-    from isorig.rig.acquire.session import MeasuredRun, Operator, acquire
+    from isorig.rig.acquire.rig_operator import MeasuredRun, Operator
+    from isorig.rig.acquire.session import acquire
     from isorig.rig.commands.frf import frf
     from isorig.rig.commands.isolation import isolation
     from isorig.rig.diagnose.many import diagnose_file

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from isorig.rig.options import Method, Output
+from isorig.rig.choices import Method
+from isorig.rig.options import Output
 
 #: Largest number of points and of draws.
 MOST = 100_000

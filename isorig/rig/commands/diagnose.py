@@ -5,14 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from isorig.rig.options import Baseline, Output
+from isorig.rig.choices import TIME_LIMIT, Baseline
+from isorig.rig.options import Output
 
 if TYPE_CHECKING:
     from isorig.rig.diagnose.many import CampaignOutcome
-
-
-#: Default time limit for the search for causes in one recording, seconds.
-LIMIT = 300.0
 
 
 def diagnose(
@@ -20,7 +17,7 @@ def diagnose(
     output: Output,
     baseline: Baseline = "coulomb",
     tolerance: float = 0.0,
-    seconds: float = LIMIT,
+    seconds: float = TIME_LIMIT,
     scheduler: str | None = None,
     again: bool = False,
 ) -> None:

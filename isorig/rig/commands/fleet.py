@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from isorig.rig.options import Baseline, Output
+from isorig.rig.choices import Baseline
+from isorig.rig.options import Output
 
 if TYPE_CHECKING:
     from isorig.rig.fleet.catalogue import StoredAnswer

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from isorig.rig.options import Baseline, Output
+from isorig.rig.choices import TIME_LIMIT, Baseline
+from isorig.rig.options import Output
 
 
 def investigate(
@@ -54,9 +55,8 @@ def investigate(
     """
     from isorig.rig.acquire.plan import as_virtual
     from isorig.rig.acquire.plan_check import read_plan
-    from isorig.rig.acquire.session import Operator
+    from isorig.rig.acquire.rig_operator import Operator
     from isorig.rig.acquire.terminal import Terminal
-    from isorig.rig.commands.diagnose import LIMIT
     from isorig.rig.diagnose.many import tolerated
     from isorig.rig.errors import PlanError, RigError
     from isorig.rig.next.investigation import PAGE, Terms, described_rig, measure_with, read_investigation
@@ -91,7 +91,7 @@ def investigate(
         measure = measure_with(wire, operator, None if yes else terminal.consent, force=force)
         terms = Terms(
             most_runs=runs, seconds=seconds, limits=limits_of(described_rig(own, baseline), own, limits),
-            work=POLICY.comparison_seconds, measure=measure, limit=LIMIT, tell=terminal.say,
+            work=POLICY.comparison_seconds, measure=measure, limit=TIME_LIMIT, tell=terminal.say,
         )  # fmt: skip
         investigation = go_on(own, output, begun, terms)
     print(investigation.ended or "Stopped by the operator; the same command continues the investigation.")

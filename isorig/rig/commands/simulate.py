@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
 
-from isorig.rig.options import Method, Output
+from isorig.analysis.excitations import SyntheticExcitation
+from isorig.rig.choices import Method
+from isorig.rig.options import Output
 
 
 def simulate(
@@ -15,7 +16,7 @@ def simulate(
     parameters: Path | None = None,
     method: Method = "joint",
     drive: Path | None = None,
-    excitation: Literal["random", "multisine", "sweep", "half-sine", "hits", "moves", "free"] | None = None,
+    excitation: SyntheticExcitation | None = None,
     configuration: str | None = None,
     gain: float = 70.0,
     level: float | None = None,

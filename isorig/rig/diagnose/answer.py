@@ -61,7 +61,7 @@ def findings_of(
         how=f"Median over runs and channels of rms(predicted - measured) / rms(measured) over {diagnosis.division.how}.",
     )  # fmt: skip
     findings = stored.Findings(
-        origin=dict(origin), verdict=msgspec.convert(diagnosis.verdict, stored.Verdict),
+        origin=dict(origin), verdict=msgspec.convert(diagnosis.verdict, stored.DiagnosisVerdict),
         doubts=msgspec.convert(diagnosis.doubts, list[stored.DoubtfulValue], from_attributes=True),
         baseline=stored.FittedBaseline(name=name, parameters=_parameters(diagnosis.baseline)),
         extended=stored.FittedExtension(parameters=_parameters(diagnosis.extended)),

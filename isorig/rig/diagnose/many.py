@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import msgspec
 
 from isorig.analysis.parallel import cores
+from isorig.rig.choices import Baseline
 from isorig.rig.errors import REFUSALS, PlanError, RigError
 from isorig.rig.files.output import csv_text
-from isorig.rig.model.baseline import Baseline
 
 if TYPE_CHECKING:
     from isorig.rig.files.findings import Findings

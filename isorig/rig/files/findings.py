@@ -19,7 +19,7 @@ AGAIN = "diagnose the recording again with this version of the program"
 #: A computed number; null in the file where it is not available.
 Number = float | None
 Interval = tuple[Number, Number]
-Verdict = Literal["adequate", "explained", "partly explained", "unexplained"]
+DiagnosisVerdict = Literal["adequate", "explained", "partly explained", "unexplained"]
 
 
 class Value(msgspec.Struct, frozen=True, kw_only=True):
@@ -245,7 +245,7 @@ class Findings(msgspec.Struct, frozen=True, kw_only=True, tag_field="format", ta
     format_version: Literal[2] = 2
     origin: dict[str, str]
     doubts: list[DoubtfulValue]
-    verdict: Verdict
+    verdict: DiagnosisVerdict
     baseline: FittedBaseline
     extended: FittedExtension
     discrepancies: list[Misfit]

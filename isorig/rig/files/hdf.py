@@ -37,7 +37,7 @@ CHUNK_CACHE = 1 << 20
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
-Kind = Literal["hdf5", "matlab"]
+FileKind = Literal["hdf5", "matlab"]
 
 
 class _Walker:
@@ -54,7 +54,7 @@ class _Walker:
         threading.Thread(target=self._listen, args=(self._process.stdout,), daemon=True).start()
         self._started = False
 
-    def ask(self, kind: Kind, path: Path, patience: float) -> dict[str, str] | None:
+    def ask(self, kind: FileKind, path: Path, patience: float) -> dict[str, str] | None:
         """The answer for a file; None if the process crashed or hung on it. Raises RecordingError if the process does not
         start."""
         if not self._started and self._answer(START) is None:
@@ -108,7 +108,7 @@ def _walker(pid: int) -> _Walker:
     return _Walker()
 
 
-def _asked(kind: Kind, path: Path, patience: float) -> dict[str, str]:
+def _asked(kind: FileKind, path: Path, patience: float) -> dict[str, str]:
     walker = _walker(os.getpid())
     try:
         answer = walker.ask(kind, path.absolute(), patience)

@@ -44,7 +44,7 @@ def replaced(path: str | Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
-def sweep(path: Path) -> None:
+def remove_leftovers(path: Path) -> None:
     """Remove leftovers of `replaced` from killed programs; only for the single writer of this file."""
     left = re.compile(re.escape(f".{path.name}.") + "[a-z0-9_]{8}")
     with suppress(OSError):

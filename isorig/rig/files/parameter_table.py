@@ -6,19 +6,19 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import Campaign
-from isorig.analysis.parameters.joint_fit import Characterization, characterize
 from isorig.rig.errors import PlanError
 from isorig.rig.files.inputs import content_of
 from isorig.rig.files.output import csv_text, write_json, write_text
 from isorig.rig.files.rigfile import GivenRig, write_model
-from isorig.rig.model.baseline import baseline_model, recorded_in
-from isorig.rig.model.prediction import seconds_from
+
+if TYPE_CHECKING:
+    from isorig.analysis.parameters.joint_fit import Characterization
 
 #: Bodies with a separate evaluation of their peak.
 READ_OFF = ("table", "heatblock", "motor")
@@ -28,6 +28,11 @@ COLUMNS = ("value", "std", "unit", "method", "note")
 def characterize_campaign(campaign: Campaign, tell: Callable[[str], None], given: GivenRig | None = None) -> Characterization:
     """The parameter table of a recording: of its own rig, or of a given model whose fitted parameters are fitted again. Raises
     RecordingError if the recording lacks what the rig needs."""
+    # Imported here: whoever reads a table needs no fit.
+    from isorig.analysis.parameters.joint_fit import characterize
+    from isorig.rig.model.baseline import baseline_model, recorded_in
+    from isorig.rig.model.prediction import seconds_from
+
     if given is None:
         return characterize(campaign, baseline_model(campaign), progress=tell)
     first = campaign.runs[0]

@@ -13,11 +13,11 @@ import msgspec
 
 from isorig.analysis.diagnose.kinds import FORMS
 from isorig.rig.acquire.locks import HeldError, locked
+from isorig.rig.choices import Baseline
 from isorig.rig.diagnose.many import answered, diagnose_file, program_version
 from isorig.rig.errors import REFUSALS, OutputError, PlanError, RigError
 from isorig.rig.files.findings import NamedCause, Value, read_findings
 from isorig.rig.fleet.catalogue import FAILED, LIMIT, REFUSED, Catalogue, StoredAnswer, StoredParameter
-from isorig.rig.model.baseline import Baseline
 
 #: Errors for missing disk space or quota.
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)

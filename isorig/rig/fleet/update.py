@@ -12,6 +12,7 @@ from typing import Any
 import msgspec
 import pandas as pd
 
+from isorig.rig.choices import Baseline
 from isorig.rig.diagnose.many import program_version, shared_out
 from isorig.rig.errors import RigError
 from isorig.rig.files.output import reason
@@ -20,7 +21,6 @@ from isorig.rig.fleet.change_causes import search_causes
 from isorig.rig.fleet.job import DiagnosisJob, answer_job
 from isorig.rig.fleet.recordings import Recording, identified, recordings_under
 from isorig.rig.fleet.sentences import answer_words
-from isorig.rig.model.baseline import Baseline
 
 #: Seconds between checks of a recording that another process works on.
 PATIENCE = 0.5

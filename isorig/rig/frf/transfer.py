@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -170,9 +170,36 @@ def transfer_functions(
     if not runs:
         raise DataError(f"{campaign.source} has no run with a broad-band drive; measure one with noise, a multisine or a sweep")
     wrong = faults_in(campaign, drives[0]) if found is None else found
-    hit = {run.id for run in runs if len(drives) == 1 and looks_hit(run, drives[0])}
     seen_through = window_named(window)
     transfers = []
+    for averaged, names, struck, about in _averages(campaign, runs, drives, responses, wrong):
+        if struck:
+            test = hammer_test(averaged, reference=drives[0], channels=names, resolution=resolution)
+            spectra, about["hammer"], about["band"] = test.spectra, test, test.band
+        else:
+            spectra = estimate(
+                averaged, references=drives, channels=names, resolution=resolution, window=seen_through, overlap=overlap,
+                jackknife=jackknife,
+            )  # fmt: skip
+            about["band"] = _band(averaged, spectra, drives[0])
+        transfers += [
+            Transfer.of(
+                frf, reference_density=spectra.density(frf.reference),
+                periods=None if struck else _by_period(averaged, name, drives), **about,
+            )
+            for name in names
+            for frf in spectra.frfs(name, drives, estimator)
+        ]  # fmt: skip
+    if not transfers:
+        raise DataError(f"{campaign.source} has only the channel of the drive, {', '.join(drives)}; record at least one response")
+    return sorted(transfers, key=lambda item: item.response)
+
+
+def _averages(
+    campaign: Campaign, runs: Sequence[Run], drives: Sequence[str], responses: Sequence[str], wrong: Sequence[Fault]
+) -> Iterator[tuple[list[Run], list[str], bool, dict[str, Any]]]:
+    # Runs that are averaged together, the responses that are valid in them, whether hits drive them, and what is known of them.
+    hit = {run.id for run in runs if len(drives) == 1 and looks_hit(run, drives[0])}
     order = list(dict.fromkeys(run.configuration for run in campaign.runs))
     for configuration, gain in sorted({(run.configuration, run.gain) for run in runs}, key=lambda k: (order.index(k[0]), -k[1])):
         same = broad(campaign.select(configuration=configuration, gain=gain))
@@ -186,37 +213,15 @@ def transfer_functions(
             )
         levels = [same] if struck or len(drives) > 1 else by_drive(same, drives[0])
         for driven in levels:
-            level = _level(driven, drives[0]) if len(levels) > 1 else ""
-            # Responses with the same valid runs are estimated together.
             alike: dict[tuple[str, ...], list[str]] = {}
             for name in names:
                 alike.setdefault(tuple(run.id for run in sound(driven, wrong, [*drives, name])), []).append(name)
             for kept, group in alike.items():
-                averaged = [run for run in driven if run.id in kept]
-                known: dict[str, Any] = {
-                    "configuration": configuration, "gain": gain, "runs": kept, "level": level, "alone": campaign.alone,
+                yield [run for run in driven if run.id in kept], group, bool(struck), {
+                    "configuration": configuration, "gain": gain, "runs": kept, "alone": campaign.alone,
+                    "level": _level(driven, drives[0]) if len(levels) > 1 else "",
                     "left_out": tuple(run.id for run in driven if run.id not in kept),
                 }  # fmt: skip
-                if struck:
-                    test = hammer_test(averaged, reference=drives[0], channels=group, resolution=resolution)
-                    spectra, known["hammer"], known["band"] = test.spectra, test, test.band
-                else:
-                    spectra = estimate(
-                        averaged, references=drives, channels=group, resolution=resolution, window=seen_through, overlap=overlap,
-                        jackknife=jackknife,
-                    )  # fmt: skip
-                    known["band"] = _band(averaged, spectra, drives[0])
-                transfers += [
-                    Transfer.of(
-                        frf, reference_density=spectra.density(frf.reference),
-                        periods=None if struck else _by_period(averaged, name, drives), **known,
-                    )
-                    for name in group
-                    for frf in spectra.frfs(name, drives, estimator)
-                ]  # fmt: skip
-    if not transfers:
-        raise DataError(f"{campaign.source} has only the channel of the drive, {', '.join(drives)}; record at least one response")
-    return sorted(transfers, key=lambda item: item.response)
 
 
 def _band(runs: Sequence[Run], spectra: Spectra, reference: str) -> tuple[float, float]:

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from typing import Literal
 
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.errors import AnalysisError, ModelError
 from isorig.analysis.fitting.plausible import Doubt, doubts_of_records
 from isorig.analysis.model.rig_model import RigModel, from_tree
+from isorig.rig.choices import Baseline
 from isorig.rig.errors import PlanError, RecordingError, RigError
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 
-Baseline = Literal["coulomb", "linear"]
 #: What precedes doubts about units, channels and given values.
 CHECK_FIRST = "CHECK UNITS, CHANNELS AND GIVEN VALUES FIRST."
 

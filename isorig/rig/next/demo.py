@@ -7,7 +7,7 @@ from pathlib import Path
 
 from isorig.rig.acquire.plan import as_virtual
 from isorig.rig.acquire.plan_check import read_plan
-from isorig.rig.acquire.session import MeasuredRun, Operator
+from isorig.rig.acquire.rig_operator import MeasuredRun, Operator
 from isorig.rig.errors import OutputError
 from isorig.rig.next.investigation import PAGE, STATE, Terms, described_rig, investigate, measure_with
 from isorig.rig.next.plan_file import limits_of, with_runs

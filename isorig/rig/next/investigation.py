@@ -17,14 +17,15 @@ from isorig.analysis.proposals.precision import named_parameters, std_of_paramet
 from isorig.analysis.wording import capitalized, sized
 from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.recorder import working_file
-from isorig.rig.acquire.session import Decision, Operator, acquire
+from isorig.rig.acquire.rig_operator import Decision, Operator
+from isorig.rig.acquire.session import acquire
 from isorig.rig.acquire.store import whole_runs
+from isorig.rig.choices import Baseline
 from isorig.rig.diagnose.many import diagnose_file
 from isorig.rig.errors import PlanError
 from isorig.rig.files.inputs import content_of
 from isorig.rig.files.output import write_json, write_text
 from isorig.rig.files.rivals import Rivals, fitted_model, read_rivals
-from isorig.rig.model.baseline import Baseline
 from isorig.rig.next.page import investigation_page, picture_of
 from isorig.rig.next.plan_file import run_names, with_runs, write_plan
 from isorig.rig.next.policy import POLICY

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -124,7 +124,7 @@ class Proposed:
 
 #: What a proposal is about: causes that the data cannot tell apart, causes of which none earned a name, whether the remainder is
 #: reproducible at all, causes that nobody has looked for yet, or a parameter's deviation.
-Kind = Literal["rivals", "undecided", "reproducible", "untested", "parameter"]
+ProposalKind = Literal["rivals", "undecided", "reproducible", "untested", "parameter"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,7 +135,7 @@ class Proposal:
     where it is another than the kind's own; `remedies` are pairs of causes that no allowed run distinguishes, and what would.
     """
 
-    kind: Kind
+    kind: ProposalKind
     runs: tuple[Proposed, ...] = ()
     chosen: Chosen | None = None
     unreached: int = 0
@@ -225,34 +225,42 @@ def propose(
     may take `budget` seconds of measuring together, their comparison `work` seconds of processor time; there are at most `most`,
     in addition to one at rest.
     """
-    found = _most_pressing(now, budget, most, Deadline(work), tell)
+    found = _most_pressing(now, _Allowed(budget, most, Deadline(work), tell))
     return replace(found, runs=(*_rest_first(now), *found.runs))
 
 
-def _most_pressing(now: Situation, budget: float, most: int, deadline: Deadline, tell: Callable[[str], None]) -> Proposal:
+class _Allowed(NamedTuple):
+    # Seconds of measuring and number of the runs, time to compare them, and who is told of its course.
+    budget: float
+    most: int
+    deadline: Deadline
+    tell: Callable[[str], None]
+
+
+def _most_pressing(now: Situation, allowed: _Allowed) -> Proposal:
     for one in now.rivals.open:
         variants = tuple(model.variant() for model in one.models)
         if len(variants) < 2:
             continue
-        if one.why == "undecided" and (again := _repetition(now, budget)) is not None:
+        if one.why == "undecided" and (again := _repetition(now, allowed.budget)) is not None:
             return Proposal(kind="reproducible", runs=(again,))
-        kind: Kind = "rivals" if one.why == "indistinguishable" else "undecided"
-        return _compared(now, kind, Question(truths=variants, rivals=variants), now.candidates(), budget, most, deadline, tell)
-    if now.rivals.verdict in UNNAMED and (again := _repetition(now, budget)) is not None:
+        kind: ProposalKind = "rivals" if one.why == "indistinguishable" else "undecided"
+        return _compared(now, kind, Question(truths=variants, rivals=variants), now.candidates(), allowed)
+    if now.rivals.verdict in UNNAMED and (again := _repetition(now, allowed.budget)) is not None:
         return Proposal(kind="reproducible", runs=(again,))
-    if now.rivals.verdict in UNNAMED and (stronger := _stronger_run(now, budget)) is not None:
+    if now.rivals.verdict in UNNAMED and (stronger := _stronger_run(now, allowed.budget)) is not None:
         return Proposal(kind="undecided", runs=(stronger,), asked=NO_CAUSE)
     question = Question(truths=_hypothetical_causes(now), rivals=(now.explains,), supposed=True)
     # At a single frequency many causes change amplitude and phase alike: a sine shows that there is a cause, not which one.
     broad = tuple(run for run in now.candidates() if run.excitation != "sine")
-    found = _compared(now, "untested", question, broad, budget, most, deadline, tell)
-    return found if found.runs else _compared(now, "untested", question, now.candidates(), budget, most, deadline, tell)
+    found = _compared(now, "untested", question, broad, allowed)
+    return found if found.runs else _compared(now, "untested", question, now.candidates(), allowed)
 
 
 def _compared(
-    now: Situation, kind: Kind, question: Question, runs: Sequence[CandidateRun], budget: float, most: int, deadline: Deadline,
-    tell: Callable[[str], None],
-) -> Proposal:  # fmt: skip
+    now: Situation, kind: ProposalKind, question: Question, runs: Sequence[CandidateRun], allowed: _Allowed
+) -> Proposal:
+    budget, most, deadline, tell = allowed
     prospects = [now.prospect(run) for run in runs]
     # Where the time runs out those that were compared are a fair sample.
     prospects = [prospects[k] for k in np.random.default_rng(2).permutation(len(prospects))]

@@ -7,15 +7,16 @@ from typing import cast
 
 import numpy as np
 
-from isorig.analysis.proposals.menu import CandidateRun, ExcitationKind
+from isorig.analysis.excitations import PLAYED_BROAD, PlannedExcitation
+from isorig.analysis.proposals.menu import CandidateRun
 from isorig.analysis.proposals.prediction import Prospect
 from isorig.rig.acquire.drive import drive_of
 from isorig.rig.acquire.plan import RunPlan
 from isorig.rig.files.rivals import ExistingRun
 from isorig.rig.virtual.levels import HEAD_PER_GAIN, MOVE_PER_GAIN
 
-#: ExcitationKind with different realizations.
-WITH_REALIZATIONS = ("random", "multisine", "sweep", "moves")
+#: Excitations with different realizations.
+WITH_REALIZATIONS = (*PLAYED_BROAD, "moves")
 EXCITATION_WORDS = {
     "random": "random drive", "multisine": "odd multisine with omitted lines", "sine": "sine", "sweep": "sweep",
     "moves": "moves", "steps": "steps to and fro", "free": "rest", "other": "driven by other means",
@@ -42,7 +43,7 @@ def prospect(run: CandidateRun, sample_rate: float, start_time: float, scale: fl
 
 def drive_scale(taken: Sequence[ExistingRun]) -> float:
     """The recorded drive of the runs so far divided by the planned one: the median over runs with a known drive."""
-    ratios = [run.drive_rms / (run.gain * HEAD_PER_GAIN) for run in taken if run.excitation in ("random", "multisine", "sweep")]
+    ratios = [run.drive_rms / (run.gain * HEAD_PER_GAIN) for run in taken if run.excitation in PLAYED_BROAD]
     ratios += [run.drive_peak / (run.gain * MOVE_PER_GAIN) for run in taken if run.excitation == "moves"]
     return float(np.median(ratios)) if ratios else 1.0
 
@@ -60,7 +61,7 @@ def existing_runs(taken: Sequence[ExistingRun], plans: Mapping[str, RunPlan], sa
             one = candidate(plan)
         elif plan is None and known and (run.band is not None or run.excitation == "moves"):
             one = CandidateRun(
-                configuration=run.configuration, excitation=cast("ExcitationKind", run.excitation), gain=run.gain,
+                configuration=run.configuration, excitation=cast("PlannedExcitation", run.excitation), gain=run.gain,
                 seconds=run.seconds, band=run.band, period=run.period or CandidateRun.period,
             )  # fmt: skip
         else:

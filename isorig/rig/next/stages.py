@@ -7,7 +7,7 @@ from typing import Literal
 import msgspec
 
 from isorig.rig.acquire.plan import RunPlan
-from isorig.rig.model.baseline import Baseline
+from isorig.rig.choices import Baseline
 
 
 class Picture(msgspec.Struct, frozen=True, kw_only=True):

@@ -17,6 +17,7 @@ from isorig.analysis.given import callback, finite
 from isorig.analysis.model.rig_model import RigModel, given_rig
 from isorig.analysis.parameters.joint_fit import Characterization
 from isorig.analysis.views import Viewed, shows
+from isorig.rig.choices import TIME_LIMIT
 from isorig.rig.diagnose.answer import findings_of, write_answer
 from isorig.rig.errors import RigError
 from isorig.rig.files.findings import Findings
@@ -29,9 +30,6 @@ from isorig.rig.report.conclusion import Conclusion, conclude
 from isorig.rig.report.misfit import BASELINE, EXTENDED, simulated, worst_second
 from isorig.rig.report.place import marks
 from isorig.rig.report.sketch import picture
-
-#: Default time limit of a diagnosis, s; that of the command.
-LIMIT = 300.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +68,7 @@ class Answer(Diagnosis, Viewed):
 
 
 def diagnose(
-    campaign: Measured, model: RigModel | None = None, *, tolerance: float = 0.0, seconds: float | None = LIMIT,
+    campaign: Measured, model: RigModel | None = None, *, tolerance: float = 0.0, seconds: float | None = TIME_LIMIT,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Answer:  # fmt: skip
     """Fit the baseline, show its misfit, and identify the cause.

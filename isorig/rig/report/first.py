@@ -8,7 +8,7 @@ import numpy as np
 
 from isorig.analysis.campaign import Campaign, Run, broad
 from isorig.analysis.diagnose.misfit import Discrepancy
-from isorig.analysis.isolation.ratio import Isolated, stuck_share
+from isorig.analysis.isolation.ratio import MOSTLY_STUCK, Isolated, stuck_share
 from isorig.analysis.parameters.joint_fit import Characterization
 from isorig.analysis.wording import of_signal, state, with_article
 from isorig.rig.report.frequency import isolation_chart
@@ -25,9 +25,8 @@ WISH = "wished_isolation"
 PROMISED = 0.98
 #: Text if there is no advice.
 NOTHING = "The model can be used for rig predict, rig isolation and rig design."
-#: Share of time stuck above which a gain does not show the isolation; rms force divided by friction at which the motor mostly
-#: slides.
-STUCK, SLIDES = 0.5, 1.2
+#: rms force divided by friction at which the motor mostly slides.
+SLIDES = 1.2
 
 
 def first_screen(
@@ -162,7 +161,7 @@ def advice(campaign: Campaign, found: Characterization) -> list[str]:
 
 def _stuck(found: Characterization, run: Run, friction: float) -> str:
     share = stuck_share(found.fit.model, run)
-    if share <= STUCK:
+    if share <= MOSTLY_STUCK:
         return ""
     force = found.fit.model.drive.factor * float(np.std(run.read(found.fit.model.drive.channel)))
     band = "" if run.band is None else f" from {run.band[0]:g} to {run.band[1]:g} Hz"

@@ -9,6 +9,7 @@ import numpy as np
 
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.errors import DataError
+from isorig.analysis.isolation.ratio import MOSTLY_STUCK
 from isorig.rig.acquire.run_check import incoherences
 from isorig.rig.frf.transfer import Transfer, transfer_functions
 from isorig.rig.report.charts import SERIES, Chart, ChartTrace, Panel, Role, Style, spread_over, unjoined
@@ -142,7 +143,7 @@ def isolation_chart(found: Compared) -> Chart:
         x, y, spread = (values[kept] for values in (ratio.frequency, ratio.ratio, ratio.std))
         traces.append(ChartTrace(name=name, x=x, y=y, spread=spread, role=role, style=style))
     ratio = found.measured
-    stuck = np.isin(ratio.gain, [gain for gain, share in found.stuck.items() if share > 0.5])
+    stuck = np.isin(ratio.gain, [gain for gain, share in found.stuck.items() if share > MOSTLY_STUCK])
     if stuck.any():
         ends = ratio.frequency[stuck][[0, -1]]
         traces.append(ChartTrace(name="motor mostly stuck", x=ends, y=np.ones(2), role="noise", style="dot"))

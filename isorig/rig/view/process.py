@@ -21,7 +21,7 @@ import msgspec
 from isorig.rig.acquire.display_thread import DisplayThread
 from isorig.rig.acquire.live import EquationsReport
 from isorig.rig.acquire.plan import Plan
-from isorig.rig.acquire.session import Decision, Operator, decoupled_operator
+from isorig.rig.acquire.rig_operator import Decision, Operator, decoupled_operator
 from isorig.rig.acquire.terminal import Terminal, answer_line
 from isorig.rig.errors import OutputError
 from isorig.rig.process import python

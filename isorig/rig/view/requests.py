@@ -14,7 +14,7 @@ import msgspec
 
 from isorig.rig.acquire.live import EquationsReport, LiveState
 from isorig.rig.acquire.notes import MOST, add_note, notes_in, separate_notes
-from isorig.rig.acquire.session import Decision, MeasuredRun, Operator
+from isorig.rig.acquire.rig_operator import Decision, MeasuredRun, Operator
 from isorig.rig.errors import OutputError
 from isorig.rig.view.messages import Judgement, PageRequest, Planned, RequestKind, SessionState
 

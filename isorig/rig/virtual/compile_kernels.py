@@ -5,13 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from isorig.analysis.equations.slip import slip_operator
-from isorig.analysis.laws import Dahl, ElastoSlip
+from isorig.analysis.laws import BoucWen, Dahl, ElastoSlip, LuGre
 from isorig.analysis.simulate.batch import scan
 from isorig.analysis.simulate.sampling import Excitation
 from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 
 #: Laws with a kernel for their force along a recorded motion.
-ALONG_MOTIONS = (Dahl(friction_force=1.0, bristle_stiffness=1.0), ElastoSlip(slip_force=1.0, spring_stiffness=1.0))
+ALONG_MOTIONS = (
+    BoucWen(friction_force=1.0, initial_stiffness=1.0), Dahl(friction_force=1.0, bristle_stiffness=1.0),
+    ElastoSlip(slip_force=1.0, spring_stiffness=1.0),
+    LuGre(friction_force=1.0, static_force=1.0, bristle_stiffness=1.0, stribeck_velocity=1.0),
+)  # fmt: skip
 
 
 def main() -> None:

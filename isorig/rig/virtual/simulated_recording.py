@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, FloatArray, Quantity, Run
+from isorig.analysis.excitations import SyntheticExcitation
 from isorig.analysis.model.rig_model import Drive, RigModel
 from isorig.analysis.simulate import Change, excitation, trace
 from isorig.analysis.simulate.free_run import excitation_of
@@ -49,7 +49,7 @@ class SyntheticDrive:
         Duration in s, rate in Hz, random seed, and configuration of the rig.
     """
 
-    excitation: Literal["random", "multisine", "sweep", "half-sine", "hits", "moves", "free"]
+    excitation: SyntheticExcitation
     level: float | None
     band: tuple[float, float] | None
     seconds: float

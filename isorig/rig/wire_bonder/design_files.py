@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -45,8 +46,13 @@ def write_design(folder: Path, plan: DesignPlan, values: RigValues, found: Desig
     save(isolation_figure({name: case.ratio for name, case in found.cases.items()}, {}), folder / "ratio.png")
     if found.offsets:
         save(offset_figure(found), folder / "offset.png")
+    write_json(folder / "design.json", _content(plan, values, found))
+    return [*_bond_sentences(plan, found), *values.remarks, *_offset_sentences(found)]
+
+
+def _content(plan: DesignPlan, values: RigValues, found: Designed) -> dict[str, Any]:
     bond = plan.bond
-    content = {
+    return {
         "format": "rig-design", "format_version": 1, "limit_m": plan.limit, "safety_factor": plan.safety,
         "present_frequency_hz": found.present,
         "studies": {
@@ -67,22 +73,25 @@ def write_design(folder: Path, plan: DesignPlan, values: RigValues, found: Desig
             for o, d in found.offsets.items()
         ],
     }  # fmt: skip
-    write_json(folder / "design.json", content)
-    said = []
+
+
+def _bond_sentences(plan: DesignPlan, found: Designed) -> Iterator[str]:
+    bond = plan.bond
     for name, case in found.cases.items():
         response = case.bond["unlocked"]
         still = "does not settle" if np.isnan(response.settling) else f"settles {1e3 * response.settling:.0f} ms after the move"
-        said.append(
+        yield (
             f"{name}: in a move of {1e3 * bond.distance:g} mm in {1e3 * bond.seconds:g} ms the heatblock moves "
             f"{1e6 * response.largest:.2g} µm relative to the table (allowed ±{1e6 * bond.tolerance:g} µm) and {still}"
         )
-    said += values.remarks
+
+
+def _offset_sentences(found: Designed) -> Iterator[str]:
     for offset, seen in found.offsets.items():
-        said.append(
+        yield (
             f"drive offset {1e3 * offset:g} mm: the motor rocks by {1e3 * seen.rocking:.3g} mrad, the ratio from "
             f"{ISOLATED[0]:g} to {ISOLATED[1]:g} Hz is at worst {seen.worst:.3g} times that without offset"
         )
-    return said
 
 
 def _plain(name: str) -> str:

@@ -27,13 +27,14 @@ from isorig.analysis.isolation.ratio import (
 from isorig.analysis.spectra.gain_levels import by_level, changes
 from isorig.analysis.spectra.quality import Fault, fault_sentences, faults, without
 from isorig.analysis.wording import by_factor, with_std
+from isorig.rig.choices import Method
 from isorig.rig.errors import PlanError, RecordingError
 from isorig.rig.files.output import write_csv, write_json
 from isorig.rig.files.rigfile import read_model
 from isorig.rig.model.baseline import baseline_model
 from isorig.rig.model.prediction import Model, measured_and_simulated
 from isorig.rig.wire_bonder.four_set_ups import evaluated_set_ups, rig_of_set_ups
-from isorig.rig.wire_bonder.parameters import CALLED, Method, read_rig_values
+from isorig.rig.wire_bonder.parameters import CALLED, read_rig_values
 from isorig.rig.wire_bonder.peak_offset import PeakOffset, peak_offset
 
 

@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
 from isorig.analysis.model.rig_model import RigModel
+from isorig.rig.choices import Method
 from isorig.rig.errors import PlanError
 from isorig.rig.files.parameter_table import Level, ParameterFile, read_parameters
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 
-Method = Literal["joint", "half-power"]
 #: Name of a method in plots and sentences.
 CALLED: Mapping[Method, str] = {"joint": "joint fit", "half-power": "half-power"}
 

@@ -20,7 +20,7 @@ from isorig.analysis.model.parameter_units import rotational, unit_of
 from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel, Sensor
 from isorig.analysis.simulate import Excitation, trace
 
-RATE, SECONDS = 2048.0, 2.0
+RATE, SECONDS = 2048.0, 1.5
 STIFFNESS, DAMPING = 600.0, 3.0
 LINK = LinkConstants(stiffness=STIFFNESS, damping=DAMPING)
 PAGE = (Path(__file__).parents[3] / "docs" / "friction.md").read_text(encoding="utf-8")

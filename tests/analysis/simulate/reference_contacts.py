@@ -34,6 +34,7 @@ class Located:
     breakaway: np.ndarray
     changes: int = 0
     steps: dict = field(default_factory=dict)
+    kept: dict = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.n, self.k = len(self.mass), len(self.rows)
@@ -84,16 +85,18 @@ class Located:
         bearing = self.inverse @ (self.loose(y) - self.rows.T @ (s * self.sliding))
         w = self.rows[held]
         a, b = w @ self.inverse @ w.T, w @ bearing
-        if np.linalg.matrix_rank(a, tol=1e-9 * np.abs(a).max()) == len(held):
+        scale = np.abs(a).max()
+        if tuple(held) not in self.kept:
+            # Rows that depend on others are left out of the equations.
+            _, sizes, right = np.linalg.svd(a / scale)
+            self.kept[tuple(held)] = right[sizes > 1e-9]
+        kept = self.kept[tuple(held)]
+        if len(kept) == len(held):
             v[held] = 1.0 - np.abs(np.linalg.solve(a, b)) / self.breakaway[held]
             return v
         # Shares are open: the least load, as a share of breakaway, that they can hold with.
-        scale = np.abs(a).max()
         force = self.breakaway[held]
         upper = np.column_stack([np.vstack([np.eye(len(held)), -np.eye(len(held))]), -np.tile(force, 2)])
-        # Rows that depend on others are left out of the equations.
-        _, sizes, right = np.linalg.svd(a / scale)
-        kept = right[sizes > 1e-9]
         found = linprog(
             np.append(np.zeros(len(held)), 1.0), A_ub=upper, b_ub=np.zeros(2 * len(held)),
             A_eq=np.column_stack([kept @ a / scale, np.zeros(len(kept))]), b_eq=kept @ b / scale, bounds=(None, None),
@@ -113,6 +116,7 @@ class Located:
         last = self.margins(s, end)
         tiny = np.where(s == 0, 1e-9, REST * self.fastest)
         best, which = t, -1
+        inner = [self.margins(s, self.moved(s, y, t * q / 4)) for q in (1, 2, 3)]
         for i in range(self.k):
             if begin[i] < -tiny[i]:
                 return (*self.instant(y, 0.0, h, s, i),)
@@ -124,7 +128,7 @@ class Located:
             high = t
             if last[i] >= 0.0:
                 # There and back within: the lowest of some points, where it is near enough.
-                middle = [self.margins(s, self.moved(s, y, t * q / 4))[i] for q in (1, 2, 3)]
+                middle = [margins[i] for margins in inner]
                 at = int(np.argmin(middle))
                 if middle[at] > 0.5 * min(begin[i], last[i]) or begin[i] <= tiny[i]:
                     continue

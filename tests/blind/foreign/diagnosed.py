@@ -29,7 +29,7 @@ from study_table import append
 from isorig.analysis.deadline import Deadline
 from isorig.analysis.diagnose.diagnosis import Diagnosis, diagnose
 from isorig.analysis.diagnose.kinds import kind_of
-from isorig.rig.commands.diagnose import LIMIT
+from isorig.rig.choices import TIME_LIMIT
 from isorig.rig.files.recording import read
 from isorig.rig.model.baseline import baseline_model
 
@@ -106,7 +106,7 @@ def diagnosed(recording: Path, answer: Path, *, say: bool = False) -> Line:
         if say:
             print(f"{time.process_time() - began:6.1f} s  {text}", flush=True)
 
-    with Deadline(LIMIT):
+    with Deadline(TIME_LIMIT):
         found = diagnose(campaign, baseline_model(campaign), progress=progress)
     seconds = time.process_time() - began
     truth = json.loads(answer.read_text())

@@ -22,7 +22,7 @@ from isorig.rig.acquire import session
 from isorig.rig.acquire.live import LiveState
 from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.plan import plan_of as plan_of_tree
-from isorig.rig.acquire.session import MeasuredRun, Operator
+from isorig.rig.acquire.rig_operator import MeasuredRun, Operator
 from isorig.rig.acquire.waits import SessionWaits
 
 CHANNELS = ("head", "motor", "table", "heatblock")

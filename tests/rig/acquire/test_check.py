@@ -11,10 +11,11 @@ import pytest
 from numpy.typing import NDArray
 
 from isorig.analysis.campaign import Channel, Run
+from isorig.analysis.spectra.overload import LONGEST
 from isorig.analysis.spectra.periodic import Detection
 from isorig.rig.acquire.pace import ClockDrift
 from isorig.rig.acquire.recover import Recovered
-from isorig.rig.acquire.run_check import PART, _distortion, check_run, least_sliding
+from isorig.rig.acquire.run_check import _distortion, check_run, least_sliding
 from isorig.rig.wire_bonder.description import wire_bonder
 
 
@@ -31,14 +32,14 @@ class Counted:
 
 
 def test_a_long_run_is_checked_in_parts() -> None:
-    generator, n = np.random.default_rng(1), 2 * PART + 12345
+    generator, n = np.random.default_rng(1), 2 * LONGEST + 12345
     head = generator.normal(3.0, 1.0, n)
     # What each part differs by from the next counts, too.
-    drift = np.repeat([0.0, 5.0, -2.0], PART)[:n]
+    drift = np.repeat([0.0, 5.0, -2.0], LONGEST)[:n]
     values = {"head": head, "motor": head + drift, "table": head + drift + generator.normal(0.0, 0.1, n)}
     values["heatblock"] = 1e-5 * head
-    values["gain"] = np.where(np.arange(n) == PART + 7, 69.0, 70.0)
-    values["motor"][[3, PART + 4, n - 1]] = 20.0
+    values["gain"] = np.where(np.arange(n) == LONGEST + 7, 69.0, 70.0)
+    values["motor"][[3, LONGEST + 4, n - 1]] = 20.0
     samples = {name: Counted(each) for name, each in values.items()}
     run = Run(
         id="a", configuration="unlocked", sample_rate=51200.0, gain=70.0, excitation="random", band=(10.0, 5000.0),
@@ -58,7 +59,7 @@ def test_a_long_run_is_checked_in_parts() -> None:
     assert "motor clipped 3 times" in told
     assert f"heatblock hardly moves ({values['heatblock'].std():.2g} m/s^2 rms)" in told
     assert "The gain changed from 69 to 70 during the run" in told
-    assert max(each.longest for each in samples.values()) <= PART
+    assert max(each.longest for each in samples.values()) <= LONGEST
 
 
 def recovered(values: dict[str, NDArray[Any]], *, gain: float = 7.0, **more: Any) -> Recovered:

@@ -72,7 +72,7 @@ def test_a_long_run_needs_a_fraction_of_its_samples_in_memory(tmp_path: Path) ->
         tracemalloc.start()
         try:
             (run,) = planned.runs
-            measure_run(stream, file, planned, run, 0, Watcher().operator.watch, Remarks(RATE))
+            measure_run(stream, file, planned, run, 0, Watcher().operator, Remarks(RATE))
         finally:
             tracemalloc.stop()
     # The samples are 197 MB. The queue, what the writer took from it, a copy of that, and what the display sums up in a quarter

@@ -34,19 +34,19 @@ def limited(folder: Path, stroke: float) -> Path:
 
 def reached(plan: Path) -> float:
     """Largest deflection of the isolation in any run of a plan, with either of the two causes."""
-    strokes = []
+    strokes, rate = [], read_plan(plan).instrument.sample_rate
     for run in read_plan(plan).runs:
         if not run.played:
             continue
-        drive = drive_of(run, 0, 1024.0)
-        excitation = Excitation.prepare(run.gain * drive[0 : len(drive)], 1024.0, oversample=4)
+        drive = drive_of(run, 0, rate)
+        excitation = Excitation.prepare(run.gain * drive[0 : len(drive)], rate, oversample=4)
         models = [each.variant().model for each in (hardening(), end_stop())]
         strokes.append(simulated_peaks(models, excitation, run.configuration, 100.0).stroke["isolation"])
     return max(strokes, default=0.0)
 
 
 def test_a_plan_that_distinguishes_two_springs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder, plan = written(tmp_path / "diagnosis", rivals(two_springs())), tmp_path / "next.toml"
+    folder, plan = written(tmp_path / "diagnosis", rivals(two_springs(), sample_rate=512.0)), tmp_path / "next.toml"
     assert main(["next", str(folder), "-o", str(plan), "--limits", str(limited(tmp_path, 0.008))]) == 0
     said = capsys.readouterr().out
     assert "Which of the indistinguishable causes is the true one?" in said
@@ -72,7 +72,7 @@ def test_a_plan_that_distinguishes_two_springs(tmp_path: Path, capsys: pytest.Ca
 
 def test_no_allowed_run_distinguishes_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Where the stop is out of reach, that is the answer, with the stroke that would part them; nothing exceeds the limit."""
-    folder, plan = written(tmp_path / "diagnosis", rivals(two_springs())), tmp_path / "next.toml"
+    folder, plan = written(tmp_path / "diagnosis", rivals(two_springs(), sample_rate=512.0)), tmp_path / "next.toml"
     assert main(["next", str(folder), "-o", str(plan), "--limits", str(limited(tmp_path, 0.001))]) == 0
     said = capsys.readouterr().out
     assert "No allowed run distinguishes end stop at isolation from hardening stiffness at isolation" in said
@@ -83,7 +83,7 @@ def test_no_allowed_run_distinguishes_them(tmp_path: Path, capsys: pytest.Captur
 
 def test_same_equations_are_said_to_be_inseparable(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     twins = OpenSet(why="indistinguishable", models=[hardening()], twins=[("wrong_mass", "head")])
-    folder = written(tmp_path / "diagnosis", rivals(twins))
+    folder = written(tmp_path / "diagnosis", rivals(twins, sample_rate=512.0))
     limits = tmp_path / "limits.toml"
     limits.write_text("gains = [0.0, 35.0]\nband = [2.0, 8.0]\n")
     assert main(["next", str(folder), "-o", str(tmp_path / "next.toml"), "--limits", str(limits), "--seconds", "5"]) == 0

@@ -18,7 +18,8 @@ from pages import until
 
 from isorig.rig.acquire.notes import Note, add_note, notes_in, reopen_notes, separate_notes, settle_notes
 from isorig.rig.acquire.plan import Plan
-from isorig.rig.acquire.session import Operator, acquire
+from isorig.rig.acquire.rig_operator import Operator
+from isorig.rig.acquire.session import acquire
 from isorig.rig.acquire.terminal import Terminal
 from isorig.rig.files.recording import read
 from isorig.rig.view.messages import PageRequest, SessionState, planned_by

@@ -1,0 +1,72 @@
+"""The person at the rig as a session sees it: asked before each run, told of its course and its result."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from isorig.rig.acquire.display_thread import DisplayThread
+from isorig.rig.acquire.live import LiveState
+from isorig.rig.acquire.pace import ClockDrift
+from isorig.rig.acquire.recorder import Tally
+from isorig.rig.acquire.run_check import Verdict
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredRun:
+    """A measured run: its sample counts, its post-run check, and the drift of its clock."""
+
+    id: str
+    tally: Tally
+    verdict: Verdict
+    drift: ClockDrift | None = None
+
+
+#: Decision on the next run: measure it, skip it, or end the session before it.
+Decision = Literal["take", "skip", "end"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Operator:
+    """The person at the rig, or a substitute.
+
+    Parameters
+    ----------
+    lock
+        Asks to bring the rig into a configuration; returns when it is done.
+    watch
+        Receives the live state of a run.
+    taken
+        Receives each measured run.
+    decide
+        Asked before each run, by its name, for the decision.
+    stopped
+        Polled during a run; True ends the run, which then counts as incomplete.
+    answered
+        Polled during a run; True ends the run, which then counts as complete.
+    """
+
+    lock: Callable[[str], None]
+    watch: Callable[[LiveState], None]
+    taken: Callable[[MeasuredRun], None]
+    decide: Callable[[str], Decision] = lambda name: "take"
+    stopped: Callable[[], bool] = lambda: False
+    answered: Callable[[], bool] = lambda: False
+
+
+def decoupled_operator(operator: Operator, display: DisplayThread) -> Operator:
+    """The same operator, called from another thread, with all calls completed before a question is asked."""
+
+    def lock(configuration: str) -> None:
+        display.settle()
+        operator.lock(configuration)
+
+    def decide(name: str) -> Decision:
+        display.settle()
+        return operator.decide(name)
+
+    return replace(
+        operator, lock=lock, decide=decide, watch=lambda live: display.latest(lambda: operator.watch(live)),
+        taken=lambda item: display.each(lambda: operator.taken(item)),
+    )  # fmt: skip
