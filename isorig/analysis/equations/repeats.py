@@ -51,7 +51,11 @@ def pitch_of(sliding: Sliding, base: SlidingFit, columns: Columns) -> float | No
 
     whole = np.zeros(CELLS)
     whole[there] = weights * (mean - weights @ mean)
-    most = MOST_INTEGRATED if sliding.integrated else MOST
+    # Samples show no force that repeats more often than every second one, not even those of the slowest run.
+    slowest = min(float(np.std(run.velocity)) for run in sliding.runs)
+    most = min(MOST_INTEGRATED if sliding.integrated else MOST, (high - low) * 0.5 * sliding.rate / max(slowest, 1e-300))
+    if most <= FEWEST:
+        return None
     spectrum = np.abs(np.fft.rfft(whole, STEPS * CELLS)[: round(STEPS * most)])
     spectrum[: round(STEPS * FEWEST)] = 0.0
     best = float(np.argmax(spectrum)) / STEPS

@@ -424,8 +424,8 @@ class Equations:
     def grows_below(self, element: Element, frequency: float) -> bool:
         """Whether an element's integrated deflection is mostly error below this frequency in Hz.
 
-        It is where in every run the octave below has more than `NOISY` of the rms motion, and `STEEP` times what the octave above
-        has: errors of an acceleration are divided by the square of the frequency, and a driven motion is not.
+        It is where, in the median over runs, the octave below has more than `NOISY` of the rms motion, and `STEEP` times what the
+        octave above has: errors of an acceleration are divided by the square of the frequency, and a driven motion is not.
         """
         shares = []
         for signals in self.signals:
@@ -434,7 +434,7 @@ class Equations:
             )
             here, above, below = parts
             shares.append((max(below - here, 0.0) / max(here, 1e-300), max(here - above, 0.0) / max(here, 1e-300)))
-        below, above = np.sqrt(min(shares))
+        below, above = np.sqrt(np.median(shares, axis=0))
         return bool(below > NOISY and below > STEEP * above)
 
     def noise_share(self, element: Element, low: float) -> float:

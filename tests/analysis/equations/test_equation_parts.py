@@ -316,18 +316,22 @@ def test_the_loud_start_of_a_decay_counts(decay: float, free: bool, loud: bool) 
     assert power[0] > 10.0 * power[1] or not loud
 
 
-@pytest.mark.parametrize("teeth", [3.0, 90.0, 700.5, 1800.0])
-def test_a_pitch_is_found_over_the_range_of_the_motion(teeth: float, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("teeth", "speed", "shown"),
+    # At 200 samples per second, a range of 4 m, and 0.5 m/s, the samples show up to 800 periods.
+    [(3.0, 0.2, True), (90.0, 0.2, True), (700.5, 0.2, True), (1800.0, 0.2, True), (790.0, 0.5, True), (810.0, 0.5, False)],
+)
+def test_a_pitch_is_found_over_the_range_of_the_motion(
+    teeth: float, speed: float, shown: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     draw = np.random.default_rng(4)
     d = draw.uniform(-1.0, 3.0, 20000)
     left = np.sin(2.0 * np.pi * teeth * d / 4.0 + 0.7) + draw.normal(0.0, 1.0, len(d))
     monkeypatch.setattr(repeats, "_residual", lambda *given: (d, left))
-    found = pitch_of(
-        cast(Sliding, SimpleNamespace(range=(-1.0, 3.0), integrated=teeth < MOST_INTEGRATED)),
-        cast(SlidingFit, None),
-        cast(Columns, None),
-    )
-    assert found == pytest.approx(4.0 / teeth, rel=1e-2 / teeth + 1e-4)
+    runs = [SimpleNamespace(velocity=speed * sign * np.array([1.0, -1.0])) for sign in (1.0, 3.0)]
+    sliding = SimpleNamespace(range=(-1.0, 3.0), integrated=teeth < MOST_INTEGRATED, rate=200.0, runs=runs)
+    found = pitch_of(cast(Sliding, sliding), cast(SlidingFit, None), cast(Columns, None))
+    assert (found == pytest.approx(4.0 / teeth, rel=1e-2 / teeth + 1e-4)) is shown
 
 
 def test_a_wandering_zero_does_not_hide_the_curve_of_a_joint() -> None:

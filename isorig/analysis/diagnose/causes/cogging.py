@@ -46,10 +46,16 @@ class Cogging(LinkCause):
                 yield link.having(Periodic(periodic_force=SHARE * _scale(link), pitch=pitch, phase=phase))
 
     def proposed(self, model: RigModel, evidence: Evidence, place: str) -> Iterator[Candidate]:
-        """As for every law, with the pitch near the one from the equations; see `WITHIN`."""
+        """As for every law, with the pitch near the one from the equations; see `WITHIN`.
+
+        The force is bounded where the lighter body would vibrate in it at half the sample rate: no record shows more, and
+        simulations would take very short steps.
+        """
         pitch = evidence.pitches.get(place, np.inf)
+        steepest = model.constants_of(model.link(place)).mass * (np.pi * evidence.sample_rate) ** 2
         for candidate in super().proposed(model, evidence, place):
             force, period, phase = candidate.free
+            force = replace(force, high=min(force.high, max(steepest * pitch / (2.0 * np.pi), 2.0 * force.low)))
             yield replace(candidate, free=(force, replace(period, low=pitch / WITHIN, high=pitch * WITHIN), phase))
 
     def free(self, link: LinkInRuns) -> Iterable[Free]:
