@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from strange_rigs import Law, StrangeRig, campaign, cubic, dry, play
 
-from isorig.analysis.campaign import MOTION, ROTARY, Campaign, Quantity
+from isorig.analysis.campaign import MOTION, ROTARY, Campaign, Gap, Quantity
 from isorig.analysis.fitting.linear_spectra import LinearRig, dampers, given_parameters, spectra_of, spectrum_of
 from isorig.analysis.fitting.plausible import Doubt, _held_back, doubts_of_records
 from isorig.analysis.fitting.resonances import Resonance, _peak
@@ -335,6 +335,11 @@ def test_friction_as_a_damper() -> None:
     v = rig.motion(spectrum.omega, dataclasses.replace(values, friction=found))[0, 0, 0] * 1j * spectrum.omega
     speed, damper = np.sqrt(np.sum(np.abs(v) ** 2 * spectrum.drives[0, 0].real) * spectrum.square), found[0, 0]
     assert damper * speed**2 == pytest.approx(3.0 * np.sqrt(2.0 / np.pi) * speed, rel=0.02)
+
+
+def test_a_run_that_begins_with_a_gap_has_no_spectrum() -> None:
+    run = dataclasses.replace(recorded("one").runs[0], gaps=(Gap(first_tick=0, count=3),))
+    assert spectrum_of(from_tree(to_tree(ONE.description())), run, {}) is None
 
 
 def test_pairs_of_units() -> None:

@@ -81,7 +81,7 @@ def spectra_of(model: RigModel, campaign: Campaign) -> tuple[Spectrum, ...]:
 
 
 def spectrum_of(model: RigModel, run: Run, noise: Mapping[str, float]) -> Spectrum | None:
-    """Spectra of a run up to its first gap; None if it has no driven frequency.
+    """Spectra of a run up to its first gap; None if it begins with one, or has no driven frequency.
 
     Parameters
     ----------
@@ -93,6 +93,8 @@ def spectrum_of(model: RigModel, run: Run, noise: Mapping[str, float]) -> Spectr
         Standard deviation of the channels' sensor noise.
     """
     samples = min((gap.first_tick for gap in run.gaps), default=len(run))
+    if samples == 0:
+        return None
     frequency = np.fft.rfftfreq(samples, 1.0 / run.sample_rate)
     low, high = run.band or (0.0, 0.5 * run.sample_rate)
     first = int(np.searchsorted(frequency, max(low, 3.0 * run.sample_rate / samples), side="right"))
