@@ -340,11 +340,15 @@ def next_step(job: Job) -> Found | None:
 
 
 def _with_variants(job: Job, forms: list[Entry]) -> list[Entry]:
-    # The forms, the best one in its best variant if it is not adequate.
-    if forms and not adequate(forms[0].score, job.floors):
-        with suppress(OutOfTimeError):
-            return best_fits([*forms, *job.finished(job.entries(_variants(job, forms[0])))], job.floors)
-    return forms
+    # The forms, the best one and those that come close to it in their best variants if it is not adequate.
+    if not forms or adequate(forms[0].score, job.floors):
+        return forms
+    found = list(forms)
+    with suppress(OutOfTimeError):
+        for form in forms:
+            if ratio(form.score.error, forms[0].score.error, job.floors) < POLICY.form_close:
+                found += job.finished(job.entries(_variants(job, form)))
+    return best_fits(found, job.floors)
 
 
 def _variants(job: Job, entry: Entry) -> Running:
