@@ -167,9 +167,9 @@ class Suspects:
         """Whether the best explanation repairs a broken equation in which no motion is estimated."""
         before, after = self.ranking.residuals, self.chosen[0].residuals
         return any(
-            before[one.name] >= BROKEN and after[one.name] <= REPAIRED * before[one.name] and self.equations.exact(one)
+            before[one.name] >= BROKEN and after[one.name] <= REPAIRED * before[one.name]
             for one in self.equations.balances
-            if one.name in before
+            if one.name in before and one.name not in self.equations.with_estimates
         )
 
     def blamed(self, cause: str, place: str) -> bool:

@@ -233,8 +233,8 @@ def _connected(model: RigModel, bodies: Sequence[str]) -> bool:
         left -= grown
 
 
-def _measured(balance: Balance, combos: Combinations) -> bool:
-    # Whether none of its motions is estimated.
+def is_measured(balance: Balance, combos: Combinations) -> bool:
+    """Whether all motions in an equation are measured, and none is estimated."""
     channels = {channel for part, _ in balance.crossing for channel in combos.of(part.weights, 0) or {}}
     estimates = {estimate_of(body) for body in combos.estimated}
     return not set(balance.bodies) & set(combos.estimated) and not channels & estimates
@@ -249,7 +249,7 @@ def _chosen(
 
     chosen: list[Balance] = []
     # What is measured throughout tells more than a shorter equation with an estimate.
-    measured = [b for b in found if _measured(b, combos)] if combos.estimated else []
+    measured = [b for b in found if is_measured(b, combos)] if combos.estimated else []
     for group in (found, measured):
         for part in parts:
             best = min((b for b in group if b.contains(part)), key=size, default=None)

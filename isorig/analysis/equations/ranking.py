@@ -144,8 +144,7 @@ class Regressions:
         worst = max(on.residuals().values(), default=0.0)
         self.least = HOLDS if worst >= HOLDS else HINTS  # residual from which an equation is explained
         # What breaks an equation of measured motions is in it; an error of the model anywhere breaks those of estimated ones.
-        estimated = {balance.name for balance in on.balances if not on.exact(balance)}
-        measured = {name: value for name, value in on.residuals().items() if name not in estimated}
+        measured = {name: value for name, value in on.residuals().items() if name not in on.with_estimates}
         self._counted = measured if max(measured.values(), default=0.0) >= HOLDS else on.residuals()
         self._balances = [balance for balance in on.balances if balance.name in self._counted]
         self._prepared = {name: item for name, item in on.prepared.items() if name in self._counted}

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from isorig.analysis.campaign import BROAD, Campaign, ComplexArray, FloatArray, IntArray, Run
-from isorig.analysis.equations.balances import Balance, Element, Lock, balances, elements, locks
+from isorig.analysis.equations.balances import Balance, Element, Lock, balances, elements, is_measured, locks
 from isorig.analysis.equations.columns import Course, Shape, direction_of
 from isorig.analysis.equations.hidden import adjacent, estimable, estimated, fitted, transfer
 from isorig.analysis.equations.known import law_columns, law_forces, law_of, true_records
@@ -183,8 +184,7 @@ class Equations:
                     correction[:, k, spectra.index[channel, -1]] += integral * gain[:, i]
         hidden = {estimate_of(body) for body in self.hidden}
         kept = [k for k, (name, _) in enumerate(spectra.names) if name not in hidden]
-        exact = {balance.name for balance in self.balances if self.exact(balance)}  # the others depend on the values
-        estimates = [item for name, item in self.prepared.items() if name not in exact]
+        estimates = [item for name, item in self.prepared.items() if name in self.with_estimates]
         solved = (item.solve(correction=correction[:, :, kept], kept=kept, every=every) for item in estimates)
         return float(sum(np.log(max(each.residual, 0.1)) for each in solved))
 
@@ -289,10 +289,10 @@ class Equations:
                     row[name] = row.get(name, 0.0) + self.model.body(body).mass * weight
         return row
 
-    def exact(self, balance: Balance) -> bool:
-        """Whether all motions in an equation are measured, and none is estimated."""
-        estimates = {estimate_of(body) for body in self.hidden}
-        return all(channel not in estimates for row in self.rows(balance)[0] for channel, _ in row)
+    @cached_property
+    def with_estimates(self) -> frozenset[str]:
+        """The names of the equations in which a motion is estimated."""
+        return frozenset(balance.name for balance in self.balances if not is_measured(balance, self.combos))
 
     def unknown_masses(self, balance: Balance) -> tuple[str, ...]:
         """The masses of a balance that are solved for: the free ones, unless nothing else sets the scale."""

@@ -56,7 +56,9 @@ def blaming(
     ranking = Ranking(residuals={"table": worst}, explanations=explanations)
     elements = [(SimpleNamespace(name=name), 1.0) for name in crossing]
     balances = [SimpleNamespace(name=name, crossing=elements) for name in ("table", "load")]
-    equations = SimpleNamespace(balances=balances, exact=lambda balance: exact, unscaled=frozenset({"load"}))
+    equations = SimpleNamespace(
+        balances=balances, with_estimates=frozenset(() if exact else ("table", "load")), unscaled=frozenset({"load"})
+    )
     return Suspects(ranking=ranking, chosen=explanations, places={}, equations=cast(Equations, equations))
 
 
