@@ -294,7 +294,7 @@ def mti_stream(draw: random.Random) -> tuple[str, Callable[[], str]]:
             "short",
         ]
     )  # fmt: skip
-    at, length, step = draw.randrange(40, 400), draw.randrange(1, 30), draw.choice([1, 5, 100, 3000, 40000])
+    at, length, step = draw.randrange(40, 900), draw.randrange(1, 30), draw.choice([1, 5, 100, 3000, 40000])
     other = random.Random(draw.random())
     waiting: list[bytes] = []
 
@@ -344,7 +344,7 @@ def mti(far: SlcanFar) -> str:
         try:
             instrument.prepare(sample_rate=400.0, channels=[0])
             instrument.start()
-            blocks = read(instrument, 690)
+            blocks = read(instrument, 1190)
             instrument.stop()
             blocks += read(instrument, 10**9, 0.1)
             noticed = list(instrument.noticed)

@@ -577,7 +577,7 @@ def test_no_scan_is_ever_put_together_from_two(seed: int, inputs: int, lost: boo
         data[place : place + lost * size] = b"" if lost else draw.integers(0, 256, size, np.uint8).tobytes()
     alignment, found, at = Alignment(inputs, 12, "here"), [], 0
     while at < len(data):
-        step = int(2.0 ** draw.uniform(0.0, 13.0))
+        step = int(draw.integers(1, 400))
         found += alignment.feed(bytes(data[at : at + step]), 0.0)
         at += step
     found += alignment.finish()

@@ -270,12 +270,12 @@ def test_a_fault_that_an_instrument_cannot_have_is_refused(make: type) -> None:
 
 
 def test_di1100_loss_is_counted_over_a_wire() -> None:
-    peer = SimulatedDataq(counts, Simulation(seconds=3.0, faults=Faults(drop=0.3, seed=9)))
+    peer = SimulatedDataq(counts, Simulation(seconds=3.0, faults=Faults(drop=0.3, seed=1)))
     with served(peer) as port:
         instrument = DataqInstrument(port, TEN)
         instrument.prepare(sample_rate=2000.0, channels=[0])
         instrument.start()
-        blocks = collect(instrument, 6000)
+        blocks = collect(instrument, 13_000)
         instrument.stop()
         instrument.close()
     gaps = [after.first_tick - before.end_tick for before, after in pairwise(blocks)]

@@ -268,17 +268,21 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
         said = [record_signs(campaign, last.fit.model, fine)]
     else:
         said = [signs(campaign, stage.fit.model, fine, each) for stage, each in zip(stages, compared, strict=False)]
-    told = found.verdict == "unexplained" and not equations.hidden and not search.cut_short
-    blamed = search.first.suspects if told and search.first is not None else None
     # Where the motion is too sensitive for any simulation, the equations still hold sample by sample.
-    points = told or search.cut_short
-    shown_by_equations = None
+    told = found.verdict == "unexplained" and not equations.hidden
+    points = found.verdict == "unexplained" and (told or search.cut_short) and not contradicted
+    shown_by_equations, blamed = None, None
     with suppress(OutOfTimeError), Deadline(max(time_left(), LEAST_RANKING)):
-        shown_by_equations = pointed(equations) if points and found.verdict == "unexplained" and not contradicted else None
+        shown_by_equations = pointed(equations) if points else None
+        blamed = search.first.suspects if told and search.first is not None else None
     if blamed is not None and blamed.clearly:
         shown_by_equations = shown_by_equations or (None if contradicted else blamed.clear)
-        text = f"Equations of motion: {blamed.clearly} No simulation with it follows the records."
-        said[0] = (*said[0], Sign(text=text))
+        followed = (
+            "The time ended before a simulation confirmed it."
+            if search.cut_short
+            else "No simulation with it follows the records."
+        )
+        said[0] = (*said[0], Sign(text=f"Equations of motion: {blamed.clearly} {followed}"))
     steps = (stage.step for stage in stages[1 : found.kept + 1])
     floor = float(np.median(search.floors([last.fit.model], found.division.judged)))
     shown = at_first(found.division.judged, first.score.error, found.quiet) if found.division.beginnings else ()
