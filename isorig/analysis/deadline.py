@@ -8,9 +8,6 @@ from math import inf
 
 from isorig.analysis.errors import OutOfTimeError
 
-#: Largest share of the time that is kept for what follows a part. Chosen: a search with less than two thirds of it finds little.
-MOST_KEPT = 1.0 / 3.0
-
 _in_force: ContextVar[Deadline | None] = ContextVar("deadline", default=None)
 
 
@@ -48,8 +45,8 @@ class Deadline:
         return self._end - time.process_time()
 
     def keep(self, seconds: float) -> None:
-        """End the time these seconds before the limit, at most `MOST_KEPT` of it: what follows takes them."""
-        self._end = self._limit - min(seconds, MOST_KEPT * (self._limit - self._start))
+        """End the time these seconds before the limit: what follows takes them."""
+        self._end = self._limit - seconds
 
     def end(self) -> None:
         """End the time now."""
