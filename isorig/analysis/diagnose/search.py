@@ -476,7 +476,7 @@ class Suspected:
         job, found = self.job, list[tuple[Candidate, Fit, Candidate, Fit]]()
         if self.found.tentative or not self.found.leaves_another(job.current, job.evidence):
             return found
-        for begun in unlike(self._firsts())[:PAIRS]:
+        for begun in unlike(_with_curve(self._started, self.found, job.current, job.evidence))[:PAIRS]:
             if any(pair[3].cost <= AGREES for pair in found) and not self.found.blamed(begun[0].cause, begun[0].location):
                 break  # only what the equations show as clearly may stand for the first cause of a pair that agrees
             starts, then = self._after(begun)
@@ -512,13 +512,6 @@ class Suspected:
                     named.append(keys)
                     found.append((first[0], alone, candidate, both))
         return sorted(found, key=lambda pair: pair[3].cost)[:FINALISTS]
-
-    def _firsts(self) -> Starts:
-        # Starting points of the first cause of a pair: forms, one of which alone follows the data in good part, or else a curve.
-        follow = [candidate for candidate, alone in self.forms if alone.cost < (1.0 - POLICY.explained) * self.job.bare]
-        if any(self.found.score_of(c.cause, c.location) == self.found.chosen[0].score for c in follow):
-            return self._started
-        return _with_curve(self._started, self.found, self.job.current, self.job.evidence)
 
     def _back(self, others: Starts, begun: Start) -> list[tuple[Start, Start]]:
         # The first cause started again with each of these in place, and which one that is.
@@ -895,7 +888,7 @@ def _together(
             decisive = left <= POLICY.rest * alone_at_best and job.explains(entry)
             stands = adequate(entry.score, floors)
             # Two causes that leave more than one does are not both there.
-            if stands or decisive or (job.nearly(entry) and left < alone_at_best):
+            if stands or (single and decisive) or (job.nearly(entry) and left < alone_at_best):
                 done.append((first, alone, entry, stands))
     if not done:
         return None

@@ -296,10 +296,10 @@ def test_every_cause_of_the_catalogue_is_supposed() -> None:
     peaks = largest_of([simulated_peaks([model], Excitation.prepare(drive, 1024.0, oversample=2), "unlocked", 0.0)])
     causes = {found.cause for found in hypotheses(model, peaks, 1024.0)}
     assert causes == {
-        "stribeck_friction", "presliding_friction", "asymmetric_friction", "hardening_stiffness", "asymmetric_stiffness", "softening_stiffness",
+        "stribeck_friction", "presliding_friction", "asymmetric_friction", "hardening_stiffness", "softening_stiffness",
         "backlash", "end_stop", "quadratic_damping", "stiffness_drift", "extra_mode", "moment_coupling", "wrong_mass",
         "imperfect_lock", "channel_delay", "sensor_gain", "clipping", "crosstalk", "mains_hum", "relaxation", "damping_drift",
-        "hysteresis",
+        "hysteresis", "asymmetric_stiffness",
     }  # fmt: skip
 
 
