@@ -151,6 +151,8 @@ class Job:
     @cached_property
     def seconds(self) -> float:
         """Seconds of each run after which the misfit is as visible as in the whole."""
+        if self.suspects is not None and self.suspects.rare:
+            return np.inf
         return horizon(self.current.model, self.trials)
 
     @cached_property
