@@ -581,7 +581,8 @@ class Suspected:
             for candidate in proposed(current.model, self.job.evidence):
                 if candidate.key == nearest.key:
                     free = candidate.parameters(current.model, current.free)
-                    found.append((candidate, free, candidate.starts[0].replace(_values_at(pair, [f.path for f in free]))))
+                    with suppress(ModelError):  # the first cause has taken the place of a law
+                        found.append((candidate, free, candidate.starts[0].replace(_values_at(pair, [f.path for f in free]))))
                     break
         return found
 

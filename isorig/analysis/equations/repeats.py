@@ -54,7 +54,7 @@ def pitch_of(sliding: Sliding, base: SlidingFit, columns: Columns) -> float | No
     # Samples show no force that repeats more often than every second one, not even those of the slowest run.
     slowest = min(float(np.std(run.velocity)) for run in sliding.runs)
     most = min(MOST_INTEGRATED if sliding.integrated else MOST, (high - low) * 0.5 * sliding.rate / max(slowest, 1e-300))
-    if most <= FEWEST:
+    if most < FEWEST + 1.0 / STEPS:
         return None
     spectrum = np.abs(np.fft.rfft(whole, STEPS * CELLS)[: round(STEPS * most)])
     spectrum[: round(STEPS * FEWEST)] = 0.0
