@@ -17,7 +17,7 @@ import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray
 from isorig.analysis.deadline import out_of_time
-from isorig.analysis.diagnose.causes import proposed, same_form
+from isorig.analysis.diagnose.causes import GENERALIZED, proposed, same_form
 from isorig.analysis.diagnose.causes.base import Evidence, Kind
 from isorig.analysis.diagnose.forms_of_curves import starts_from_curve
 from isorig.analysis.diagnose.free_shapes import free_shapes
@@ -25,7 +25,7 @@ from isorig.analysis.diagnose.kinds import SHAPED, kind_of
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.places import Places, compared_places
 from isorig.analysis.diagnose.policy import POLICY
-from isorig.analysis.diagnose.step import Entry, Found, best_form, best_kind, curve_of, found_step, vanishes
+from isorig.analysis.diagnose.step import Entry, Found, best_form, best_kind, curve_of, found_step, is_determined, vanishes
 from isorig.analysis.diagnose.suspects import ALWAYS, BROKEN, STANDS_ALIKE, Suspects, suspects
 from isorig.analysis.equations.system import HOLDS, Equations, equations_of
 from isorig.analysis.errors import FitError, ModelError, OutOfTimeError
@@ -322,7 +322,7 @@ def next_step(job: Job) -> Found | None:
             break
     if source is None:
         return None
-    forms = _with_variants(job, forms)
+    forms = _with_simpler(job, _with_variants(job, forms))
     # The error remaining after a form that removes nearly all is not due to another place or kind; another law of its own kind is
     # tested anyway.
     nearly = next((entry for entry in forms if job.nearly(entry)), None)
@@ -370,6 +370,27 @@ def _variants(job: Job, entry: Entry) -> Running:
             if fitted is not None and other.plausible(fitted.model):
                 found.append((other, fitted))
     return sorted(found, key=lambda pair: pair[1].cost)
+
+
+def _with_simpler(job: Job, forms: list[Entry]) -> list[Entry]:
+    # The forms, and the simpler ones that the best one contains if the data do not determine its values, fitted from these: from
+    # others they may have ended at a wrong solution.
+    if not forms or is_determined(forms[0]):
+        return forms
+    best, found = forms[0], list[tuple[Candidate, Fit]]()
+    with suppress(OutOfTimeError):
+        for candidate in proposed(job.current.model, job.evidence):
+            if candidate.location == best.candidate.location and candidate.cause in GENERALIZED[best.candidate.cause]:
+                free = candidate.parameters(job.current.model, job.current.free)
+                shared = {f.path for f in free} & {f.path for f in best.fit.free}
+                job.progress(f"fitting {candidate.cause} ({candidate.location}) from {best.candidate.cause}")
+                with suppress(ModelError):  # values that exclude the candidate's own
+                    start = candidate.starts[0].replace(_values_at(best.fit.model, sorted(shared)))
+                    fitted = tried(start, free, job.rungs[-1])
+                    if fitted is not None and candidate.plausible(fitted.model):
+                        found.append((candidate, fitted))
+        forms = [*forms, *job.finished(job.entries(sorted(found, key=lambda pair: pair[1].cost)))]
+    return best_fits(forms, job.floors)
 
 
 def _without_forms(job: Job, source: Source) -> list[Entry]:
@@ -857,7 +878,7 @@ def _kind_and_form(
     if starts:
         more = followed(starts, job.rungs, job.current, job.progress, job.promising)
         extended = [entry for entry in job.finished(job.entries(more)) if _extends(entry, forms, job.floors)]
-        forms = best_fits([*forms, *extended], job.floors)
+        forms = _with_simpler(job, best_fits([*forms, *extended], job.floors))
         named = best_kind(forms, shapes, job.now, job.floors, job.evidence)
     stand = any(adequate(entry.score, job.floors) for entry in forms)
     return best_form(forms, job.now, job.floors) if stand else named

@@ -293,6 +293,7 @@ class Sliding:
         for block, (spline,) in zip(self.blocks, state[len(self.runs) :], strict=True):
             block.spline = spline.copy()
 
+    @np.errstate(over="ignore", invalid="ignore")  # a step that leaves all bounds is taken back
     def fit(
         self, columns: Columns, values: FloatArray, rounds: int, penalty: FloatArray | None = None, *, damped: bool = True
     ) -> SlidingFit:
