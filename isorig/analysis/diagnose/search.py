@@ -918,7 +918,7 @@ def _together(
             decisive = left <= POLICY.rest * alone_at_best and job.explains(entry)
             stands = adequate(entry.score, floors)
             # Two causes that leave more than one does are not both there.
-            if stands or (single and decisive) or (job.nearly(entry) and left < alone_at_best):
+            if stands or decisive or (job.nearly(entry) and left < alone_at_best):
                 done.append((first, alone, entry, stands))
     if not done:
         return None
