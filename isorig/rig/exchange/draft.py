@@ -8,7 +8,7 @@ import re
 import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -29,8 +29,9 @@ from isorig.rig.exchange.clock import (
     seconds_per,
     time_unit,
 )
+from isorig.rig.exchange.file_sets import runs_of
 from isorig.rig.exchange.table import STREAMED, UNTITLED, Column, ForeignTable
-from isorig.rig.exchange.tree import PLAIN, rate_of
+from isorig.rig.exchange.tree import PLAIN, SHORT, rate_of
 from isorig.rig.exchange.units import OTHER_UNITS, UNITS, known_unit
 from isorig.rig.files.recording import GAIN, RESERVED, VALUE_MOST
 from isorig.rig.files.rigfile import description_text
@@ -56,20 +57,19 @@ AMBIGUOUS = ("A", "V", "m", "1", "in")
 FREE = 'write excitation = "free" in every run of the mapping'
 #: Single numbers of a file that are listed at most.
 NUMBERS_MOST = 12
-#: Columns with fewer values next to longer ones are settings, not records.
-SHORT = 16
 
 
 @dataclass(frozen=True)
 class _Part:
     # Columns of a file with a common sampling: name in the draft, and source with its column; sentences on those left out; the
-    # part of the rows, if they are several runs.
+    # part of the rows, if they are several runs; the files of channels that are not in the table's.
     table: ForeignTable
     group: str
     columns: dict[str, tuple[str, Column]]
     time: str | None
     counts: tuple[str, ...] = ()
     samples: tuple[int, int] | None = None
+    files: Mapping[str, Path] = field(default_factory=dict)
 
 
 def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file: str) -> tuple[str, str]:
@@ -81,6 +81,7 @@ def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file
     parts = [part for table in tables for group, columns in _groups(table).items() for part in _parts(table, group, columns)]
     if not parts:
         raise RecordingError(_no_records(tables))
+    parts = _joined(parts)
     lines = ["# Proposed from the files. Lines marked with ? were guessed: check each.", ""]
     lines += [f"# {table.path.name}: {remark}." for table in tables for remark in (*table.remarks, *_further_numbers(table))]
     lines += dict.fromkeys(f"# {part.table.path.name}: {count}." for part in parts for count in part.counts)
@@ -120,8 +121,52 @@ def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file
         own = [names[place] for place in part.columns] if len(part.columns) < len(places) else []
         other = {names[p]: source for p, (source, _) in part.columns.items() if source != first[p][0]}
         lines += _run(name, part, own, other, folder, setup if named else "", excitation)
+        files = {names[p]: _relative(path, folder) for p, path in part.files.items()}
+        lines[-1:] = [f"files = {value_text(files)}    # ? of one run, by their names", ""] if files else [""]
     configurations = {setup: starts.get(name, Configuration()) for name, setup in zip(ids, setups, strict=True)}
     return "\n".join(lines), "" if bonder else _rig(kinds, dict(sorted(configurations.items(), reverse=not starts)))
+
+
+def _relative(path: Path, folder: Path) -> str:
+    return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
+
+
+def _joined(parts: list[_Part]) -> list[_Part]:
+    # Files with one channel each as runs, if their names and columns say so. Those of a run have one length, rate and clock.
+    if any(len(part.columns) > 1 or part.samples for part in parts) or len({part.table.path for part in parts}) < len(parts):
+        return parts
+    named = [(column.label or name, column.unit) for part in parts for name, (_, column) in part.columns.items()]
+    names = [name for name, _ in named]
+    runs = runs_of([part.table.path for part in parts], named, [word for word, _ in QUANTITIES])
+    own = len({names[at] for files in runs.values() for at in files.values()}) == len({*itertools.chain(*runs.values())})
+    found: list[_Part] = []
+    for run, files in runs.items():
+        there = {names[at] if own else word: parts[at] for word, at in files.items()}
+        first = next(iter(there.values()))
+        unlike = next((part.table.path.name for part in there.values() if not _simultaneous(first, part)), None)
+        if unlike is not None:
+            said = f"it seems to be of one run with {unlike}, but differs in length, rate or clock, so each is a run"
+            first = replace(first, counts=(*first.counts, said))
+            found += [first, *list(there.values())[1:]]
+            continue
+        found.append(
+            replace(
+                first, group=run, counts=tuple(dict.fromkeys(count for part in there.values() for count in part.counts)),
+                columns={
+                    place: (source, column if own else replace(column, label=""))
+                    for place, part in there.items() for source, column in part.columns.values()
+                },
+                files={place: part.table.path for place, part in there.items() if part is not first},
+            )
+        )  # fmt: skip
+    return found or parts
+
+
+def _simultaneous(one: _Part, other: _Part) -> bool:
+    records = [column for part in (one, other) for _, column in part.columns.values()]
+    clocks = [part.table.columns[part.time].values for part in (one, other) if part.time is not None]
+    alike = len({(len(record.values), record.sample_rate) for record in records}) == 1
+    return alike and len(clocks) != 1 and all(np.array_equal(clock, clocks[0]) for clock in clocks)
 
 
 def _further_numbers(table: ForeignTable) -> list[str]:
@@ -256,11 +301,19 @@ def _groups(table: ForeignTable) -> dict[str, dict[str, tuple[str, Column]]]:
 
 
 def _one_each(groups: Mapping[str, Mapping[str, tuple[str, Column]]]) -> bool:
-    # Structures with one plain array each (a.values, b.values) are channels, not runs.
+    # Structures with one plain array each (a.values, b.values) are channels, not runs, also if each repeats the clock.
     # The same holds for groups that name their only channel.
-    single = all(len(columns) == 1 for columns in groups.values())
-    named = all(name in PLAIN or column.label for columns in groups.values() for name, (_, column) in columns.items())
-    return len(groups) > 1 and single and named
+    clocks: dict[int, Column] = {}
+    for columns in groups.values():
+        records = [
+            name for name, (source, column) in columns.items() if not is_clock(name, column) and not _may_be_time(source, column)
+        ]
+        if len(records) > 1 or not all(name.lower() in PLAIN or columns[name][1].label for name in records):
+            return False
+        for clock in (column for name, (_, column) in columns.items() if name not in records):
+            if not np.array_equal(clocks.setdefault(len(clock.values), clock).values, clock.values):
+                return False
+    return len(groups) > 1
 
 
 def _parts(table: ForeignTable, group: str, columns: Mapping[str, tuple[str, Column]]) -> list[_Part]:
@@ -271,10 +324,9 @@ def _parts(table: ForeignTable, group: str, columns: Mapping[str, tuple[str, Col
     for name, (source, column) in columns.items():
         if name not in clocks and len(column.values) > 1:
             sampled.setdefault((len(column.values), column.sample_rate), {})[name] = (source, column)
-    longest = max((size for size, _ in sampled), default=0)
     runs: list[_Part] = []
     for (size, _), there in sampled.items():
-        if size >= (SHORT if table.spectra else min(SHORT, longest)):
+        if size >= SHORT:
             time = next((columns[name][0] for name, n in clocks.items() if n == size), None)
             runs += _runs_of(_part(table, group, there, time))
     return runs
@@ -406,7 +458,7 @@ def _run(
     lines = [
         "[[runs]]",
         f"id = {value_text(name)}",
-        f"file = {value_text(Path(os.path.relpath(table.path.resolve(), folder.resolve())).as_posix())}",
+        f"file = {value_text(_relative(table.path, folder))}",
         *([f'configuration = "{configuration}"    # ?'] if configuration else []),
         f"gain = {gain}    # ?",
         f'excitation = "{excitation}"    # ? random, multisine, sweep, moves, free or other',
