@@ -18,6 +18,7 @@ from isorig.analysis.model.drafted import DAMPING, MASS, STIFFNESS
 from isorig.analysis.model.rig_model import GROUND, Body, Configuration, Drive, Link, RigModel, Sensor
 from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.clock import (
+    RATE_AGREES,
     column_rate,
     is_clock,
     is_even,
@@ -132,41 +133,47 @@ def _relative(path: Path, folder: Path) -> str:
 
 
 def _joined(parts: list[_Part]) -> list[_Part]:
-    # Files with one channel each as runs, if their names and columns say so. Those of a run have one length, rate and clock.
-    if any(len(part.columns) > 1 or part.samples for part in parts) or len({part.table.path for part in parts}) < len(parts):
+    # Files with different channels as runs, if their names and columns say so. Those of a run have one length, rate and clock.
+    if any(part.samples for part in parts) or len({part.table.path for part in parts}) < len(parts):
         return parts
-    named = [(column.label or name, column.unit) for part in parts for name, (_, column) in part.columns.items()]
-    names = [name for name, _ in named]
+    named = [{(column.label or name, column.unit) for name, (_, column) in part.columns.items()} for part in parts]
     runs = runs_of([part.table.path for part in parts], named, [word for word, _ in QUANTITIES])
-    own = len({names[at] for files in runs.values() for at in files.values()}) == len({*itertools.chain(*runs.values())})
+    # By their words, the names of the columns.
+    meant = {word: [name for name, _ in named[at]] for files in runs.values() for word, at in files.items()}
+    own = len({*itertools.chain(*meant.values())}) == sum(map(len, meant.values()))
     found: list[_Part] = []
     for run, files in runs.items():
-        there = {names[at] if own else word: parts[at] for word, at in files.items()}
+        there = {word: parts[at] for word, at in files.items()}
         first = next(iter(there.values()))
         unlike = next((part.table.path.name for part in there.values() if not _simultaneous(first, part)), None)
         if unlike is not None:
             said = f"it seems to be of one run with {unlike}, but differs in length, rate or clock, so each is a run"
-            first = replace(first, counts=(*first.counts, said))
-            found += [first, *list(there.values())[1:]]
+            found += [replace(first, counts=(*first.counts, said)), *list(there.values())[1:]]
             continue
-        found.append(
-            replace(
-                first, group=run, counts=tuple(dict.fromkeys(count for part in there.values() for count in part.counts)),
-                columns={
-                    place: (source, column if own else replace(column, label=""))
-                    for place, part in there.items() for source, column in part.columns.values()
-                },
-                files={place: part.table.path for place, part in there.items() if part is not first},
-            )
-        )  # fmt: skip
+        columns: dict[str, tuple[str, Column]] = {}
+        others: dict[str, Path] = {}
+        for word, part in there.items():
+            for name, (source, column) in part.columns.items():
+                place = column.label or name if own else word if len(part.columns) == 1 else f"{word}_{name}"
+                columns[place] = (source, column if own else replace(column, label=""))
+                others |= {} if part is first else {place: part.table.path}
+        counts = dict.fromkeys(count for part in there.values() for count in part.counts)
+        found.append(replace(first, group=run, counts=tuple(counts), columns=columns, files=others))
     return found or parts
 
 
 def _simultaneous(one: _Part, other: _Part) -> bool:
-    records = [column for part in (one, other) for _, column in part.columns.values()]
-    clocks = [part.table.columns[part.time].values for part in (one, other) if part.time is not None]
-    alike = len({(len(record.values), record.sample_rate) for record in records}) == 1
-    return alike and len(clocks) != 1 and all(np.array_equal(clock, clocks[0]) for clock in clocks)
+    # Of the same length, and with the same clock or rate.
+    sizes, rates, clocks = set(), [], []
+    for part in (one, other):
+        _, column = next(iter(part.columns.values()))
+        clock = None if part.time is None else part.table.columns[part.time]
+        timed = clock is not None and part.time is not None and is_even(part.time, clock)
+        rates.append(column_rate(part.time, clock, "") if timed and part.time and clock else column.sample_rate)
+        clocks += [] if clock is None else [clock.values]
+        sizes.add(len(column.values))
+    same = rates[0] == rates[1] or (None not in rates and abs(rates[0] / rates[1] - 1.0) <= RATE_AGREES)
+    return len(sizes) == 1 and same and all(np.array_equal(clock, clocks[0]) for clock in clocks)
 
 
 def _further_numbers(table: ForeignTable) -> list[str]:

@@ -87,9 +87,22 @@ def test_records_that_are_not_simultaneous(tmp_path: Path, capsys: pytest.Captur
 def test_a_word_means_one_record() -> None:
     """A word is no channel if files with it have several records, and a run may lack a channel."""
     names = ["u70_acc.csv", "u70_force.csv", "u80_acc.csv"]
-    assert runs_of([Path(name) for name in names], ["a", "f", "a"], ("force",)) == {
+    assert runs_of([Path(name) for name in names], [{"a"}, {"f"}, {"a"}], ("force",)) == {
         "u70": {"acc": 0, "force": 1},
         "u80": {"acc": 2},
     }
-    assert runs_of([Path(name) for name in names], ["a", "a", "f"], ("force",)) == {}
-    assert runs_of([Path("acc.csv"), Path("run_force.csv")], ["a", "f"], ()) == {}
+    assert runs_of([Path(name) for name in names], [{"a"}, {"a"}, {"f"}], ("force",)) == {}
+    assert runs_of([Path("acc.csv"), Path("run_force.csv")], [{"a"}, {"f"}], ()) == {}
+    assert runs_of([Path("one.csv"), Path("two.csv")], [{"a", "b"}, {"c"}], ()) == {"run": {"one": 0, "two": 1}}
+    assert runs_of([Path("one.csv"), Path("two.csv")], [{"a", "b"}, {"a", "b", "c"}], ()) == {}
+
+
+def test_several_channels_in_a_file(tmp_path: Path) -> None:
+    """Also with a clock in one file, and the rate in the other one."""
+    rows = [f"{t:.6f},{x},{y}" for t, x, y in zip(TIME, X, Y, strict=True)]
+    (tmp_path / "r1_acc.csv").write_text("\n".join(["time,top,base", *rows]) + "\n")
+    wavfile.write(tmp_path / "r1_force.wav", 1000, np.round(Z * 1000.0).astype(np.int16))
+    drafted(tmp_path, tmp_path / "r1_acc.csv", tmp_path / "r1_force.wav")
+    found = values_in(tmp_path)["r1"]
+    np.testing.assert_array_equal(found["top"], X)
+    np.testing.assert_array_equal(found["channel"], np.round(Z * 1000.0))

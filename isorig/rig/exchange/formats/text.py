@@ -42,6 +42,8 @@ MARKS = (
 FILE_MOST = 1 << 30
 #: Maximum number of header lines, and of their characters.
 HEAD_LINES, HEAD_LONGEST = 1000, 1 << 20
+#: Fewest successive lines of values that are a table, unless it ends before.
+ROWS_LEAST = 3
 #: Number of lines at the end whose digits are compared.
 LAST_LINES = 50
 #: Each row continues the one before it if the step between them is smaller than this share of the steps from row to row. Chosen.
@@ -247,15 +249,19 @@ def _cut(text: str, style: _Style, path: Path) -> list[str]:
 
 
 def _style(lines: Sequence[str], path: Path) -> _Style:
-    # The style in which two successive lines are values throughout: preferably one that fits a header line, then the most
+    # The style in which successive lines are values throughout: preferably one that fits a header line, then the most
     # columns.
     best: tuple[tuple[bool, int, int], _Style] | None = None
     for separator, decimal in STYLES:
         for k, line in enumerate(lines):
             fields = _fields(line, separator)
-            after = next((_fields(other, separator) for other in lines[k + 1 :] if other.strip()), fields)
-            both = _are_values(fields, decimal) and _are_values(after, decimal) and len(after) == len(fields)
-            if both and not _are_numbered(fields, after):
+            if not _are_values(fields, decimal):
+                continue
+            below = itertools.islice((other for other in lines[k + 1 :] if other.strip()), ROWS_LEAST - 1)
+            after = [_fields(other, separator) for other in below] or [fields]
+            if all(_are_values(row, decimal) and len(row) == len(fields) for row in after) and not _are_numbered(
+                fields, after[0]
+            ):
                 count = len(fields)
                 if best is not None and separator.startswith(r"\s") and count == best[1].count:
                     break
@@ -264,7 +270,7 @@ def _style(lines: Sequence[str], path: Path) -> _Style:
                 # Whole numbers below others fit any decimal mark.
                 if best is None or (named and count > 1, count, -k) > best[0]:
                     clocks = tuple(j for j, field in enumerate(fields) if _CLOCK.fullmatch(field))
-                    empty = tuple(j for j in range(count) if not fields[j] and not after[j])
+                    empty = tuple(j for j in range(count) if not fields[j] and not after[0][j])
                     best = ((named and count > 1, count, -k), _Style(separator, decimal, k, count, clocks, empty))
                 break
     if best is None and (style := _with_words(lines)) is not None:
