@@ -31,7 +31,7 @@ from isorig.rig.exchange.clock import (
     time_unit,
 )
 from isorig.rig.exchange.file_sets import runs_of
-from isorig.rig.exchange.table import STREAMED, UNTITLED, Column, ForeignTable
+from isorig.rig.exchange.table import STREAMED, UNNAMED, UNTITLED, Column, ForeignTable
 from isorig.rig.exchange.tree import PLAIN, SHORT, rate_of
 from isorig.rig.exchange.units import OTHER_UNITS, UNITS, known_unit
 from isorig.rig.files.recording import GAIN, RESERVED, VALUE_MOST
@@ -138,9 +138,9 @@ def _joined(parts: list[_Part]) -> list[_Part]:
         return parts
     named = [{(column.label or name, column.unit) for name, (_, column) in part.columns.items()} for part in parts]
     runs = runs_of([part.table.path for part in parts], named, [word for word, _ in QUANTITIES])
-    # By their words, the names of the columns.
-    meant = {word: [name for name, _ in named[at]] for files in runs.values() for word, at in files.items()}
-    own = len({*itertools.chain(*meant.values())}) == sum(map(len, meant.values()))
+    # How many words of files have a column of this name; a name that says nothing is as if several had it.
+    meant = {word: {name for name, _ in named[at]} for files in runs.values() for word, at in files.items()}
+    several = Counter(itertools.chain(*meant.values())) + Counter(dict.fromkeys((*PLAIN, UNNAMED), 2))
     found: list[_Part] = []
     for run, files in runs.items():
         there = {word: parts[at] for word, at in files.items()}
@@ -154,7 +154,9 @@ def _joined(parts: list[_Part]) -> list[_Part]:
         others: dict[str, Path] = {}
         for word, part in there.items():
             for name, (source, column) in part.columns.items():
-                place = column.label or name if own else word if len(part.columns) == 1 else f"{word}_{name}"
+                called = column.label or name
+                own = several[called] == 1
+                place = called if own else word if len(part.columns) == 1 else f"{word}_{called}"
                 columns[place] = (source, column if own else replace(column, label=""))
                 others |= {} if part is first else {place: part.table.path}
         counts = dict.fromkeys(count for part in there.values() for count in part.counts)
@@ -164,16 +166,20 @@ def _joined(parts: list[_Part]) -> list[_Part]:
 
 def _simultaneous(one: _Part, other: _Part) -> bool:
     # Of the same length, and with the same clock or rate.
-    sizes, rates, clocks = set(), [], []
-    for part in (one, other):
-        _, column = next(iter(part.columns.values()))
-        clock = None if part.time is None else part.table.columns[part.time]
-        timed = clock is not None and part.time is not None and is_even(part.time, clock)
-        rates.append(column_rate(part.time, clock, "") if timed and part.time and clock else column.sample_rate)
-        clocks += [] if clock is None else [clock.values]
-        sizes.add(len(column.values))
-    same = rates[0] == rates[1] or (None not in rates and abs(rates[0] / rates[1] - 1.0) <= RATE_AGREES)
-    return len(sizes) == 1 and same and all(np.array_equal(clock, clocks[0]) for clock in clocks)
+    records = [next(iter(part.columns.values()))[1] for part in (one, other)]
+    clocks = [part.table.columns[part.time] for part in (one, other) if part.time is not None]
+    rates = [_known_rate(part, record) for part, record in zip((one, other), records, strict=True)]
+    same = abs(rates[0] / rates[1] - 1.0) <= RATE_AGREES if rates[0] and rates[1] else rates[0] == rates[1]
+    alike = len(records[0].values) == len(records[1].values) and same
+    return alike and all(np.array_equal(clock.values, clocks[0].values) for clock in clocks)
+
+
+def _known_rate(part: _Part, record: Column) -> float | None:
+    # By the clock, otherwise by the file.
+    clock = None if part.time is None else part.table.columns[part.time]
+    if part.time is None or clock is None or not is_even(part.time, clock):
+        return record.sample_rate
+    return column_rate(part.time, clock, "")
 
 
 def _further_numbers(table: ForeignTable) -> list[str]:

@@ -21,6 +21,8 @@ COLUMNS_MOST = 256
 
 #: LabVIEW's name of a channel or a group that was given none.
 UNTITLED = re.compile(r"Untitled( \d+)?")
+#: Name of the columns of a format without names.
+UNNAMED = "channel"
 #: Name of the streamed gain in files whose `gain` is a single number for the run.
 STREAMED = "gain_streamed"
 

@@ -105,4 +105,4 @@ def test_several_channels_in_a_file(tmp_path: Path) -> None:
     drafted(tmp_path, tmp_path / "r1_acc.csv", tmp_path / "r1_force.wav")
     found = values_in(tmp_path)["r1"]
     np.testing.assert_array_equal(found["top"], X)
-    np.testing.assert_array_equal(found["channel"], np.round(Z * 1000.0))
+    np.testing.assert_array_equal(found["force"], np.round(Z * 1000.0))

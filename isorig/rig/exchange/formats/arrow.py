@@ -53,7 +53,7 @@ def _items(table: Any, remarks: list[str]) -> Iterator[tuple[str, Any]]:
 def _parquet(path: Path) -> Any:
     from pyarrow import parquet
 
-    file = parquet.ParquetFile(path)
+    file = parquet.ParquetFile(path, page_checksum_verification=True)
     declared = file.metadata.num_rows * file.metadata.num_columns * VALUE_BYTES
     if declared > EXPANSION * path.stat().st_size + SPARE:
         raise RecordingError(
