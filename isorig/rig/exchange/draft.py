@@ -296,6 +296,11 @@ def _no_records(tables: Sequence[ForeignTable]) -> str:
             f"{path} contains only spectra without phase ({text}); neither modes nor parameters can be fitted to them, so export "
             "the time records or the transfer functions"
         )
+    longest = max((len(column.values) for table in tables for column in table.columns.values()), default=0)
+    if 0 < longest < SHORT:
+        return (
+            f"{path} has columns of {longest} values, but a time record has at least {SHORT}; export the time records as columns"
+        )
     remarks = "; ".join(remark for table in tables for remark in table.remarks)
     return f"{path} contains no time record{f' ({remarks})' if remarks else ''}; export the time records as columns"
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 #: Words of a file name that denote a channel, also with a number.
 CHANNEL = re.compile(
-    r"(?:ch|chan|channel|kanal|voie|sensor|ai|in|input|mic|acc|accel|acceleration|beschleunigung|vib|laser|disp|pos|vel|speed)"
+    r"(?:ch|chan|channel|kanal|voie|sensor|ai|in|input|out|output|mic|acc|accel|acceleration|beschleunigung|vib|laser|disp|pos|vel|speed)"
     r"\d*|[xyz]",
     re.IGNORECASE,
 )

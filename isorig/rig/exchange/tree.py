@@ -172,7 +172,8 @@ def _sample_axes(name: str, shape: tuple[int, ...], content: _Content) -> list[i
         return []
     for structure in content.around(name):
         near = ((key, np.squeeze(values)) for key, values in content.within(structure, content.arrays).items())
-        sizes = {len(v) for key, v in near if v.ndim == 1 and len(v) in shape and is_time(key, Column(values=v))}
+        clocks = (v for key, v in near if v.ndim == 1 and is_time(key, Column(values=v)))
+        sizes = {len(v) for v in clocks if len(v) in shape and len(v) >= SHORT}
         if len(sizes) == 1:
             return [axis for axis, size in enumerate(shape) if size in sizes]
     lists = NAME_LISTS | UNIT_LISTS

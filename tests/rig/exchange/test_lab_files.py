@@ -170,7 +170,7 @@ def test_the_decimal_mark_of_the_data_is_that_of_the_head(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("rows", "said"),
     [
-        ([*ROWS, "", "time,v", *(row.rsplit(",", 1)[0] for row in ROWS)], "words after 121 rows of numbers: if a second"),
+        ([*ROWS, "", "time,v", *(row.rsplit(",", 1)[0] for row in ROWS)], "line 123 has words below the numbers: if a second"),
         ([f"{k};{1234567 + 1000 * k:,d};1.0".replace(",", ".") for k in range(N)], "'1.234.567', which seems to have"),
         ([f"{k};{1234567 + k:,d};1.0".replace(",", "\u202f") for k in range(N)], "which seems to have separators of thousands"),
         ([f"{k};34,34,{100 + k};1.0" for k in range(N)], "'34,34,100', which seems to have separators of thousands"),
@@ -445,6 +445,8 @@ def test_fewer_samples_than_channels(tmp_path: Path, kind: str) -> None:
     np.savez(tmp_path / "n.npz", data=values, fs=1000.0)
     asked = "nothing says which axis has the samples: 60 along axis 0 are assumed"
     assert asked in " ".join(read_foreign(tmp_path / "n.npz").remarks)
+    np.savez(tmp_path / "o.npz", data=np.zeros((600, 3)), t=[0.0, 1.0, 2.0], fs=1000.0)
+    assert len(read_foreign(tmp_path / "o.npz").columns["data[2]"].values) == 600
     np.savez(tmp_path / "o.npz", data=np.zeros((600, 60)), fs=1000.0)
     assert not read_foreign(tmp_path / "o.npz").remarks
 
@@ -486,7 +488,9 @@ def test_fields_of_fields(tmp_path: Path) -> None:
 
 def test_settings_alone_are_no_record(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "m.json").write_text(json.dumps({"fs": 1000, "range": [1, 2]}))
-    assert "contains no time record" in said_of(capsys, "--draft", tmp_path / "m.json", "-o", tmp_path / "d.toml")
+    assert "has columns of 2 values, but a time record has at least 16" in said_of(
+        capsys, "--draft", tmp_path / "m.json", "-o", tmp_path / "d.toml"
+    )
 
 
 @pytest.mark.parametrize(

@@ -42,7 +42,7 @@ MARKS = (
 FILE_MOST = 1 << 30
 #: Maximum number of header lines, and of their characters.
 HEAD_LINES, HEAD_LONGEST = 1000, 1 << 20
-#: Fewest successive lines of values that are a table, unless it ends before.
+#: Fewest successive lines with a single value that are a column, unless the file ends before.
 ROWS_LEAST = 3
 #: Number of lines at the end whose digits are compared.
 LAST_LINES = 50
@@ -56,7 +56,7 @@ _CLOCK = re.compile(
     re.IGNORECASE,
 )
 #: The end of a number in a column of fixed width, if the sign of the next one touches it.
-_TOUCHING = re.compile(r"(\d[.,]\d+[eEdD][+-]\d{2,3})(?=[+-]?\d[.,]\d+[eEdD])")
+_TOUCHING = re.compile(r"(\d(?P<mark>[.,])\d+[eEdD][+-]\d{2,3})(?=[+-]?\d(?P=mark)\d+[eEdD])")
 #: A number with separators of thousands: in its groups of three digits, or of two as in India.
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:(?P<mark>[.,'’ \u00a0\u202f])(?:\d\d(?P=mark))*\d{3}(?:(?P=mark)\d{3})*)(?:[.,]\d*)?")
 _NUMBER = r"(?P<gap>[^0-9+\-]{0,20})(?P<number>\d+(?:[.,'\u2019]\d+)*(?:e[+-]?\d+)?)\s*(?P<unit>[a-zµμ1/]*)"
@@ -92,7 +92,9 @@ def read_text(path: Path) -> ForeignTable:
     """The columns of a text file; names, units and the sample rate are taken from its header if present. Raises RecordingError,
     with the line and the cell, if there are no columns of numbers, or a line is truncated or contains a cell that is not a
     number."""
-    text = _TOUCHING.sub(r"\1 ", _with_whole_cells(decoded(content_of(path, FILE_MOST))))
+    text = _with_whole_cells(decoded(content_of(path, FILE_MOST)))
+    if _TOUCHING.search(text[:HEAD_LONGEST]):
+        text = _TOUCHING.sub(r"\1 ", text)
     lines = [line.rstrip("\r\n") for line in io.StringIO(text[:HEAD_LONGEST]).readlines()[:HEAD_LINES]]
     style = _with_decimal_of(text, _style(lines, path))
     _blame_thousands(lines, style, path)
@@ -203,8 +205,8 @@ def _blame(text: str, style: _Style, path: Path) -> None:
         wrong = next((k for k, field in enumerate(fields) if not (_is_value(field, style.decimal) or k in style.wordy)), None)
         if len(fields) > 1 and not any(_is_value(field, style.decimal) for field in fields):
             raise RecordingError(
-                f"{here} has words after {number - 1 - style.first} rows of numbers: if a second table begins there, save each "
-                "as its own file, otherwise delete that line"
+                f"{here} has words below the numbers: if a second table begins there, save each as its own file, otherwise "
+                "delete that line"
             )
         if wrong is not None:
             raise RecordingError(_no_number(here, wrong, fields[wrong]))
@@ -257,11 +259,12 @@ def _style(lines: Sequence[str], path: Path) -> _Style:
             fields = _fields(line, separator)
             if not _are_values(fields, decimal):
                 continue
-            below = itertools.islice((other for other in lines[k + 1 :] if other.strip()), ROWS_LEAST - 1)
+            # Single values may be a date and a setting.
+            least = ROWS_LEAST if len(fields) == 1 else 2
+            below = itertools.islice((other for other in lines[k + 1 :] if other.strip()), least - 1)
             after = [_fields(other, separator) for other in below] or [fields]
-            if all(_are_values(row, decimal) and len(row) == len(fields) for row in after) and not _are_numbered(
-                fields, after[0]
-            ):
+            alike = all(_are_values(row, decimal) and len(row) == len(fields) for row in after)
+            if alike and not _are_numbered(fields, after[0]):
                 count = len(fields)
                 if best is not None and separator.startswith(r"\s") and count == best[1].count:
                     break
@@ -368,7 +371,7 @@ def _notes(lines: Sequence[str], style: _Style) -> list[str]:
     for number, line in enumerate(lines[: style.first], 1):
         fields = _fields(line, style.separator)
         numbers = sum(bool(cell) and _is_value(cell, style.decimal) for cell in fields)
-        if len(fields) == style.count > 1 and numbers >= len(fields) - 1:
+        if len(fields) == style.count and numbers >= max(len(fields) - 1, 2):
             found.append(
                 f"line {number} ({line.strip()[:60]!r}) has numbers for the columns, perhaps scales, which are not applied"
             )
@@ -462,7 +465,8 @@ def _head(head: Sequence[str], style: _Style) -> tuple[list[str], list[str]]:
         above = units_here
     blank = [""] * style.count
     rows = rows or longer or [names for line in lines[:1] if (names := _other_names(line, style))]
-    rows = [row for row in rows if not any(cell and _is_value(cell, style.decimal) for cell in row)] or rows
+    wordy = [row for row in rows if any(map(names_time, row)) or not any(cell and _is_value(cell, style.decimal) for cell in row)]
+    rows = wordy or rows
     at = next((k for k, row in enumerate(rows) if len(rows) > 1 and _are_units(row[: style.filled])), None)
     units = blank if at is None else rows.pop(at)
     # Below the units there may be places or types of sensors.
