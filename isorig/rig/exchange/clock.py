@@ -25,8 +25,8 @@ TIME_UNITS = {
 }
 _WORD = r"t|time|zeit|temps|tiempo|tempo|secs?|seconds?|sek|x_?value|x[ _-]axis|time_?stamp|zeitstempel|elapsed[ _]?time|clock"
 _NAME = re.compile(
-    rf"(?:.*[./])?(?:(?:{_WORD})(?:[ _]*(?P<unit>s|sec|seconds|ms|us|µs|ns|min|h))?|(?P<alone>(?:milli|micro)s(?:econds)?))"
-    r"(?:[ _]*\d+)?(?:\[\d+\])?",
+    rf"(?:.*[./])?(?:(?:{_WORD})(?:[ _]*(?:in[ _]+)?(?P<unit>s|sec|seconds|ms|us|µs|ns|min|h))?"
+    r"|(?P<alone>(?:milli|micro)s(?:econds)?))(?:[ _]*\d+)?(?:\[\d+\])?",
     re.IGNORECASE,
 )
 #: Times since 1970 in units of one second, from 2001 to 2128: by their size a clock without a unit is known to be one of these.
@@ -59,6 +59,8 @@ ALIKE = 3
 BACK = 0.1
 #: Fewest numbers after which a counter starts again: four bits. Shorter cycles are also those of commands in steps.
 CYCLE_LEAST = 16
+#: Bits of the counters of microcontrollers and converters, which begin again at zero after their largest number.
+COUNTER_BITS = (16, 24, 32)
 #: The largest whole number up to which a float has every one.
 WHOLE_MOST = 2**53
 #: Sample rates that differ by less than this share are one rate: headers round it, and clocks are accurate to 1e-4.
@@ -82,9 +84,14 @@ def time_unit(name: str, column: Column) -> str:
     return (found["unit"] or found["alone"] if found else None) or size
 
 
+def names_time(name: str) -> bool:
+    """Whether a name is that of a time."""
+    return _NAME.fullmatch(name) is not None
+
+
 def says_time(name: str, column: Column) -> bool:
     """Whether a column's name or unit is that of a time."""
-    return column.values.dtype.kind in "iuf" and (_NAME.fullmatch(name) is not None or seconds_per(column.unit) is not None)
+    return column.values.dtype.kind in "iuf" and (names_time(name) or seconds_per(column.unit) is not None)
 
 
 def is_time(name: str, column: Column) -> bool:
@@ -94,7 +101,7 @@ def is_time(name: str, column: Column) -> bool:
 
 def is_uneven_time(name: str, column: Column) -> bool:
     """Whether a column is a clock that is not even: it ascends, and its name, its unit or almost all of its intervals say so."""
-    values = column.values
+    values = unwrapped(column).values
     if values.dtype.kind not in "iuf" or len(values) < BESIDE or not np.isfinite(values).all():
         return False
     intervals = np.diff(values.astype(np.float64))
@@ -125,9 +132,29 @@ def is_clock(name: str, column: Column, named: bool = True) -> bool:
     return is_time(name, column) or is_uneven_time(name, column) or len(restarts(column)) > 0
 
 
+def unwrapped(column: Column) -> Column:
+    """The column as if its counter had more bits, if it is one of `COUNTER_BITS` that begins again after its largest number.
+
+    It is none if it begins again at its first reading: then it is the clock of several runs.
+    """
+    values = column.values
+    if values.dtype.kind not in "iuf" or len(values) < BESIDE or not np.isfinite(values).all():
+        return column
+    readings = values.astype(np.float64)
+    steps = np.diff(readings)
+    falls = np.flatnonzero(steps < 0.0)
+    if not len(falls) or not column.whole or np.array_equal(readings[falls + 1], np.full(len(falls), readings[0])):
+        return column
+    usual, extent = float(np.median(steps)), float(np.ptp(readings))
+    for cycle in (2.0**bits for bits in COUNTER_BITS):
+        if extent < cycle and bool((np.abs(steps[falls] + cycle - usual) < BREAK * usual).all()):
+            return replace(column, values=readings + cycle * np.append(0.0, np.cumsum(steps < 0.0)))
+    return column
+
+
 def restarts(column: Column) -> IntArray:
     """The rows at which a clock falls by more than a repeated row, to start again, as in a file with several runs."""
-    readings = np.asarray(column.values, dtype=np.float64)
+    readings = np.asarray(unwrapped(column).values, dtype=np.float64)
     finite = readings[np.isfinite(readings)]
     back = BACK * float(np.ptp(finite)) if len(finite) else 0.0
     with np.errstate(over="ignore", invalid="ignore"):  # of damaged readings
@@ -182,7 +209,7 @@ def column_rate(name: str, column: Column, here: str, unit: str = "", first: int
     factor = seconds_per(said)
     if factor is None:
         raise PlanError(f"{here} is in {said!r}, which is not a unit of time; give time_unit as s, ms, us, ns, min, h or d")
-    values = column.values
+    values = unwrapped(column).values
     if values.dtype.kind in "iu":
         # Nanoseconds since 1970 have more digits than a float.
         values = values.astype(np.int64) - np.int64(values[0])

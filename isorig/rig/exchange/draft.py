@@ -8,7 +8,7 @@ import re
 import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from isorig.analysis.model.drafted import DAMPING, MASS, STIFFNESS
 from isorig.analysis.model.rig_model import GROUND, Body, Configuration, Drive, Link, RigModel, Sensor
 from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.clock import (
+    RATE_AGREES,
     column_rate,
     is_clock,
     is_even,
@@ -29,8 +30,9 @@ from isorig.rig.exchange.clock import (
     seconds_per,
     time_unit,
 )
-from isorig.rig.exchange.table import STREAMED, UNTITLED, Column, ForeignTable
-from isorig.rig.exchange.tree import PLAIN, rate_of
+from isorig.rig.exchange.file_sets import runs_of
+from isorig.rig.exchange.table import STREAMED, UNNAMED, UNTITLED, Column, ForeignTable
+from isorig.rig.exchange.tree import PLAIN, SHORT, rate_of
 from isorig.rig.exchange.units import OTHER_UNITS, UNITS, known_unit
 from isorig.rig.files.recording import GAIN, RESERVED, VALUE_MOST
 from isorig.rig.files.rigfile import description_text
@@ -56,20 +58,19 @@ AMBIGUOUS = ("A", "V", "m", "1", "in")
 FREE = 'write excitation = "free" in every run of the mapping'
 #: Single numbers of a file that are listed at most.
 NUMBERS_MOST = 12
-#: Columns with fewer values next to longer ones are settings, not records.
-SHORT = 16
 
 
 @dataclass(frozen=True)
 class _Part:
     # Columns of a file with a common sampling: name in the draft, and source with its column; sentences on those left out; the
-    # part of the rows, if they are several runs.
+    # part of the rows, if they are several runs; the files of channels that are not in the table's.
     table: ForeignTable
     group: str
     columns: dict[str, tuple[str, Column]]
     time: str | None
     counts: tuple[str, ...] = ()
     samples: tuple[int, int] | None = None
+    files: Mapping[str, Path] = field(default_factory=dict)
 
 
 def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file: str) -> tuple[str, str]:
@@ -81,6 +82,7 @@ def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file
     parts = [part for table in tables for group, columns in _groups(table).items() for part in _parts(table, group, columns)]
     if not parts:
         raise RecordingError(_no_records(tables))
+    parts = _joined(parts)
     lines = ["# Proposed from the files. Lines marked with ? were guessed: check each.", ""]
     lines += [f"# {table.path.name}: {remark}." for table in tables for remark in (*table.remarks, *_further_numbers(table))]
     lines += dict.fromkeys(f"# {part.table.path.name}: {count}." for part in parts for count in part.counts)
@@ -120,8 +122,64 @@ def draft_mapping(tables: Sequence[ForeignTable], folder: Path, description_file
         own = [names[place] for place in part.columns] if len(part.columns) < len(places) else []
         other = {names[p]: source for p, (source, _) in part.columns.items() if source != first[p][0]}
         lines += _run(name, part, own, other, folder, setup if named else "", excitation)
+        files = {names[p]: _relative(path, folder) for p, path in part.files.items()}
+        lines[-1:] = [f"files = {value_text(files)}    # ? of one run, by their names", ""] if files else [""]
     configurations = {setup: starts.get(name, Configuration()) for name, setup in zip(ids, setups, strict=True)}
     return "\n".join(lines), "" if bonder else _rig(kinds, dict(sorted(configurations.items(), reverse=not starts)))
+
+
+def _relative(path: Path, folder: Path) -> str:
+    return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
+
+
+def _joined(parts: list[_Part]) -> list[_Part]:
+    # Files with different channels as runs, if their names and columns say so. Those of a run have one length, rate and clock.
+    if any(part.samples for part in parts) or len({part.table.path for part in parts}) < len(parts):
+        return parts
+    named = [{(column.label or name, column.unit) for name, (_, column) in part.columns.items()} for part in parts]
+    runs = runs_of([part.table.path for part in parts], named, [word for word, _ in QUANTITIES])
+    # How many words of files have a column of this name; a name that says nothing is as if several had it.
+    meant = {word: {name for name, _ in named[at]} for files in runs.values() for word, at in files.items()}
+    several = Counter(itertools.chain(*meant.values())) + Counter(dict.fromkeys((*PLAIN, UNNAMED), 2))
+    found: list[_Part] = []
+    for run, files in runs.items():
+        there = {word: parts[at] for word, at in files.items()}
+        first = next(iter(there.values()))
+        unlike = next((part.table.path.name for part in there.values() if not _simultaneous(first, part)), None)
+        if unlike is not None:
+            said = f"it seems to be of one run with {unlike}, but differs in length, rate or clock, so each is a run"
+            found += [replace(first, counts=(*first.counts, said)), *list(there.values())[1:]]
+            continue
+        columns: dict[str, tuple[str, Column]] = {}
+        others: dict[str, Path] = {}
+        for word, part in there.items():
+            for name, (source, column) in part.columns.items():
+                called = column.label or name
+                own = several[called] == 1
+                place = called if own else word if len(part.columns) == 1 else f"{word}_{called}"
+                columns[place] = (source, column if own else replace(column, label=""))
+                others |= {} if part is first else {place: part.table.path}
+        counts = dict.fromkeys(count for part in there.values() for count in part.counts)
+        found.append(replace(first, group=run, counts=tuple(counts), columns=columns, files=others))
+    return found or parts
+
+
+def _simultaneous(one: _Part, other: _Part) -> bool:
+    # Of the same length, and with the same clock or rate.
+    records = [next(iter(part.columns.values()))[1] for part in (one, other)]
+    clocks = [part.table.columns[part.time] for part in (one, other) if part.time is not None]
+    rates = [_known_rate(part, record) for part, record in zip((one, other), records, strict=True)]
+    same = abs(rates[0] / rates[1] - 1.0) <= RATE_AGREES if rates[0] and rates[1] else rates[0] == rates[1]
+    alike = len(records[0].values) == len(records[1].values) and same
+    return alike and all(np.array_equal(clock.values, clocks[0].values) for clock in clocks)
+
+
+def _known_rate(part: _Part, record: Column) -> float | None:
+    # By the clock, otherwise by the file.
+    clock = None if part.time is None else part.table.columns[part.time]
+    if part.time is None or clock is None or not is_even(part.time, clock):
+        return record.sample_rate
+    return column_rate(part.time, clock, "")
 
 
 def _further_numbers(table: ForeignTable) -> list[str]:
@@ -238,6 +296,11 @@ def _no_records(tables: Sequence[ForeignTable]) -> str:
             f"{path} contains only spectra without phase ({text}); neither modes nor parameters can be fitted to them, so export "
             "the time records or the transfer functions"
         )
+    longest = max((len(column.values) for table in tables for column in table.columns.values()), default=0)
+    if 0 < longest < SHORT:
+        return (
+            f"{path} has columns of {longest} values, but a time record has at least {SHORT}; export the time records as columns"
+        )
     remarks = "; ".join(remark for table in tables for remark in table.remarks)
     return f"{path} contains no time record{f' ({remarks})' if remarks else ''}; export the time records as columns"
 
@@ -256,11 +319,19 @@ def _groups(table: ForeignTable) -> dict[str, dict[str, tuple[str, Column]]]:
 
 
 def _one_each(groups: Mapping[str, Mapping[str, tuple[str, Column]]]) -> bool:
-    # Structures with one plain array each (a.values, b.values) are channels, not runs.
+    # Structures with one plain array each (a.values, b.values) are channels, not runs, also if each repeats the clock.
     # The same holds for groups that name their only channel.
-    single = all(len(columns) == 1 for columns in groups.values())
-    named = all(name in PLAIN or column.label for columns in groups.values() for name, (_, column) in columns.items())
-    return len(groups) > 1 and single and named
+    clocks: dict[int, Column] = {}
+    for columns in groups.values():
+        records = [
+            name for name, (source, column) in columns.items() if not is_clock(name, column) and not _may_be_time(source, column)
+        ]
+        if len(records) > 1 or not all(name.lower() in PLAIN or columns[name][1].label for name in records):
+            return False
+        for clock in (column for name, (_, column) in columns.items() if name not in records):
+            if not np.array_equal(clocks.setdefault(len(clock.values), clock).values, clock.values):
+                return False
+    return len(groups) > 1
 
 
 def _parts(table: ForeignTable, group: str, columns: Mapping[str, tuple[str, Column]]) -> list[_Part]:
@@ -271,10 +342,9 @@ def _parts(table: ForeignTable, group: str, columns: Mapping[str, tuple[str, Col
     for name, (source, column) in columns.items():
         if name not in clocks and len(column.values) > 1:
             sampled.setdefault((len(column.values), column.sample_rate), {})[name] = (source, column)
-    longest = max((size for size, _ in sampled), default=0)
     runs: list[_Part] = []
     for (size, _), there in sampled.items():
-        if size >= (SHORT if table.spectra else min(SHORT, longest)):
+        if size >= SHORT:
             time = next((columns[name][0] for name, n in clocks.items() if n == size), None)
             runs += _runs_of(_part(table, group, there, time))
     return runs
@@ -406,7 +476,7 @@ def _run(
     lines = [
         "[[runs]]",
         f"id = {value_text(name)}",
-        f"file = {value_text(Path(os.path.relpath(table.path.resolve(), folder.resolve())).as_posix())}",
+        f"file = {value_text(_relative(table.path, folder))}",
         *([f'configuration = "{configuration}"    # ?'] if configuration else []),
         f"gain = {gain}    # ?",
         f'excitation = "{excitation}"    # ? random, multisine, sweep, moves, free or other',

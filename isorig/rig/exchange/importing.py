@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from hashlib import blake2b
@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, Gap, IntArray, Run, Samples, once
+from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, FloatArray, Gap, IntArray, Run, Samples, once
 from isorig.analysis.fitting.repeats import same_drive
 from isorig.analysis.fitting.trials import SHORTEST
 from isorig.analysis.given import given_path
@@ -24,7 +24,19 @@ from isorig.analysis.spectra.zero_errors import zero_errors
 from isorig.analysis.units import KGF
 from isorig.analysis.wording import did_you_mean
 from isorig.rig.errors import PlanError, RecordingError
-from isorig.rig.exchange.clock import RATE_AGREES, column_rate, is_clock, is_time, run_numbers, sample_counter, says_time
+from isorig.rig.exchange.clock import (
+    BREAK,
+    LOST_MOST,
+    RATE_AGREES,
+    column_rate,
+    is_clock,
+    is_time,
+    run_numbers,
+    sample_counter,
+    says_time,
+    seconds_per,
+    time_unit,
+)
 from isorig.rig.exchange.mapping import ChannelMap, Mapping, RunMap, read_mapping
 from isorig.rig.exchange.reading import read_foreign
 from isorig.rig.exchange.table import Column, ForeignTable
@@ -36,6 +48,10 @@ from isorig.rig.wire_bonder.description import wire_bonder
 
 #: An acceleration in m/s^2 that no rig keeps up: more than gravity, which some sensors transmit, with some calibration error.
 STEADY = 1.1 * KGF
+#: What instruments return instead of infinity; a value that is no number is larger (SCPI 1999, volume 1, 7.2.1).
+SCPI_INFINITY = 9.9e37
+#: The same largest value in several samples, farther from all others than this multiple of their range, stands for lost samples.
+PLACEHOLDER = 10.0
 #: Attributes of a sensor in a mapping.
 SENSOR = ("sensor", "place", "direction")
 
@@ -109,7 +125,7 @@ def import_campaign(mapping_path: str | Path, output: str | Path, *, data: str |
             )
     # A file with several runs is read once.
     table_in = cache(read_foreign)
-    runs = tuple(_with_zero(_run(wanted, mapping, table_in(folder / wanted.file)), absent) for wanted in mapping.runs)
+    runs = tuple(_with_zero(_run(wanted, mapping, lambda name: table_in(folder / name)), absent) for wanted in mapping.runs)
     campaign = Campaign(runs=runs, known=mapping.rig, description=description, source=str(output))
     campaign = repeats(campaign, tuple(drive.channel for drive in model.drives))
     write(output, campaign)
@@ -139,20 +155,22 @@ def _with_zero(run: Run, drives: Sequence[Drive]) -> Run:
     return replace(run, channels={**run.channels, **zero})
 
 
-def _run(wanted: RunMap, mapping: Mapping, table: ForeignTable) -> Run:
+def _run(wanted: RunMap, mapping: Mapping, table_in: Callable[[str], ForeignTable]) -> Run:
+    table = table_in(wanted.file)
     here = f"{table.path}, run {wanted.id!r}"
     sources = {
         name: wanted.sources.get(name, channel.source) for name, channel in mapping.channels.items()
         if not wanted.channels or name in wanted.channels
     }  # fmt: skip
+    tables = {name: table_in(wanted.files[name]) if name in wanted.files else table for name in sources}
     for name, source in sources.items():
-        other = next(one for one, column in sources.items() if column == source)
+        other = next(one for one, column in sources.items() if column == source and tables[one] is tables[name])
         if other != name:
             raise PlanError(
                 f"{here} gives column {source!r} to the channels {other!r} and {name!r}, but a column is the record of one "
                 "channel; correct the source of one of them, or remove it"
             )
-    columns = {name: _column(table, source, f"{here}: channel {name!r}") for name, source in sources.items()}
+    columns = {name: _column(tables[name], source, f"{here}: channel {name!r}") for name, source in sources.items()}
     lengths = {name: len(column.values) for name, column in columns.items()}
     if len(set(lengths.values())) > 1:
         text = ", ".join(f"{name} {n}" for name, n in lengths.items())
@@ -170,7 +188,7 @@ def _run(wanted: RunMap, mapping: Mapping, table: ForeignTable) -> Run:
     first += int(np.argmin(np.append(lost == first + np.arange(len(lost)), False)))
     lost = lost[lost >= first]
     kept = np.setdiff1d(np.arange(first, last), lost, assume_unique=True) if len(lost) else slice(first, last)
-    rate = _rate(wanted, columns, table, (first, last), here)
+    rate = _common_rate(wanted, columns, tables, (first, last), here)
     if wanted.band is not None and wanted.band[0] >= rate / 2.0:
         raise PlanError(
             f"{here} has a band from {wanted.band[0]:g} Hz, but {rate:g} samples per second contain at most {rate / 2.0:g} Hz; "
@@ -232,8 +250,9 @@ def channel_of(name: str, wanted: ChannelMap, column: Column, kept: IntArray | s
                 f"write unit = {said!r}, and if the file is wrong also sensitivity = {other.factor / meant.factor:.6g}"
             )
     values = column.values[kept]
-    if values.dtype.kind == "f" and not np.isfinite(values).all():
-        at = int(np.flatnonzero(~np.isfinite(values))[0])
+    # Instruments write this number for infinity (SCPI).
+    if values.dtype.kind == "f" and not (good := np.abs(values) < SCPI_INFINITY).all():
+        at = int(np.flatnonzero(~good)[0])
         row = int(np.arange(len(column.values))[kept][at])
         raise RecordingError(
             f"{here}: column {wanted.source!r} contains {values[at]} at sample {row}; recordings have finite values only, so cut "
@@ -256,6 +275,35 @@ class _Rate:
     source: str
     words: str
     unused: str = ""
+
+
+def _common_rate(
+    wanted: RunMap, columns: dict[str, Column], tables: dict[str, ForeignTable], part: tuple[int, int], here: str
+) -> float:
+    # The sample rate of a run, which each of its files has. Their clocks begin together.
+    files: dict[Path, tuple[float, float | None]] = {}
+    several = len({table.path for table in tables.values()}) > 1
+    for table in {table.path: table for table in tables.values()}.values():
+        own = {name: column for name, column in columns.items() if tables[name] is table}
+        clock = table.columns.get(wanted.time or "")
+        timed = msgspec.structs.replace(wanted, time=None) if several and clock is None else wanted
+        rate = _rate(timed, own, table, part, f"{here}: {table.path.name}" if several else here)
+        unit_of_time = "" if clock is None else wanted.time_unit or time_unit(wanted.time or "", clock)
+        begin = None if clock is None else float(clock.values[part[0]]) * (seconds_per(unit_of_time) or 1.0)
+        files[table.path] = rate, begin
+    (first, (rate, begin)), *rest = files.items()
+    for path, (other, later) in rest:
+        if abs(other / rate - 1.0) > RATE_AGREES:
+            raise PlanError(
+                f"{here}: {first.name} has {rate:.6g} Hz, but {path.name} has {other:.6g} Hz; import them as two runs, or "
+                "correct the wrong rate"
+            )
+        if begin is not None and later is not None and abs(later - begin) * rate > BREAK:
+            raise PlanError(
+                f"{here}: {first.name} begins at {begin:.6g} s, but {path.name} at {later:.6g} s; cut them to the same time, or "
+                "import them as two runs"
+            )
+    return rate
 
 
 def _rate(wanted: RunMap, columns: dict[str, Column], table: ForeignTable, part: tuple[int, int], here: str) -> float:
@@ -366,6 +414,12 @@ def shortcomings(campaign: Campaign) -> list[str]:
                     "sensors differs: correct the source of one of them, or the file."
                 )
             least = max(low, -high)
+            value, count = _placeholder(channel.read())
+            if count > 1:
+                found.append(
+                    f"Run {run.id!r} has the value {value:.6g} {channel.unit} in {count} samples of channel {name!r}, far from "
+                    "all others: if it stands for lost samples, leave their cells empty in the file."
+                )
             if channel.quantity == "acceleration" and least > STEADY:
                 means.pop(name, None)
                 found.append(
@@ -381,6 +435,15 @@ def shortcomings(campaign: Campaign) -> list[str]:
         elif len(run) < SHORTEST:
             found.append(f"{begin}, but fits need at least {SHORTEST}: record longer runs.")
     return [*found, *means.values(), *wrong_bands(campaign, drive)]
+
+
+def _placeholder(values: FloatArray) -> tuple[float, int]:
+    # The largest value of a record, and in how many samples it has it if all others are far from it. Pulses have two values only.
+    largest = float(values[np.argmax(np.abs(values))])
+    others = values[values != largest]
+    few = 0 < len(values) - len(others) <= LOST_MOST * len(values)
+    far = few and np.abs(others - largest).min() > PLACEHOLDER * np.ptp(others) > 0.0
+    return largest, len(values) - len(others) if far else 0
 
 
 def _is_copy(one: Run, other: Run) -> bool:

@@ -80,6 +80,8 @@ class RunMap(MappingPart, frozen=True):
         First and last + 1 sample of the part; by default the whole file.
     sources
         Other columns for channels of this run, by channel name.
+    files
+        Other files for channels of this run, by channel name; their samples are simultaneous with those of `file`.
     """
 
     id: str
@@ -100,6 +102,7 @@ class RunMap(MappingPart, frozen=True):
     usable_to: float | None = None
     samples: tuple[int, int] | None = None
     sources: dict[str, str] = {}
+    files: dict[str, str] = {}
 
 
 class Mapping(MappingPart, frozen=True):
@@ -138,6 +141,7 @@ def _check(mapping: Mapping, where: str) -> None:
             raise PlanError(f"{here} occurs {ids.count(run.id)} times; give each run its own id")
         for said, name in [
             *((f"gives a source for {name!r}, which is not a channel", name) for name in sorted(run.sources)),
+            *((f"gives a file for {name!r}, which is not a channel", name) for name in sorted(run.files)),
             *((f"has the channel {name!r}, which does not exist", name) for name in run.channels),
         ]:
             if name not in mapping.channels:

@@ -21,8 +21,7 @@ ARCHIVE = b"PK\x03\x04"
 #: Files that cannot be imported, by their first bytes, and what to do with them.
 OTHERS = (
     (b"\xd0\xcf\x11\xe0", "an Excel workbook or another document; save its numbers as CSV"),
-    (b"PAR1", "a Parquet file; save it as CSV"),
-    (b"ARROW1", "an Arrow or Feather file; save it as CSV"),
+    (b"FEA1", "a Feather file of version 1; save it as Parquet or CSV"),
     (b"MDF     ", "an MDF file; export it as CSV, MATLAB or HDF5"),
     (b"CDF", "a netCDF 3 file; convert it to netCDF 4, or export it as CSV"),
     (b"\x1f\x8b", "compressed; unpack it"),

@@ -21,6 +21,8 @@ COLUMNS_MOST = 256
 
 #: LabVIEW's name of a channel or a group that was given none.
 UNTITLED = re.compile(r"Untitled( \d+)?")
+#: Name of the columns of a format without names.
+UNNAMED = "channel"
 #: Name of the streamed gain in files whose `gain` is a single number for the run.
 STREAMED = "gain_streamed"
 
@@ -95,18 +97,18 @@ class Format:
     begins: re.Pattern[bytes] | None = None
 
 
-def vectors_of(name: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    """A vector by its name; a multidimensional array as vectors along its longest axis, named name[0], name[1] ... or name[0,2]
-    ...
+def vectors_of(name: str, values: NDArray[Any], samples: int | None = None) -> dict[str, NDArray[Any]]:
+    """A vector by its name; a multidimensional array as vectors along its axis `samples`, by default its longest one, named
+    name[0], name[1] ... or name[0,2] ...
 
-    Empty if the array would become more than `COLUMNS_MOST` vectors.
+    Axes of one element do not count. Empty if the array would become more than `COLUMNS_MOST` vectors.
     """
     values = np.squeeze(np.asarray(values))
     if values.ndim == 1:
         return {name: values}
     if values.ndim == 0 or values.size == 0:
         return {}
-    along = np.moveaxis(values, int(np.argmax(values.shape)), 0)
+    along = np.moveaxis(values, int(np.argmax(values.shape)) if samples is None else samples, 0)
     if values.size // along.shape[0] > COLUMNS_MOST:
         return {}
     flat = along.reshape(along.shape[0], -1)

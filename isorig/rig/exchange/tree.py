@@ -43,6 +43,8 @@ PLAIN = frozenset(("values", "value", "data", "y", "samples", "signal", "h"))
 #: Keys of a structure that name it, in order of preference, and structures that only contain the array (Simulink's `signals`).
 NAMES = ("name", "channel", "label", "id", "title")
 WRAPPERS = ("signals",)
+#: Columns with fewer values next to longer ones are settings, not records.
+SHORT = 16
 #: A real column of transfer functions with values between 0 and this is a coherence.
 COHERENT = 1.0 + 1e-9
 
@@ -96,7 +98,14 @@ def table_of(path: Path, items: Iterable[tuple[str, Any]], remarks: Sequence[str
     spectra: list[Spectrum] = []
     said = list(remarks)
     for name, values in content.arrays.items():
-        vectors = vectors_of(name, values)
+        shape = tuple(n for n in values.shape if n > 1)
+        axes = _sample_axes(name, shape, content)
+        vectors = vectors_of(name, values, axes[0] if len(axes) == 1 else None)
+        if vectors and len(shape) > 1 and len(axes) != 1 and sorted(shape)[-2] >= SHORT and max(shape) <= COLUMNS_MOST:
+            said.append(
+                f"{name!r} has the shape {values.shape}, and nothing says which axis has the samples: "
+                f"{max(shape)} along axis {shape.index(max(shape))} are assumed, otherwise save its transpose with the times"
+            )
         if not vectors:
             said.append(f"{name!r} has the shape {values.shape}, more than {COLUMNS_MOST} records, and is left out")
             continue
@@ -155,6 +164,21 @@ def _listed(name: str, size: int, content: _Content, lists: frozenset[str]) -> l
             if _plain(key) in lists and len(texts) == size and f"{key}[{size}]" not in words:
                 return texts
     return [""] * size
+
+
+def _sample_axes(name: str, shape: tuple[int, ...], content: _Content) -> list[int]:
+    # The axes of an array that may have the samples: as many as its clock has, or those without a name for each channel.
+    if len(shape) < 2:
+        return []
+    for structure in content.around(name):
+        near = ((key, np.squeeze(values)) for key, values in content.within(structure, content.arrays).items())
+        clocks = (v for key, v in near if v.ndim == 1 and is_time(key, Column(values=v)))
+        sizes = {len(v) for v in clocks if len(v) in shape and len(v) >= SHORT}
+        if len(sizes) == 1:
+            return [axis for axis, size in enumerate(shape) if size in sizes]
+    lists = NAME_LISTS | UNIT_LISTS
+    named = [axis for axis, size in enumerate(shape) if any(_listed(name, size, content, lists))]
+    return [axis for axis in range(len(shape)) if axis not in named] if named else []
 
 
 def _label(name: str, content: _Content) -> str:

@@ -9,6 +9,7 @@ from isorig.analysis.campaign import Quantity
 from isorig.analysis.units import FACTORS
 from isorig.analysis.wording import did_you_mean
 from isorig.rig.errors import PlanError
+from isorig.rig.exchange.clock import seconds_per
 
 
 class Unit(NamedTuple):
@@ -68,6 +69,17 @@ def known_unit(text: str) -> str | None:
     if torque := _TORQUE.fullmatch(name):
         name = f"{torque[1]} {torque[2]}"
     return name if name in UNITS else None
+
+
+def name_and_unit(head: str) -> tuple[str, str]:
+    """The name and the unit in the head of a column: "force [N]", "force (N)", "force / N"; the unit is "" if there is none."""
+    found = re.fullmatch(r"(.+?)\s*[\[(]([^\])]+)[\])]", head)
+    if found and not re.search(r"\S[\[(]\d+.$", head):
+        return found[1], found[2]
+    found = re.fullmatch(r"(.+?)\s*/\s*([^/].*)", head)
+    if found and (known_unit(found[2]) or seconds_per(found[2])):
+        return found[1], found[2]
+    return head, ""
 
 
 def unit(text: str, where: str) -> Unit:

@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 import pytest
 from nptdms import ChannelObject, RootObject, TdmsWriter
-from scipy.io import savemat
+from scipy.io import savemat, wavfile
 
 from isorig.analysis.campaign import FloatArray, Run
 from isorig.rig.cli import main
@@ -70,6 +70,18 @@ HEADS = {
     "nanoseconds since 1970": ["timestamp,a,b", *(f"{1706782272250000000 + k * 1000000}{r[5:]}" for k, r in enumerate(ROWS))],
     "milliseconds since 1970": ["timestamp,a,b", *(f"{1706782272250 + k}{r[5:]}" for k, r in enumerate(ROWS))],
     "a counter of microseconds": ["micros,a,b", *(f"{7 + k * 1000}{r[5:]}" for k, r in enumerate(ROWS))],
+}  # fmt: skip
+
+
+HEADS |= {
+    "bars between cells": ["time|a|b", *(row.replace(",", "|") for row in ROWS)],
+    "places below the units": ["time,a,b", "s,m/s^2,m/s^2", "-,top,top", *ROWS],
+    "factors below the units": ["time,a,b", "s,m/s^2,m/s^2", "Factor,1,1", *ROWS],
+    "sensitivities below the names": ["time,a,b", "Sens.,100.2,10.5", *ROWS],
+    "a time in ms": ["Zeit in ms,a,b", *(f"{k}{row[5:]}" for k, row in enumerate(ROWS))],
+    "signs that touch numbers": [
+        "time a b", *(f"{t:13.6E}{x:13.6E}{y:13.6E}" for t, x, y in zip(TIME, X, Y, strict=True)),
+    ],
 }  # fmt: skip
 
 
@@ -158,6 +170,10 @@ def test_the_decimal_mark_of_the_data_is_that_of_the_head(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("rows", "said"),
     [
+        ([*ROWS, "", "time,v", *(row.rsplit(",", 1)[0] for row in ROWS)], "line 123 has words below the numbers: if a second"),
+        ([f"{k};{1234567 + 1000 * k:,d};1.0".replace(",", ".") for k in range(N)], "'1.234.567', which seems to have"),
+        ([f"{k};{1234567 + k:,d};1.0".replace(",", "\u202f") for k in range(N)], "which seems to have separators of thousands"),
+        ([f"{k};34,34,{100 + k};1.0" for k in range(N)], "'34,34,100', which seems to have separators of thousands"),
         (["0.000,OVERLOAD,1.0", *ROWS[1:]], "line 2, column 2 contains 'OVERLOAD', which is not a number"),
         ([*ROWS[:50], "0.050,--,1.0", *ROWS[51:]], "line 52, column 2 contains '--', which is not a number; correct it, leave"),
         ([*(row.replace(",", ";") for row in ROWS), "0.120;1'234.5;1.0"], "seems to have separators of thousands"),
@@ -173,6 +189,97 @@ def test_a_step_of_a_thousandth_is_no_thousand(tmp_path: Path) -> None:
     values = np.arange(N) * 0.125 + 20.0
     columns = read_foreign(table(tmp_path / "m.csv", "k;a", *(f"{k};{v:g}" for k, v in enumerate(values)))).columns
     np.testing.assert_array_equal(columns["a"].values, values)
+
+
+@pytest.mark.parametrize(("last", "ambiguous"), [("31.250", True), ("31.25", False), ("0.125", False)])
+def test_a_point_that_may_separate_thousands(tmp_path: Path, last: str, ambiguous: bool) -> None:
+    lines = [f"{k}\t{20.125 + k:.3f}" for k in range(N)]
+    remarks = " ".join(read_foreign(table(tmp_path / "m.txt", "k\ta", *lines, f"{N}\t{last}")).remarks)
+    assert ("if it separates thousands, write sensitivity = 0.001" in remarks) is ambiguous
+
+
+@pytest.mark.parametrize(
+    ("head", "said"),
+    [
+        (["a,b", "100.2,10.5"], "line 2 ('100.2,10.5') has other numbers of decimals than all rows below it: if it numbers"),
+        (["a,b", "7,12"], "line 2 ('7,12') has other numbers of decimals than all rows below it"),
+        (["a,b", "g,N", "2.5"], "line 3 ('2.5') has 1 of 2 cells, so it is left out"),
+        (["c,a,b", "Factor,1,0.5"], "line 2 ('Factor,1,0.5') has numbers for the columns, perhaps scales, which are not applied"),
+    ],
+)  # fmt: skip
+def test_numbers_above_the_data(tmp_path: Path, head: list[str], said: str) -> None:
+    rows = ROWS if head[0] == "c,a,b" else [f"{x:.4f},{y:.4f}" for x, y in zip(X, Y, strict=True)]
+    remarks = read_foreign(table(tmp_path / "m.csv", *head, *rows)).remarks
+    assert [remark for remark in remarks if said in remark]
+    assert not read_foreign(table(tmp_path / "n.csv", head[0], *rows)).remarks
+
+
+@pytest.mark.parametrize(
+    ("rows", "end", "said"),
+    [
+        ([*ROWS[:-1], ROWS[-1][:-2]], "\n", True),
+        ([f"{k},{k + 1000}" for k in range(N)] + ["120,11"], "", True),
+        ([f"{k},{k + 1000}" for k in range(N)] + ["120,11"], "\n", False),
+        (ROWS, "\n", False),
+    ],
+)  # fmt: skip
+def test_a_last_number_that_may_be_cut(tmp_path: Path, rows: list[str], end: str, said: bool) -> None:
+    (tmp_path / "m.csv").write_text("\n".join(rows) + end)
+    assert ("has fewer digits than all before it" in " ".join(read_foreign(tmp_path / "m.csv").remarks)) is said
+
+
+def test_one_channel_row_after_row(tmp_path: Path) -> None:
+    """A record that changes slowly; channels that are alike, or have names, are no such record."""
+    values = np.cumsum(np.random.default_rng(3).normal(size=(N, 5)))
+    rows = [" ".join(f"{v:.4f}" for v in row) for row in values.reshape(N, 5)]
+    assert "each row seems to continue the one before it" in " ".join(read_foreign(table(tmp_path / "m.txt", *rows)).remarks)
+    alike = [" ".join(f"{v + noise:.4f}" for noise in (0.1, 0.2, 0.3)) for v in values[::5]]
+    assert not read_foreign(table(tmp_path / "n.txt", *alike)).remarks
+    assert not read_foreign(table(tmp_path / "o.txt", "a b c d e", *rows)).remarks
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be", "utf-32", "utf-8-sig", "cp1252"])
+def test_encodings(tmp_path: Path, encoding: str) -> None:
+    (tmp_path / "m.csv").write_bytes("\n".join(["time,a [m/s²],b [m/s²]", *ROWS]).encode(encoding))
+    (run,) = drafted(tmp_path, tmp_path / "m.csv")
+    check(run, {"a": X, "b": Y})
+
+
+@pytest.mark.parametrize(("bits", "step"), [(16, 2000), (16, 1000), (24, 200_000), (32, 1_000_000)])
+@pytest.mark.parametrize("signed", [False, True])
+def test_counters_that_begin_again(tmp_path: Path, bits: int, step: int, signed: bool) -> None:
+    """A clock that is a counter of so many bits is one clock, not that of several runs."""
+    count = (2**bits - 50 * step + step * np.arange(N)) % 2**bits - signed * 2 ** (bits - 1)
+    (run,) = drafted(
+        tmp_path, table(tmp_path / "m.csv", "time_ns,a,b", *(f"{c}{r[5:]}" for c, r in zip(count, ROWS, strict=True)))
+    )
+    check(run, {"a": X, "b": Y}, 1e9 / step)
+
+
+@pytest.mark.parametrize(("cell", "said"), [("9.9E+37", "contains 9.9e+37 at sample 40"), ("-9.91E37", "contains -9.91e+37")])
+def test_infinity_of_instruments(tmp_path: Path, capsys: pytest.CaptureFixture[str], cell: str, said: str) -> None:
+    file = table(tmp_path / "m.csv", "time,a,b", *ROWS[:40], f"{ROWS[40][:5]},{cell},1.0", *ROWS[41:])
+    assert main(["import", "--draft", str(file), "-o", str(tmp_path / "d.toml")]) == 0
+    assert said in said_of(capsys, tmp_path / "d.toml", "-o", tmp_path / "o.h5")
+
+
+@pytest.mark.parametrize(("rows", "said"), [((40, 41, 90), True), ((40,), False), (range(0, N, 2), False)])
+def test_values_that_stand_for_lost_samples(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], rows: list[int], said: bool
+) -> None:
+    """The same far value in several samples; a single one may be a hit."""
+    lines = [f"{row[:5]},-9999,1.0" if k in rows else row for k, row in enumerate(ROWS)]
+    drafted(tmp_path, table(tmp_path / "m.csv", "time,a,b", *lines))
+    assert ("has the value -9999 m/s^2 in 3 samples of channel 'a', far from all others" in capsys.readouterr().out) is said
+
+
+@pytest.mark.parametrize("head", [["k\ta"], []])
+@pytest.mark.parametrize("mark", [".", ","])
+def test_a_last_row_of_whole_numbers(tmp_path: Path, mark: str, head: list[str]) -> None:
+    """It fits any decimal mark."""
+    lines = [f"{k}\t{20.5 + k / 4}".replace(".", mark) for k in range(N)]
+    found = read_foreign(table(tmp_path / "m.txt", *head, *lines, f"{N}\t8"))
+    np.testing.assert_array_equal(list(found.columns.values())[1].values, [*(20.5 + np.arange(N) / 4), 8.0])
 
 
 STACKED = {
@@ -315,6 +422,77 @@ def test_lists_of_names_and_units(tmp_path: Path, kind: str) -> None:
     check(run, {"acc": X * G, "lower": Y * 1e-3})
 
 
+@pytest.mark.parametrize("kind", ["npz", "mat", "h5", "json", "names"])
+def test_fewer_samples_than_channels(tmp_path: Path, kind: str) -> None:
+    """The times tell which axis of an array has the samples, or the names which one has the channels; otherwise it is asked."""
+    values, times = np.stack([X + k for k in range(60)])[:, :24], TIME[:24]
+    file = tmp_path / f"m.{'npz' if kind == 'names' else kind}"
+    items: dict[str, Any] = {"data": values, "time": times}
+    if kind == "names":
+        np.savez(file, data=values, channels=[f"s{k}" for k in range(60)], fs=1000.0)
+    elif kind == "npz":
+        np.savez(file, **items)
+    elif kind == "mat":
+        savemat(file, items)
+    elif kind == "json":
+        file.write_text(json.dumps({name: each.tolist() for name, each in items.items()}))
+    else:
+        with h5py.File(file, "w") as hdf:
+            hdf["data"], hdf["time"] = values.T, times[:, None]
+    found = read_foreign(file)
+    np.testing.assert_array_equal(found.columns["data[7]"].values, values[7])
+    assert not found.remarks
+    np.savez(tmp_path / "n.npz", data=values, fs=1000.0)
+    asked = "nothing says which axis has the samples: 60 along axis 0 are assumed"
+    assert asked in " ".join(read_foreign(tmp_path / "n.npz").remarks)
+    np.savez(tmp_path / "o.npz", data=np.zeros((600, 3)), t=[0.0, 1.0, 2.0], fs=1000.0)
+    assert len(read_foreign(tmp_path / "o.npz").columns["data[2]"].values) == 600
+    np.savez(tmp_path / "o.npz", data=np.zeros((600, 60)), fs=1000.0)
+    assert not read_foreign(tmp_path / "o.npz").remarks
+
+
+def test_a_sound_file_has_its_samples_first(tmp_path: Path) -> None:
+    wavfile.write(tmp_path / "m.wav", 1000, np.arange(50 * 64, dtype=np.int16).reshape(50, 64))
+    np.testing.assert_array_equal(read_foreign(tmp_path / "m.wav").columns["channel[3]"].values, np.arange(50) * 64 + 3)
+
+
+@pytest.mark.parametrize("form", ["h5", "mat"])
+def test_channels_with_a_clock_each(tmp_path: Path, form: str) -> None:
+    """Structures with one record and the same clock are the channels of a run."""
+    if form == "h5":
+        with h5py.File(tmp_path / "m.h5", "w") as hdf:
+            for name, values in (("a", X), ("b", Y)):
+                hdf[f"{name}/value"], hdf[f"{name}/time"] = values, TIME
+    else:
+        savemat(tmp_path / "m.mat", {"log": {name: {"Time": TIME, "Data": each} for name, each in (("a", X), ("b", Y))}})
+    (run,) = drafted(tmp_path, tmp_path / f"m.{form}")
+    check(run, {"a": X, "b": Y})
+
+
+@pytest.mark.parametrize("ending", ["jsonl", "ndjson", "json"])
+def test_an_object_in_each_line(tmp_path: Path, ending: str) -> None:
+    rows = [json.dumps({"t": t, "of": {"a": x, "b": y}}) for t, x, y in zip(TIME, X.tolist(), Y.tolist(), strict=True)]
+    file = table(tmp_path / f"m.{ending}", *rows)
+    file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes())
+    (run,) = drafted(tmp_path, file)
+    check(run, {"of_a": X, "of_b": Y})
+
+
+def test_fields_of_fields(tmp_path: Path) -> None:
+    values = np.zeros(N, dtype=[("time", "f8"), ("of", [("a", "f8"), ("b", "f8")])])
+    values["time"], values["of"]["a"], values["of"]["b"] = TIME, X, Y
+    np.save(tmp_path / "m.npy", values)
+    (run,) = drafted(tmp_path, tmp_path / "m.npy")
+    check(run, {"of_a": X, "of_b": Y})
+
+
+def test_settings_alone_are_no_record(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "m.json").write_text(json.dumps({"fs": 1000, "range": [1, 2]}))
+    assert "has columns of 2 values, but a time record has at least 16" in said_of(
+        capsys, "--draft", tmp_path / "m.json", "-o", tmp_path / "d.toml"
+    )
+
+
 @pytest.mark.parametrize(
     ("place", "value", "rate"),
     [("meta/fs", 1000.0, 1000.0), ("info/rate/sample_rate_kHz", 2.0, 2000.0), ("fs", "1000 Hz", 1000.0), ("dt_ms", 0.5, 2000.0)],
@@ -392,7 +570,7 @@ def test_scales_are_listed(tmp_path: Path) -> None:
     [
         ("m.dat", b"MDF     4.10    ", "is an MDF file; export it as CSV, MATLAB or HDF5"),
         ("m.mf4", b"MDF     4.10    ", "is an MDF file; export it as CSV, MATLAB or HDF5"),
-        ("m.feather", b"ARROW1\0\0", "is an Arrow or Feather file; save it as CSV"),
+        ("m.feather", b"FEA1\0\0", "is a Feather file of version 1; save it as Parquet or CSV"),
         ("m.nc", b"CDF\x01" + bytes(40), "is a netCDF 3 file; convert it to netCDF 4"),
         ("m.rsp", b"FORMAT" + bytes(40), "so export it as one of these, or rename it to .csv if it is text"),
     ],

@@ -59,7 +59,7 @@ def written(path: Path, kind: str) -> None:
         (".npy file", "contains a .npy file, not {}; rename it to run.npy"),
         ("universal", "contains a universal file, not {}; rename it to run.uff"),
         ("document", "is an Excel workbook or another document; save its numbers as CSV"),
-        ("Parquet", "is a Parquet file; save it as CSV"),
+        ("Parquet", "contains a Parquet file, not {}; rename it to run.parquet"),
         ("compressed", "is compressed; unpack it"),
         ("PDF", "is a PDF document; export its numbers as CSV"),
     ],

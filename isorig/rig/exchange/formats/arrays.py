@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 import zipfile
 from collections.abc import Iterator
@@ -26,8 +27,13 @@ DEEP = 16
 
 
 def read_json(path: Path) -> ForeignTable:
-    """Arrays of a JSON file: of an object by its keys, of a list of objects by their keys or names; null is a lost sample."""
-    found = table_of(path, _flattened("", msgspec.json.decode(content_of(path, JSON_MOST)), 0))
+    """Arrays of a JSON file: of an object by its keys, of a list of objects, or of an object in each line, by their keys or
+    names; null is a lost sample."""
+    content = content_of(path, JSON_MOST).removeprefix(codecs.BOM_UTF8)
+    # An object in each line is a list of them.
+    several = re.match(rb"\s*\{[^\n]*\}\s*\n\s*\{", content)
+    value = msgspec.json.Decoder().decode_lines(content) if several else msgspec.json.decode(content)
+    found = table_of(path, _flattened("", value, 0))
     columns, remarks = completed(found.columns)
     return replace(found, columns=columns, remarks=(*found.remarks, *remarks))
 
@@ -58,7 +64,8 @@ def read_npz(path: Path) -> ForeignTable:
 
 def _fields(name: str, values: Any) -> Iterator[tuple[str, Any]]:
     if values.dtype.names:
-        yield from ((f"{name}.{key}" if name != "data" else key, values[key]) for key in values.dtype.names)
+        for key in values.dtype.names:
+            yield from _fields(f"{name}.{key}" if name != "data" else key, values[key])
     elif values.dtype.kind in "US" and values.size == 1:
         yield name, str(values.ravel()[0])
     else:
@@ -87,8 +94,9 @@ def _listed(name: str, value: list[Any], depth: int) -> Iterator[tuple[str, Any]
     elif value and all(isinstance(item, str) for item in value):
         yield name, np.array(value)
     elif value and all(isinstance(item, dict) for item in value):
-        plain = set.intersection(*(set(item) for item in value))
-        rows = {key: _numbers([item[key] for item in value]) for key in value[0] if key in plain}
+        items = [_unnested(item) for item in value]
+        plain = set.intersection(*(set(item) for item in items))
+        rows = {key: _numbers([item[key] for item in items]) for key in items[0] if key in plain}
         if len(value) > 1 and any(values is not None and values.ndim == 1 for values in rows.values()):
             # Rows of a table: {"t": 0.0, "x": 1.0}, {"t": 0.1, ...}
             yield from ((f"{name}.{key}" if name else key, values) for key, values in rows.items() if values is not None)
@@ -100,6 +108,15 @@ def _listed(name: str, value: list[Any], depth: int) -> Iterator[tuple[str, Any]
         for k, item in enumerate(value):
             if isinstance(item, dict | list):
                 yield from _flattened(f"{name}[{k}]" if name else f"data[{k}]", item, depth + 1)
+
+
+def _unnested(item: dict[str, Any], depth: int = 0) -> dict[str, Any]:
+    # An object with those in it in one: {"x": {"y": 1.0}} becomes {"x.y": 1.0}.
+    found: dict[str, Any] = {}
+    for key, inner in item.items():
+        nested = isinstance(inner, dict) and depth < DEEP
+        found |= {f"{key}.{own}": each for own, each in _unnested(inner, depth + 1).items()} if nested else {key: inner}
+    return found
 
 
 def _numbers(value: list[Any]) -> Any:
@@ -117,7 +134,9 @@ def _has_words(value: Any) -> bool:
     return any(_has_words(item) if isinstance(item, list) else isinstance(item, str | bool) for item in value)
 
 
-JSON = Format(extensions=(".json",), name="JSON", read=read_json, advice=f"{AGAIN}, or write it as arrays by name")
+JSON = Format(
+    extensions=(".json", ".jsonl", ".ndjson"), name="JSON", read=read_json, advice=f"{AGAIN}, or write it as arrays by name"
+)
 NPY = Format(
     extensions=(".npy",),
     name="a .npy file",

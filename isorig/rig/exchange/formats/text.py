@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import io
 import itertools
@@ -15,10 +16,10 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.rig.errors import RecordingError
-from isorig.rig.exchange.clock import BESIDE, completed, seconds_per
+from isorig.rig.exchange.clock import BESIDE, completed, names_time, seconds_per
 from isorig.rig.exchange.table import Column, ForeignTable, Format
 from isorig.rig.exchange.tree import rate_of, table_of
-from isorig.rig.exchange.units import COUNTS, OTHER_UNITS, known_unit
+from isorig.rig.exchange.units import COUNTS, OTHER_UNITS, known_unit, name_and_unit
 from isorig.rig.files.inputs import content_of
 from isorig.rig.files.output import reason
 
@@ -26,15 +27,27 @@ if TYPE_CHECKING:
     import pandas as pd
 
 #: Separator and decimal mark, in order of preference.
-STYLES = ((";", ","), (";", "."), ("\t", ","), ("\t", "."), (",", "."), (",", ","), (r"\s+", "."), (r"\s+", ","))
+STYLES = (
+    (";", ","), (";", "."), ("\t", ","), ("\t", "."), (",", "."), (",", ","), ("|", "."), ("|", ","),
+    (r"\s+", "."), (r"\s+", ","),
+)  # fmt: skip
 #: Separators that a line of names may have instead of the data's.
 HEAD_SEPARATORS = (",", ";", "\t", r"\s{2,}", r"\s+")
+#: Marks at the start of a text, and the encodings that they mean; that of UTF-16 is also the start of that of UTF-32.
+MARKS = (
+    (codecs.BOM_UTF32_LE, "utf-32"), (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"),
+)  # fmt: skip
 #: Maximum bytes of a text file: as numbers in memory it takes about as many.
 FILE_MOST = 1 << 30
 #: Maximum number of header lines, and of their characters.
 HEAD_LINES, HEAD_LONGEST = 1000, 1 << 20
+#: Fewest successive lines with a single value that are a column, unless the file ends before.
+ROWS_LEAST = 3
 #: Number of lines at the end whose digits are compared.
 LAST_LINES = 50
+#: Each row continues the one before it if the step between them is smaller than this share of the steps from row to row. Chosen.
+CONTINUED = 0.8
 #: A time of day, with or without its date, its hours and its time zone.
 _CLOCK = re.compile(
     r"(?:(?P<date>\d{4}[-/]\d\d?[-/]\d\d?|\d\d?[./-]\d\d?[./-]\d{2,4})[ T])?"
@@ -42,6 +55,10 @@ _CLOCK = re.compile(
     r"(?: ?(?P<half>[AP]M)|Z|[+-]\d\d:?\d\d)?",
     re.IGNORECASE,
 )
+#: The end of a number in a column of fixed width, if the sign of the next one touches it.
+_TOUCHING = re.compile(r"(\d(?P<mark>[.,])\d+[eEdD][+-]\d{2,3})(?=[+-]?\d(?P=mark)\d+[eEdD])")
+#: A number with separators of thousands: in its groups of three digits, or of two as in India.
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:(?P<mark>[.,'’ \u00a0\u202f])(?:\d\d(?P=mark))*\d{3}(?:(?P=mark)\d{3})*)(?:[.,]\d*)?")
 _NUMBER = r"(?P<gap>[^0-9+\-]{0,20})(?P<number>\d+(?:[.,'\u2019]\d+)*(?:e[+-]?\d+)?)\s*(?P<unit>[a-zµμ1/]*)"
 _RATE = re.compile(
     rf"(?:sampl\w*[ _-]*(?:rate|freq\w*)|scan[ _-]*rate|abtast(?:rate|frequenz)|\bfs\b|\bf_s\b){_NUMBER}", re.IGNORECASE
@@ -76,6 +93,8 @@ def read_text(path: Path) -> ForeignTable:
     with the line and the cell, if there are no columns of numbers, or a line is truncated or contains a cell that is not a
     number."""
     text = _with_whole_cells(decoded(content_of(path, FILE_MOST)))
+    if _TOUCHING.search(text[:HEAD_LONGEST]):
+        text = _TOUCHING.sub(r"\1 ", text)
     lines = [line.rstrip("\r\n") for line in io.StringIO(text[:HEAD_LONGEST]).readlines()[:HEAD_LINES]]
     style = _with_decimal_of(text, _style(lines, path))
     _blame_thousands(lines, style, path)
@@ -84,9 +103,10 @@ def read_text(path: Path) -> ForeignTable:
     names, units = _head(lines[: style.first], style)
     rate = _rate(lines if style.wordy else lines[: style.first], style)
     columns: dict[str, Column] = {}
-    remarks = []
+    remarks = [*_notes(lines, style), *_cut(text, style, path)]
     for k, (name, unit) in enumerate(zip(names, units, strict=True)):
         if frame[k].dtype.kind != "f" and k not in style.clocks:
+            _blame_numbers(frame[k].dropna(), text, style, k, path)
             remarks.append(f"column {name!r} contains words ({frame[k].dropna().iloc[0]!r}) and is left out")
             continue
         values = _seconds(frame[k]) if k in style.clocks else frame[k].to_numpy()
@@ -102,13 +122,19 @@ def read_text(path: Path) -> ForeignTable:
     if over.spectra and not over.columns:
         return over
     found_columns, said = completed(columns)
+    heads = (_named(line, style.separator, style) or [] for line in lines[: style.first])
+    if not any(re.search(r"[^\W\d_]", cell) for head in heads for cell in head):
+        remarks += _continued([column.values for column in found_columns.values()])
     return ForeignTable(path=path, columns=found_columns, remarks=(*remarks, *said, *_empty_lines(text[begin:])))
 
 
 def decoded(raw: bytes) -> str:
-    """The text of a file: UTF-8, UTF-16 with a byte order mark, or Latin-1; without zeros that fill it at its end."""
+    """The text of a file: UTF-8, UTF-16, UTF-32 or Latin-1; without zeros that fill it at its end."""
+    marked = next((name for mark, name in MARKS if raw.startswith(mark)), "utf-8-sig")
     try:
-        text = raw.decode("utf-16" if raw[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
+        # Without its mark UTF-16 has a zero in each of the first characters, which are a name or a number.
+        zeros = raw[0:8:2].count(0), raw[1:8:2].count(0)
+        text = raw.decode({(0, 4): "utf-16-le", (4, 0): "utf-16-be"}.get(zeros, marked))
     except UnicodeDecodeError:
         text = raw.decode("latin-1")
     text = text.rstrip("\0\x1a")
@@ -161,7 +187,6 @@ def _frame(text: str, body: str, style: _Style, path: Path) -> pd.DataFrame:
     last = max((k for k in range(style.count) if k not in style.wordy and frame[k].notna().any()), default=0)
     if unclear or frame[last].isna().any():
         _blame(text, style, path)
-    _cut(text, style, path)
     return frame
 
 
@@ -178,6 +203,11 @@ def _blame(text: str, style: _Style, path: Path) -> None:
         if len(fields) > style.count and any(fields[style.count :]):
             raise RecordingError(f"{here} has {len(fields)} cells but the lines before it have {style.count}; correct that line")
         wrong = next((k for k, field in enumerate(fields) if not (_is_value(field, style.decimal) or k in style.wordy)), None)
+        if len(fields) > 1 and not any(_is_value(field, style.decimal) for field in fields):
+            raise RecordingError(
+                f"{here} has words below the numbers: if a second table begins there, save each as its own file, otherwise "
+                "delete that line"
+            )
         if wrong is not None:
             raise RecordingError(_no_number(here, wrong, fields[wrong]))
         if len(fields) < style.count:
@@ -195,43 +225,56 @@ def _blame(text: str, style: _Style, path: Path) -> None:
 
 def _no_number(here: str, column: int, cell: str) -> str:
     begin = f"{here}, column {column + 1} contains {cell[:40]!r}, which "
-    if re.fullmatch(r"[+-]?\d{1,3}([.,'’ \u00a0\u202f]\d{3})+([.,]\d*)?", cell):
+    if _THOUSANDS.fullmatch(cell):
         return f"{begin}seems to have separators of thousands; export the numbers without them"
     return f"{begin}is not a number; correct it, leave the cell empty if the sample is lost, or cut that line"
 
 
-def _cut(text: str, style: _Style, path: Path) -> None:
-    # A last line without an end of line, whose last number has fewer digits than all lines before it, was truncated within it.
-    if text.endswith("\n"):
-        return
+def _cut(text: str, style: _Style, path: Path) -> list[str]:
+    # A last line without an end of line, whose last number has fewer decimals than all lines before it, was truncated within it;
+    # with an end of line, or fewer digits of a whole number, this is only likely.
     lines = text[-(1 << 14) :].splitlines()[-LAST_LINES:]
+    ended = text.endswith("\n")
     cells = [(_fields(line, style.separator) or [""])[-1] for line in lines[1:]]
-    digits = [len(cell.rpartition(style.decimal)[2]) for cell in cells if style.decimal in cell]
-    if len(digits) > 3 and len(set(digits[:-1])) == 1 and digits[-1] < digits[0]:
+    decimals = [len(cell.rpartition(style.decimal)[2]) for cell in cells if style.decimal in cell]
+    fewer = len(decimals) > 3 and len(set(decimals[:-1])) == 1 and decimals[-1] < decimals[0]
+    whole = [len(cell.strip("+-")) for cell in cells if not decimals and not ended]
+    if not fewer and not (len(whole) > 3 and whole[-1] < min(whole[:-1])):
+        return []
+    last = lines[-1].strip()[-20:]
+    if fewer and not ended:
         raise RecordingError(
-            f"{path}, line {text.count(chr(10)) + 1}, the last, ends within a number ({lines[-1].strip()[-20:]!r}): it was cut "
+            f"{path}, line {text.count(chr(10)) + 1}, the last, ends within a number ({last!r}): it was cut "
             "while it was written; delete that line or copy the file again from its source"
         )
+    return [f"the last number has fewer digits than all before it ({last!r}): if the line was cut, delete it"]
 
 
 def _style(lines: Sequence[str], path: Path) -> _Style:
-    # The style in which two successive lines are values throughout: preferably one that fits a header line, then the most
+    # The style in which successive lines are values throughout: preferably one that fits a header line, then the most
     # columns.
-    best: tuple[tuple[bool, int], _Style] | None = None
+    best: tuple[tuple[bool, int, int], _Style] | None = None
     for separator, decimal in STYLES:
         for k, line in enumerate(lines):
             fields = _fields(line, separator)
-            after = next((_fields(other, separator) for other in lines[k + 1 :] if other.strip()), fields)
-            both = _are_values(fields, decimal) and _are_values(after, decimal) and len(after) == len(fields)
-            if both and not _are_numbered(fields, after):
+            if not _are_values(fields, decimal):
+                continue
+            # Single values may be a date and a setting.
+            least = ROWS_LEAST if len(fields) == 1 else 2
+            below = itertools.islice((other for other in lines[k + 1 :] if other.strip()), least - 1)
+            after = [_fields(other, separator) for other in below] or [fields]
+            alike = all(_are_values(row, decimal) and len(row) == len(fields) for row in after)
+            if alike and not _are_numbered(fields, after[0]):
                 count = len(fields)
                 if best is not None and separator.startswith(r"\s") and count == best[1].count:
                     break
-                named = any(len(_fields(head.lstrip("#% "), separator)) == count for head in lines[:k] if head.strip())
-                if best is None or (named and count > 1, count) > best[0]:
+                heads = (_fields(head.lstrip("#% "), separator) for head in lines[:k] if head.strip())
+                named = any(len(head) == count and not any(_are_values(head, mark) for mark in ".,") for head in heads)
+                # Whole numbers below others fit any decimal mark.
+                if best is None or (named and count > 1, count, -k) > best[0]:
                     clocks = tuple(j for j, field in enumerate(fields) if _CLOCK.fullmatch(field))
-                    empty = tuple(j for j in range(count) if not fields[j] and not after[j])
-                    best = ((named and count > 1, count), _Style(separator, decimal, k, count, clocks, empty))
+                    empty = tuple(j for j in range(count) if not fields[j] and not after[0][j])
+                    best = ((named and count > 1, count, -k), _Style(separator, decimal, k, count, clocks, empty))
                 break
     if best is None and (style := _with_words(lines)) is not None:
         return style
@@ -313,6 +356,62 @@ def _blame_thousands(lines: Sequence[str], style: _Style, path: Path) -> None:
             )
 
 
+def _blame_numbers(cells: pd.Series[str], text: str, style: _Style, column: int, path: Path) -> None:
+    # A column is not one of words if its words are numbers with separators of thousands.
+    words = cells[~cells.map(lambda cell: _is_value(cell, style.decimal))]
+    if len(words) and words.str.fullmatch(_THOUSANDS).all():
+        rows = enumerate(io.StringIO(text), 1)
+        line = next(n for n, raw in rows if n > style.first and words.iloc[0] in _fields(raw, style.separator))
+        raise RecordingError(_no_number(f"{path}, line {line}", column, words.iloc[0]))
+
+
+def _notes(lines: Sequence[str], style: _Style) -> list[str]:
+    # What to check in the first lines: numbers of the head that are not applied, and rows of the data that may be none.
+    found = []
+    for number, line in enumerate(lines[: style.first], 1):
+        fields = _fields(line, style.separator)
+        numbers = sum(bool(cell) and _is_value(cell, style.decimal) for cell in fields)
+        if len(fields) == style.count and numbers >= max(len(fields) - 1, 2):
+            found.append(
+                f"line {number} ({line.strip()[:60]!r}) has numbers for the columns, perhaps scales, which are not applied"
+            )
+        elif number == style.first and fields and numbers == len(fields) < style.count:
+            found.append(f"line {number} ({line.strip()[:60]!r}) has {numbers} of {style.count} cells, so it is left out")
+    rows = [fields for line in lines[style.first :] if len(fields := _fields(line, style.separator)) == style.count]
+    digits = [[len(cell.rpartition(style.decimal)[2]) if style.decimal in cell else 0 for cell in row] for row in rows]
+    below = {tuple(row) for row in digits[1:-1]}
+    if len(rows) > LAST_LINES and len(below) == 1 and all(a != b for a, b in zip(digits[0], *below, strict=True)):
+        found.append(
+            f"line {style.first + 1} ({lines[style.first].strip()[:60]!r}) has other numbers of decimals than all rows below it: "
+            "if it numbers the channels or has their sensitivities, delete it"
+        )
+    marked = [cell for row in rows for cell in row if style.decimal in cell]
+    large = re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(style.decimal)}\d{{3}}")
+    if style.separator != "," and len(marked) > 2 and all(map(large.fullmatch, marked)):
+        found.append(
+            f"each number with {style.decimal!r} has three digits after it ({marked[0]!r}) and none before it is 0: if it "
+            "separates thousands, write sensitivity = 0.001"
+        )
+    return found
+
+
+def _continued(columns: Sequence[FloatArray]) -> list[str]:
+    # Whether each row seems to continue the one before it: a record that changes little from sample to sample changes less from
+    # the end of a row to the start of the next one than from row to row.
+    if len(columns) < 3 or len({len(values) for values in columns}) > 1 or len(columns[0]) < BESIDE:
+        return []
+    table = np.stack(columns, axis=1)
+    if not np.isfinite(table).all():
+        return []
+    across = float(np.std(table[1:, 0] - table[:-1, -1]))
+    if not across < CONTINUED * float(np.min(np.std(np.diff(table, axis=0), axis=0))):
+        return []
+    return [
+        f"the {len(columns)} columns have no names, and each row seems to continue the one before it: if the file has one "
+        "channel, row after row, write it as one column"
+    ]
+
+
 def _are_halves(lines: Sequence[str], style: _Style) -> bool:
     # Whether every second cell is the decimals of the number before it: digits alone, with zeros that begin no number, or as many
     # in all lines below half as many names.
@@ -359,13 +458,20 @@ def _head(head: Sequence[str], style: _Style) -> tuple[list[str], list[str]]:
         fields = _named(line, style.separator, style) or []
         there = [field for field in fields if field]
         # Settings may have the same cell for several columns, or numbers: directly above the values, or their units, are names.
-        if fields and (above or (len(set(there)) == len(there) and not any(_is_value(cell, style.decimal) for cell in there))):
+        units_here = _are_units(fields[: style.filled])
+        different = len(set(there)) == len(there) and not any(_is_value(cell, style.decimal) for cell in there)
+        if fields and (above or different or units_here):
             (rows if len(fields) == style.count else longer).append(fields[: style.count])
-        above = _are_units(fields[: style.filled])
+        above = units_here
     blank = [""] * style.count
     rows = rows or longer or [names for line in lines[:1] if (names := _other_names(line, style))]
-    units = rows.pop(0) if len(rows) > 1 and _are_units(rows[0][: style.filled]) else blank
-    named = [_name_and_unit(name) for name in next(iter(rows), blank)]
+    wordy = [row for row in rows if any(map(names_time, row)) or not any(cell and _is_value(cell, style.decimal) for cell in row)]
+    rows = wordy or rows
+    at = next((k for k, row in enumerate(rows) if len(rows) > 1 and _are_units(row[: style.filled])), None)
+    units = blank if at is None else rows.pop(at)
+    # Below the units there may be places or types of sensors.
+    names_at = 0 if at is None or at == len(rows) or any(map(names_time, rows[0])) else at
+    named = [name_and_unit(name) for name in (rows[names_at] if rows else blank)]
     names = [name or f"column{k}" for k, (name, _) in enumerate(named)]
     return names, [unit.strip("[]()").strip(" -") or own for unit, (_, own) in zip(units, named, strict=True)]
 
@@ -395,16 +501,6 @@ def _are_units(fields: Sequence[str]) -> bool:
     known = [known_unit(field) is not None or seconds_per(field) is not None for field in plain]
     others = sum(field in ("", "-", "mV/V", *COUNTS, *OTHER_UNITS) for field in plain)
     return any(known) and (sum(known) + others == len(plain) or 3 * sum(known) >= 2 * len(plain))
-
-
-def _name_and_unit(head: str) -> tuple[str, str]:
-    found = re.fullmatch(r"(.+?)\s*[\[(]([^\])]+)[\])]", head)
-    if found and not re.search(r"\S[\[(]\d+.$", head):
-        return found[1], found[2]
-    found = re.fullmatch(r"(.+?)\s*/\s*([^/].*)", head)
-    if found and (known_unit(found[2]) or seconds_per(found[2])):
-        return found[1], found[2]
-    return head, ""
 
 
 def _rate(head: Sequence[str], style: _Style) -> float | None:

@@ -7,7 +7,7 @@ import struct
 import warnings
 from pathlib import Path
 
-from isorig.rig.exchange.table import COLUMNS_MOST, Column, ForeignTable, Format, vectors_of
+from isorig.rig.exchange.table import COLUMNS_MOST, UNNAMED, Column, ForeignTable, Format, vectors_of
 
 
 def read_wav(path: Path) -> ForeignTable:
@@ -25,7 +25,7 @@ def read_wav(path: Path) -> ForeignTable:
     if values.dtype.kind == "i" and 0 < bits < 8 * values.dtype.itemsize:
         # 24-bit samples are in the upper three of four bytes.
         values = values >> (8 * values.dtype.itemsize - bits)
-    columns = {name: Column(values=v, sample_rate=float(rate)) for name, v in vectors_of("channel", values).items()}
+    columns = {name: Column(values=v, sample_rate=float(rate)) for name, v in vectors_of(UNNAMED, values, samples=0).items()}
     return ForeignTable(path=path, columns=columns)
 
 

@@ -1,0 +1,76 @@
+"""Parquet, and Feather or Arrow files: their columns by name, by the package pyarrow."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from isorig.rig.errors import RecordingError
+from isorig.rig.exchange.clock import completed
+from isorig.rig.exchange.table import ForeignTable, Format
+from isorig.rig.exchange.tree import table_of
+from isorig.rig.exchange.units import name_and_unit
+from isorig.rig.files.hdf_walk import EXPANSION, SPARE
+
+#: Bytes of a value in memory, at most.
+VALUE_BYTES = 8
+
+
+def _reader(opened: Callable[[Path], Any]) -> Callable[[Path], ForeignTable]:
+    # A reader of tables that are opened in this way.
+    def read(path: Path) -> ForeignTable:
+        remarks: list[str] = []
+        table = table_of(path, _items(opened(path), remarks), remarks)
+        columns, said = completed(table.columns)
+        return replace(table, columns=columns, remarks=(*table.remarks, *said))
+
+    return read
+
+
+def _items(table: Any, remarks: list[str]) -> Iterator[tuple[str, Any]]:
+    # The index of pandas is a column, too, but for one that numbers the rows. Null is a lost sample.
+    import pyarrow as pa
+
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        values = column.to_numpy()
+        if values.dtype.kind not in "biufmM":
+            remarks.append(f"column {name!r} has values of type {column.type}, which are no numbers, and is left out")
+            continue
+        if column.null_count and pa.types.is_temporal(column.type):
+            remarks.append(f"column {name!r} has {column.null_count} rows without a time, and is left out")
+            continue
+        plain, unit = name_and_unit(name)
+        # A point in a name does not separate it from a structure.
+        key = plain.replace(".", "_")
+        yield key, values
+        if unit:
+            yield f"{key}_unit", unit
+
+
+def _parquet(path: Path) -> Any:
+    from pyarrow import parquet
+
+    file = parquet.ParquetFile(path, page_checksum_verification=True)
+    declared = file.metadata.num_rows * file.metadata.num_columns * VALUE_BYTES
+    if declared > EXPANSION * path.stat().st_size + SPARE:
+        raise RecordingError(
+            f"{path} declares {declared >> 20} MiB; at most {EXPANSION} times the stored size is read, so save it as CSV"
+        )
+    return file.read()
+
+
+def _arrow(path: Path) -> Any:
+    from pyarrow import ipc, memory_map
+
+    with memory_map(str(path)) as file:
+        return ipc.open_file(file).read_all()
+
+
+PARQUET = Format(extensions=(".parquet",), name="a Parquet file", read=_reader(_parquet), begins=re.compile(b"PAR1"))
+ARROW = Format(
+    extensions=(".feather", ".arrow"), name="an Arrow or Feather file", read=_reader(_arrow), advice="save it as Parquet or CSV",
+    begins=re.compile(b"ARROW1"),
+)  # fmt: skip
