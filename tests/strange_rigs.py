@@ -74,36 +74,30 @@ class StrangeRig:
             k = int(place)
             return np.asarray(signals[:, k] + (place - k) * (signals[:, k + 1] - signals[:, k]))
 
-        def rates(now: FloatArray, x: FloatArray, v: FloatArray) -> FloatArray:
-            force = np.zeros((count, *np.shape(x[0])))
-            if not self.base:
-                force[self.pushed] += self.factor * now[0]
-            for k, (row, (_, b, stiffness, damping)) in enumerate(zip(rows, self.joints, strict=True)):
-                grounded = self.base and b < 0
-                e, r = row @ x - (now[1] if grounded else 0.0), row @ v - (now[2] if grounded else 0.0)
-                pull = stiffness * e + damping * r
-                if k in self.laws:
-                    pull = pull + self.laws[k](e, r)
-                force -= np.multiply.outer(row, pull)
-            return np.asarray((force.T / mass).T)
+        system, inputs = self._linear(rows, mass)
 
-        def slope(t: float, y: FloatArray) -> FloatArray:
-            return np.concatenate([y[count:], rates(at(t), y[:count], y[count:])])
+        def slope(y: FloatArray, now: FloatArray) -> FloatArray:
+            change = system @ y + inputs @ now
+            for k, law in self.laws.items():
+                grounded = self.base and self.joints[k][1] < 0
+                e, r = rows[k] @ y[:count] - grounded * now[1], rows[k] @ y[count:] - grounded * now[2]
+                change[count:] -= np.multiply.outer(rows[k] / mass, law(e, r))
+            return np.asarray(change)
 
-        if not self.laws:
-            x, v = self._linear(rows, mass, signals, time, count)
-            a = rates(signals, x, v)
-            return self._sensed(drive, x, v, a)
-        found = solve_ivp(slope, (0.0, time[-1]), np.zeros(2 * count), t_eval=time, method="RK45", max_step=0.5 / rate, rtol=1e-5,
-                          atol=1e-9)  # fmt: skip
-        x, v = found.y[:count], found.y[count:]
-        return self._sensed(drive, x, v, rates(signals, x, v))
+        if self.laws:
+            states = solve_ivp(
+                lambda t, y: slope(y, at(t)), (0.0, time[-1]), np.zeros(2 * count), t_eval=time, method="RK45",
+                max_step=0.5 / rate, rtol=1e-5, atol=1e-9,
+            ).y  # fmt: skip
+        else:
+            _, states, _ = lsim((system, inputs, np.eye(2 * count), np.zeros((2 * count, 3))), signals.T, time)
+            states = np.reshape(states, (len(time), 2 * count)).T
+        return self._sensed(drive, states[:count], states[count:], slope(states, signals)[count:])
 
-    def _linear(
-        self, rows: list[FloatArray], mass: FloatArray, signals: FloatArray, time: FloatArray, count: int
-    ) -> tuple[FloatArray, FloatArray]:
-        stiffness, damping = np.zeros((count, count)), np.zeros((count, count))
-        inputs = np.zeros((count, 3))
+    def _linear(self, rows: list[FloatArray], mass: FloatArray) -> tuple[FloatArray, FloatArray]:
+        # Rates of positions and velocities by these, and by the drive and its integrals of a base.
+        count = len(mass)
+        stiffness, damping, inputs = np.zeros((count, count)), np.zeros((count, count)), np.zeros((count, 3))
         if not self.base:
             inputs[self.pushed, 0] = self.factor
         for row, (_, b, k, c) in zip(rows, self.joints, strict=True):
@@ -111,11 +105,8 @@ class StrangeRig:
             damping += c * np.outer(row, row)
             if self.base and b < 0:
                 inputs += np.outer(row, [0.0, k, c])
-        a = np.block([[np.zeros((count, count)), np.eye(count)], [-(stiffness.T / mass).T, -(damping.T / mass).T]])
-        b_ = np.vstack([np.zeros((count, 3)), (inputs.T / mass).T])
-        _, states, _ = lsim((a, b_, np.eye(2 * count), np.zeros((2 * count, 3))), signals.T, time)
-        states = np.reshape(states, (len(time), 2 * count)).T
-        return states[:count], states[count:]
+        system = np.block([[np.zeros((count, count)), np.eye(count)], [-(stiffness.T / mass).T, -(damping.T / mass).T]])
+        return system, np.vstack([np.zeros((count, 3)), (inputs.T / mass).T])
 
     def _sensed(self, drive: FloatArray, x: FloatArray, v: FloatArray, a: FloatArray) -> dict[str, FloatArray]:
         by = {0: x, 1: v, 2: a}

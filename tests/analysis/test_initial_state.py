@@ -51,7 +51,7 @@ def motion() -> tuple[FloatArray, FloatArray, FloatArray]:
         return [v, float(force(np.asarray(t)) - STIFFNESS * x - DAMPING * v - CUBIC * x**3) / MASS]
 
     t = np.arange(round(SECONDS * RATE)) / RATE
-    found = solve_ivp(rates, (0.0, SECONDS), (0.0, 0.0), t_eval=t, rtol=1e-10, atol=1e-13, method="DOP853")
+    found = solve_ivp(rates, (0.0, SECONDS), (0.0, 0.0), t_eval=t, rtol=1e-7, atol=1e-10, method="DOP853")
     return force(t), found.y[0], found.y[1]
 
 

@@ -95,11 +95,16 @@ def test_no_cause_is_searched_for_in_wrong_units(tmp_path: Path, capsys: pytest.
     assert all(candidate["holdout_error"] is None for candidate in findings["candidates"])
 
 
-@pytest.mark.parametrize("described", ["acceleration", "velocity"])
-def test_a_velocity_read_as_an_acceleration(described: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+# With friction the whole search for causes follows where nothing is wrong; tests/analysis/test_wrong_scale.py has such records.
+@pytest.mark.parametrize(
+    ("described", "friction"), [("acceleration", 4.0), ("velocity", 0.0), pytest.param("velocity", 4.0, marks=pytest.mark.study)]
+)
+def test_a_velocity_read_as_an_acceleration(
+    described: str, friction: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """With dry friction that the description lacks: the record's derivative is said first, and no cause is searched for."""
     rig = StrangeRig(
-        masses=(2.0, 3.0), joints=((0, -1, 6e3, 15.0), (1, 0, 9e3, 14.0)), laws={1: dry(4.0, 1e-3)},
+        masses=(2.0, 3.0), joints=((0, -1, 6e3, 15.0), (1, 0, 9e3, 14.0)), laws={1: dry(friction, 1e-3)},
         sensors=(("a", 0, "acceleration"), ("b", 1, "velocity")),
     )  # fmt: skip
     measured = campaign(rig, (25.0,), seconds=8.0)
@@ -129,7 +134,7 @@ def test_a_velocity_read_as_an_acceleration(described: str, tmp_path: Path, caps
         ({"sensors": "b"}, "b seems to be on m1 instead of m0: there, the linear rig leaves about "),
         ({"masses": "m0 and m1"}, "The given masses of m0 and m1 (6.6 and 1.9 kg) seem exchanged: with them"),
         ({"channels": "a/b"}, "a and b seem swapped"),
-        ({}, ""),
+        ({"none": "the masses are right"}, ""), pytest.param({}, "", marks=pytest.mark.study),
     ],
 )  # fmt: skip
 def test_what_is_exchanged_is_said_first(
@@ -141,7 +146,9 @@ def test_what_is_exchanged_is_said_first(
         sensors=(("a", 0, "acceleration"), ("b", 1, "acceleration")),
     )  # fmt: skip
     measured = campaign(rig, (25.0,), seconds=8.0)
-    model = rig.description({"links.l0.stiffness": 1.2, "bodies.m0.mass": 0.95, "bodies.m1.mass": 1.1})
+    # Of two wrong masses and the friction the search for causes takes half a minute.
+    off = {} if "none" in wrong else {"bodies.m0.mass": 0.95, "bodies.m1.mass": 1.1}
+    model = rig.description({"links.l0.stiffness": 1.2, **off})
     if "sensors" in wrong:
         model = structs.replace(model, sensors=(model.sensors[0], structs.replace(model.sensors[1], body="m0")))
     if "masses" in wrong:

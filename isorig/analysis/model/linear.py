@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -42,6 +42,11 @@ def imposed_coordinates(model: RigModel, basis: FloatArray) -> dict[str, int]:
     return {name: int(np.argmax(np.abs(rows[name]))) for name in model.imposed}
 
 
+def _not_imposed(n: int, imposed: Mapping[str, int]) -> list[int]:
+    # Every fit asks this thousands of times, which functions for sets of arrays are too slow for.
+    return [k for k in range(n) if k not in imposed.values()]
+
+
 def accelerations(model: RigModel, configuration: str) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Accelerations of the n coordinates that a configuration leaves free, by coordinates and speeds and by the drives.
 
@@ -58,7 +63,8 @@ def accelerations(model: RigModel, configuration: str) -> tuple[FloatArray, Floa
     whole = basis.T @ mass @ basis
     # No force changes an imposed coordinate: its mobility is zero.
     inverse = np.zeros_like(whole)
-    loose = np.ix_(*2 * [np.setdiff1d(np.arange(len(whole)), list(imposed.values()))])
+    free = _not_imposed(len(whole), imposed)
+    loose = np.ix_(free, free)
     inverse[loose] = np.linalg.inv(whole[loose])
     by_drives = np.zeros((len(whole), len(model.drives)))
     for k, drive in enumerate(model.drives):
@@ -76,7 +82,7 @@ def free_matrices(model: RigModel, configuration: str) -> tuple[FloatArray, Floa
     Shape (bodies, n) of the first, (n, n) of the others.
     """
     basis, *matrices = linear_part(model, configuration)
-    basis = basis[:, np.setdiff1d(np.arange(basis.shape[1]), list(imposed_coordinates(model, basis).values()))]
+    basis = basis[:, _not_imposed(basis.shape[1], imposed_coordinates(model, basis))]
     mass, damping, stiffness = (basis.T @ matrix @ basis for matrix in matrices)
     return basis, mass, damping, stiffness
 

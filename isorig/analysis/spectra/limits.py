@@ -34,6 +34,9 @@ FAR = 1000
 #: rms of the weighted residuals above which the fitted modes do not describe a peak: with the right number of modes 95 % of fits
 #: have less than 1.1. Modes are added to a peak, at most this many, until it is reached.
 MISFIT, ADDED = 1.25, 2
+#: Their fits end with a step that reduces the sum of squares by less than this share: the modes then move by about a thousandth
+#: of the error bars. Superfluous modes would take a thousand such steps.
+SETTLED = 1e-6
 #: An error below this share of the standard deviation is neglected: it lowers the coverage from 95 to 94 %.
 SLIGHT = 0.3
 #: Noise of the reference is bounded by this quantile, over the bins, of the incoherent power averaged over this many bins, up to
@@ -204,7 +207,7 @@ def _fitted(frf: Frf, group: list[_Peak]) -> SolvedModes | None:
     for _ in range(1 + ADDED):
         try:
             with np.errstate(all="ignore"):  # a mode that runs away ends in an error
-                fit = solved_modes(frf, (low, high), kind="general", guesses=guesses)
+                fit = solved_modes(frf, (low, high), kind="general", guesses=guesses, settled=SETTLED)
         except (AnalysisError, np.linalg.LinAlgError, ValueError):
             return best
         if best is None or fit.misfit < best.misfit:

@@ -190,10 +190,13 @@ class SolvedModes:
 
 def solved_modes(
     frf: Frf, band: tuple[float, float], *, kind: FrfKind, guesses: Sequence[tuple[float, float]] = (), residuals: int = 2,
-    tapered: bool = True,
+    tapered: bool = True, settled: float = 1e-12,
 ) -> SolvedModes:  # fmt: skip
-    """The modes of `fit_modes`, whose arguments these are, without their uncertainties, which take half of its time. Raises
-    DataError if the band has too few frequency bins, FitError if the fit finds no mode within the band."""
+    """The modes of `fit_modes`, whose arguments these are, without their uncertainties, which take half of its time.
+
+    The fit ends with a step that reduces the sum of squares by less than the share `settled`. Raises DataError if the band has
+    too few frequency bins, FitError if the fit finds no mode within the band.
+    """
     from scipy.optimize import least_squares
 
     kept = (frf.frequency >= band[0]) & (frf.frequency <= band[1]) & (frf.frequency > 0.0)
@@ -228,7 +231,7 @@ def solved_modes(
         follow = np.tensordot(_parts(moved), columns @ amplitudes - side, axes=(0, 0))
         return np.asarray(ahead - columns @ (inverse @ ahead) - (follow @ inverse).T)
 
-    solved = least_squares(error, start, jac=slope, bounds=tuple(bounds), method="trf", x_scale="jac", xtol=1e-12, ftol=1e-12)
+    solved = least_squares(error, start, jac=slope, bounds=tuple(bounds), method="trf", x_scale="jac", xtol=1e-12, ftol=settled)
     pairs = np.asarray(np.exp(solved.x), dtype=np.float64).reshape(-1, 2)
     at = np.abs(solved.x - bounds) < EDGE
     if at[:, ::2].any() or at[1, 1::2].any():

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from itertools import chain, pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,8 @@ MONTH = 365.25 / 12.0
 #: Verdict of a diagnosis that names no cause although the model misfits.
 UNEXPLAINED = "unexplained"
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+#: Columns of the catalogue; `started` in days since the epoch.
+Rows: TypeAlias = Mapping[str, NDArray[Any]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -221,7 +223,7 @@ def followed(answers: pd.DataFrame, baseline: str, *, false_per_month: float | N
     if not len(dated):
         why = f"; {notes[0]}" if notes else ""
         raise RigError(f"no campaign was diagnosed with the {baseline} baseline yet{why}; run rig fleet update first")
-    chosen = {str(name): _one_version(rows) for name, rows in dated.groupby("rig", sort=True)}
+    chosen = {rows["rig"][0]: _one_version(rows) for rows in _by_rig(dated)}
     positive = dated.groupby("parameter").value.min() > 0.0
     campaigns = {name: _campaigns(rows) for name, (rows, _, _) in chosen.items()}
     causes = {name: _named(own) for name, own in campaigns.items()}
@@ -255,12 +257,29 @@ def followed(answers: pd.DataFrame, baseline: str, *, false_per_month: float | N
     )  # fmt: skip
 
 
-def _one_version(rows: pd.DataFrame) -> tuple[pd.DataFrame, str, int]:
+def _by_rig(dated: pd.DataFrame) -> Iterator[Rows]:
+    # Sorted by rig. A table for each of many rigs would take most of the time.
+    days = np.asarray((dated.started - EPOCH) / timedelta(days=1), dtype=np.float64)
+    columns: Rows = {str(key): values.to_numpy() for key, values in dated.items()} | {"started": days}
+    bounds = [0, *np.flatnonzero(_differs(columns["rig"])) + 1, len(dated)]
+    for begin, end in pairwise(bounds):
+        yield {key: values[begin:end] for key, values in columns.items()}
+
+
+def _differs(values: NDArray[Any]) -> NDArray[np.bool_]:
+    # Of neighbours, shape (n - 1,).
+    return np.asarray(values[1:] != values[:-1])
+
+
+def _one_version(rows: Rows) -> tuple[Rows, str, int]:
     # A new program version can itself change values, so a rig is tracked in one version only: the newest of those that have
     # diagnosed most of its campaigns. Until the newest version has diagnosed as many, its campaigns wait.
-    counts = rows.groupby("version").content.nunique()
-    version = max(counts.index, key=lambda v: (counts[v], _ordered(v)))
-    return rows[rows.version == version], str(version), int(rows.content.nunique() - counts[version])
+    content: dict[str, set[str]] = {}
+    for name, each in zip(rows["version"], rows["content"], strict=True):
+        content.setdefault(name, set()).add(each)
+    version = max(content, key=lambda v: (len(content[v]), _ordered(v)))
+    kept, waiting = rows["version"] == version, set().union(*content.values()) - content[version]
+    return {key: values[kept] for key, values in rows.items()}, version, len(waiting)
 
 
 def _ordered(version: str) -> tuple[tuple[int, str], ...]:
@@ -287,12 +306,10 @@ def _without(named: Sequence[NewCause], campaigns: Sequence[DiagnosedCampaign]) 
 
 
 def _raw_tracks(
-    rows: pd.DataFrame, positive: pd.Series[bool], left_out: frozenset[int]
+    rows: Rows, positive: pd.Series[bool], left_out: frozenset[int]
 ) -> dict[str, tuple[tuple[int, ...], str, Series]]:
     at = _in_rig(rows)
-    days = _days(rows)
-    names, units = (rows[k].tolist() for k in ("parameter", "unit"))
-    values, stds = (rows[k].to_numpy(np.float64) for k in ("value", "std"))
+    names, units, values, stds = (rows[k] for k in ("parameter", "unit", "value", "std"))
     places: dict[str, list[int]] = {}
     compared = np.isfinite(values) & np.isfinite(stds) & ~np.isin(at, list(left_out))
     for k in np.flatnonzero(compared).tolist():
@@ -302,29 +319,23 @@ def _raw_tracks(
         value, std = values[own], stds[own]
         if positive[name]:
             value, std = np.log(value), std / value
-        found[name] = (tuple(at[own].tolist()), units[own[0]], Series(time=days[own], value=value, std=std))
+        found[name] = (tuple(at[own].tolist()), units[own[0]], Series(time=rows["started"][own], value=value, std=std))
     return found
 
 
-def _in_rig(rows: pd.DataFrame) -> NDArray[np.int64]:
+def _in_rig(rows: Rows) -> NDArray[np.int64]:
     # Index of each row's campaign in the rig's list: rows are sorted by time, those of a campaign are adjacent.
-    content = rows.content.tolist()
-    fresh = [False, *(a != b for a, b in pairwise(content))]
-    return np.cumsum(fresh)
+    return np.cumsum(np.append(False, _differs(rows["content"])))
 
 
-def _days(rows: pd.DataFrame) -> FloatArray:
-    return np.asarray((rows.started - EPOCH) / timedelta(days=1), dtype=np.float64)
-
-
-def _campaigns(rows: pd.DataFrame) -> tuple[DiagnosedCampaign, ...]:
+def _campaigns(rows: Rows) -> tuple[DiagnosedCampaign, ...]:
     first = np.flatnonzero(np.diff(_in_rig(rows), prepend=-1))
-    columns = (rows[k].iloc[first].tolist() for k in ("campaign", "verdict", "cause", "alike", "content", "path"))
+    columns = (rows[k][first].tolist() for k in ("campaign", "verdict", "cause", "alike", "content", "path", "started"))
     return tuple(
         DiagnosedCampaign(
             name=name, started=day, verdict=verdict, causes=_split(cause), alike=_split(alike), content=content, path=path
         )
-        for name, verdict, cause, alike, content, path, day in zip(*columns, _days(rows)[first].tolist(), strict=True)
+        for name, verdict, cause, alike, content, path, day in zip(*columns, strict=True)
     )
 
 

@@ -10,13 +10,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 
-from isorig.analysis.campaign import Campaign, FloatArray, Run, broad
+from isorig.analysis.campaign import Campaign, ComplexArray, FloatArray, Run, broad
 from isorig.analysis.errors import AnalysisError, DataError
 from isorig.analysis.isolation.optimum import uncoupled_frequency
 from isorig.analysis.model.linear import transfer
-from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.model.rig_model import Drive, RigModel
 from isorig.analysis.spectra.half_power import HalfPower, half_power, peaks
 from isorig.analysis.spectra.modes import ModalFit, Mode, fit_modes
 from isorig.analysis.spectra.welch import Frf, estimate
@@ -213,9 +214,19 @@ def error_surface(set_ups: Mapping[str, SetUp], model: RigModel) -> ErrorSurface
     kept = (frf.frequency >= band[0]) & (frf.frequency <= band[1])
     f, measured, std = frf.frequency[kept], np.abs(frf.value[kept]), frf.magnitude_std[kept]
 
+    # The table's own mass, spring and damper add to one element of the dynamic stiffness only (Sherman and Morrison 1950).
+    s, omega = 2j * np.pi * f, 2.0 * np.pi * values["table_frequency"]
+    given = wire_bonder(values, friction=False)
+    pushed = msgspec.structs.replace(given, drive=Drive(channel="force", factor=1.0, pushes={"table": 1.0}, quantity="force"))
+    by_head, compliance = transfer(given, "unlocked", f)[table], transfer(pushed, "unlocked", f)[table] / s**2
+
+    def stiffness(mass: float, zeta: float) -> ComplexArray:
+        return np.asarray(mass * (s**2 + 2.0 * zeta * omega * s + omega**2))
+
+    own = stiffness(values["table_mass"], values["table_damping"])
+
     def simulated(mass: float, zeta: float) -> FloatArray:
-        rig = wire_bonder({**values, "table_mass": mass, "table_damping": zeta}, friction=False)
-        return np.asarray(np.abs(transfer(rig, "unlocked", f)[table]))
+        return np.asarray(np.abs(by_head / (1.0 + (stiffness(mass, zeta) - own) * compliance)))
 
     def off(mass: float, zeta: float, target: FloatArray) -> float:
         return float(np.mean(np.abs(target - simulated(mass, zeta)) / target))

@@ -27,10 +27,12 @@ from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.model.rig_model import Body, Chain, Drive, Link, RigModel, Sensor
 
 SEED = 20311
+#: A drive, the same again, and a larger one.
+TAKES = (*SESSION[:2], SESSION[3])
 
 
 def found(model: RigModel, truth: RigModel, seed: int, **options: object) -> Diagnosis:
-    takes = options.pop("takes", SESSION)
+    takes = options.pop("takes", TAKES)
     return diagnose(played(truth, seed=seed, takes=takes), guessed(model, seed), **options)  # type: ignore[arg-type]
 
 
