@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from isorig.analysis.campaign import Channel, FloatArray, Run
+from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
 from isorig.analysis.errors import SimulationError
 from isorig.analysis.fitting import score as scores
 from isorig.analysis.fitting import trials
@@ -283,6 +283,30 @@ def test_a_velocity_is_resolved_from_three_standard_deviations_of_its_noise_on(a
     motion = motion_from({"m": 3.0 * above * blur * time}, 1024.0, np.full(len(time), -0.2))
     # A contact that slides forward takes its friction, one that may stick what the record has; the decimation ripples by 1 %.
     assert required_drive(rig, replace(motion, blur={"m": blur}))[0, 50:-50] == pytest.approx(-0.2 if sticks else 0.5, rel=0.02)
+
+
+def test_friction_follows_the_sign_of_a_velocity_that_oscillates_above_the_corner_of_its_force() -> None:
+    """The acceleration is noisy and needs a low-pass of 20 Hz; below that the velocity turns far more seldom than it does."""
+    rate, mass, level = 500.0, 0.02, 0.5
+    time, slow, fast = np.arange(15000) / rate, 2.0 * np.pi * 0.3, 2.0 * np.pi * 30.0
+    speed = 4.0 * np.sin(slow * time) + 3.0 * np.sin(fast * time)
+    force = mass * (4.0 * slow * np.cos(slow * time) + 3.0 * fast * np.cos(fast * time)) + level * np.sign(speed)
+    rig = RigModel(
+        name="turning", bodies=(Body(name="m", mass=mass),), drive=Drive(channel="force", factor=1.0, pushes={"m": 1.0}),
+        contacts=(Contact(name="k", a="m", b="ground", law=Coulomb(friction_force=level)),),
+        sensors=(Sensor(channel="m", body="m", quantity="velocity"),),
+    )  # fmt: skip
+    records = {
+        "m": (speed + np.random.default_rng(2).normal(0.0, 0.08, len(time)), "velocity", "m/s"),
+        "force": (force, "force", "N"),
+    }
+    channels = {name: Channel(name=name, samples=of[0], quantity=of[1], unit=of[2]) for name, of in records.items()}
+    run = Run(id="r", configuration="unlocked", sample_rate=rate, gain=1.0, channels=channels)
+    (trial,) = trials.prepare(Campaign(runs=(run,), source="turning"), rig)
+    assert trial.motion is not None
+    assert trial.motion.decimation > DECIMATIONS[0]
+    off = trials.expected(rig, trial) - trial.measured
+    assert np.sqrt(np.mean(off**2)) < 0.05 * np.std(trial.measured)
 
 
 def test_a_rig_scored_by_its_drive_gets_the_noise_of_its_positions(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -55,8 +55,9 @@ CALM, FADED = 0.01, 1e-3
 #: Share of its rms above which a drive acts. A drive that fades in does not act before: a rig held by friction moves like one
 #: with a stiffer spring, which does not represent the rest of the run.
 ACTS = 1.0
-#: Noise of a drive computed from the motion, as a share of the recorded one, up to which no lower corner frequency is tried, and
-#: up to which a group of bodies is used, besides the best one. Chosen: an equation of more noise shows no parameter.
+#: Noise of a drive computed from the motion, as a share of the recorded one, or of a velocity as a share of its rms, up to which
+#: no lower corner frequency is tried, and that of a drive up to which a group of bodies is used, besides the best one. Chosen: an
+#: equation of more noise shows no parameter.
 QUIET, LOUD = 0.02, 0.15
 #: Misfit of the described rig, in multiples of that noise, from which such a group is used nonetheless. Chosen: five simulated
 #: rigs without play in the joint reached 1.5 at most, two with it 8 and 32.
@@ -579,13 +580,18 @@ def _motions(
         shaken[body] = position(sensor, values + generator.normal(0.0, noise.get(sensor.channel, 0.0), stop))
     drive = run.channel(model.drive.channel).read(0, stop)
     drive = as_held(drive, 1) if is_command(drive) else drive
-    moved, noisy = motion_from(clean, rate, drive, decimation), motion_from(shaken, rate, drive, decimation)
-    blur = {body: float(np.std(noisy.velocity[body] - moved.velocity[body])) for body in clean}
+    # A velocity has less noise than the acceleration. Its own low-pass is as wide as that allows: a dry contact follows the sign
+    # of the true velocity, which that of a low-passed one is not where a shaft oscillates above the corner frequency.
+    for passed in DECIMATIONS[: DECIMATIONS.index(decimation) + 1]:
+        moved, noisy = motion_from(clean, rate, drive, passed), motion_from(shaken, rate, drive, passed)
+        blur = {body: float(np.std(noisy.velocity[body] - moved.velocity[body])) for body in clean}
+        if all(blur[body] <= QUIET * float(np.std(moved.velocity[body])) for body in clean):
+            break
     channels = {body: sensor.channel for body, sensor in sensors.items()}
     groups = driven_groups(model)
     return (
-        replace(moved, blur=blur, channels=channels, groups=groups),
-        replace(noisy, blur=blur, channels=channels, groups=groups),
+        replace(moved, blur=blur, channels=channels, groups=groups, decimation=decimation),
+        replace(noisy, blur=blur, channels=channels, groups=groups, decimation=decimation),
     )
 
 
