@@ -62,6 +62,9 @@ QUIET, LOUD = 0.02, 0.15
 #: Misfit of the described rig, in multiples of that noise, from which such a group is used nonetheless. Chosen: five simulated
 #: rigs without play in the joint reached 1.5 at most, two with it 8 and 32.
 TOLD = 5.0
+#: Frequency below which the deflection between two recorded velocities is unknown, in multiples of that at which the two bodies
+#: oscillate on their link. Chosen: as the slow part of an integrated deflection in the equations of motion (`equations.system`).
+UNKNOWN = 0.1
 #: Minimum number of samples of the shortest run after a further decimation. Chosen: as many tell a curve of twenty points.
 LEFT = 200
 #: Duration for which the end of a record of an imposed motion disturbs its derivatives, in periods of the corner frequency of its
@@ -588,11 +591,21 @@ def _motions(
         if all(blur[body] <= QUIET * float(np.std(moved.velocity[body])) for body in clean):
             break
     channels = {body: sensor.channel for body, sensor in sensors.items()}
-    groups = driven_groups(model)
+    groups, unknown = driven_groups(model), _unknown(model, {body for body, sensor in sensors.items() if MOTION[sensor.quantity]})
     return (
-        replace(moved, blur=blur, channels=channels, groups=groups, decimation=decimation),
-        replace(noisy, blur=blur, channels=channels, groups=groups, decimation=decimation),
+        replace(moved, blur=blur, channels=channels, groups=groups, decimation=decimation, unknown=unknown),
+        replace(noisy, blur=blur, channels=channels, groups=groups, decimation=decimation, unknown=unknown),
     )
+
+
+def _unknown(model: RigModel, integrated: Collection[str]) -> dict[str, float]:
+    # The frequency in Hz below which the deflection of each link between two bodies with integrated velocities is unknown.
+    found = {}
+    for link in model.links:
+        if {link.a, link.b} <= set(integrated) and link.stiffness > 0.0:
+            of_both = sum(1.0 / model.body(body).mass for body in (link.a, link.b))
+            found[link.name] = UNKNOWN * float(np.sqrt(link.stiffness * of_both)) / (2.0 * np.pi)
+    return found
 
 
 def _shares_of_groups(model: RigModel, motions: Sequence[tuple[Motion, Motion]]) -> tuple[FloatArray, FloatArray]:
