@@ -256,11 +256,8 @@ class Sliding:
 
     @property
     def usable(self) -> bool:
-        """Whether the element moves (two records of one motion cancel), and enough blocks slide for a fit and a check of it.
-
-        The values of an equation without a known force have no scale: zero solves it (a decay beyond a body of unknown mass).
-        """
-        return self.swing > 0.0 and {b.held_out for b in self.active} == {False, True} and self.allowed > 0.0
+        """Whether the element moves, and enough blocks slide for a fit and a check of it: two records of one motion cancel."""
+        return self.swing > 0.0 and any(b.held_out for b in self.active) and any(not b.held_out for b in self.active)
 
     @property
     def rests(self) -> bool:
