@@ -68,6 +68,8 @@ class Policy:
         as large and more.
     form_apart
         Difference in standard errors over blocks above which a form's rival is worse: 95 % of a normal variable.
+    zero
+        Standard uncertainties within which a value that may have either sign is zero: 95 % of a normal variable.
     distinguishable
         Rivals above this multiple of the adequacy threshold are distinguishable from an adequate form, even if only few blocks
         show the difference. Chosen: a short event raises only the largest error and leaves most blocks unchanged.
@@ -107,6 +109,7 @@ class Policy:
     form_alike: float = 1.1
     form_close: float = 1.5
     form_apart: float = 2.0
+    zero: float = 2.0
     distinguishable: float = 1.5
     doubtful: float = 4.0
     calibrations: int = 5

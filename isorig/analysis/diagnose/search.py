@@ -19,12 +19,13 @@ from isorig.analysis.campaign import Campaign, FloatArray
 from isorig.analysis.deadline import out_of_time
 from isorig.analysis.diagnose.causes import proposed, same_form
 from isorig.analysis.diagnose.causes.base import Evidence, Kind
+from isorig.analysis.diagnose.forms_of_curves import starts_from_curve
 from isorig.analysis.diagnose.free_shapes import free_shapes
 from isorig.analysis.diagnose.kinds import SHAPED, kind_of
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.places import Places, compared_places
 from isorig.analysis.diagnose.policy import POLICY
-from isorig.analysis.diagnose.step import Entry, Found, best_form, best_kind, curve_of, found_step
+from isorig.analysis.diagnose.step import Entry, Found, best_form, best_kind, curve_of, found_step, vanishes
 from isorig.analysis.diagnose.suspects import ALWAYS, BROKEN, STANDS_ALIKE, Suspects, suspects
 from isorig.analysis.equations.system import HOLDS, Equations, equations_of
 from isorig.analysis.errors import FitError, ModelError, OutOfTimeError
@@ -150,6 +151,8 @@ class Job:
     @cached_property
     def seconds(self) -> float:
         """Seconds of each run after which the misfit is as visible as in the whole."""
+        if self.suspects is not None and self.suspects.rare:
+            return np.inf
         return horizon(self.current.model, self.trials)
 
     @cached_property
@@ -231,6 +234,8 @@ class Job:
             except OutOfTimeError:
                 if done:
                     break
+            if vanishes(entry):
+                continue
             done.append(entry)
             self.judged.append(entry)
             self.progress(f"{entry.candidate.cause} ({entry.candidate.location}): held-out error {entry.score.figure:.3g}")
@@ -576,7 +581,8 @@ class Suspected:
             for candidate in proposed(current.model, self.job.evidence):
                 if candidate.key == nearest.key:
                     free = candidate.parameters(current.model, current.free)
-                    found.append((candidate, free, candidate.starts[0].replace(_values_at(pair, [f.path for f in free]))))
+                    with suppress(ModelError):  # the first cause has taken the place of a law
+                        found.append((candidate, free, candidate.starts[0].replace(_values_at(pair, [f.path for f in free]))))
                     break
         return found
 
@@ -845,6 +851,9 @@ def _kind_and_form(
             if (kind_of(candidate.cause), candidate.location) == entry.place and candidate.key not in known:
                 free = candidate.parameters(model, entry.fit.free)
                 starts += [(candidate, free, start) for start in candidate.starts]
+    if named is not None and named.step.curve is not None and place is not None:
+        tried_there = {entry.candidate.key for entry in job.judged}
+        starts += starts_from_curve(named.entry, named.step.curve, job.current, job.evidence, tried_there)
     if starts:
         more = followed(starts, job.rungs, job.current, job.progress, job.promising)
         extended = [entry for entry in job.finished(job.entries(more)) if _extends(entry, forms, job.floors)]

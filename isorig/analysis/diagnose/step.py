@@ -10,11 +10,12 @@ import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
+from isorig.analysis.diagnose.causes import GENERALIZED
 from isorig.analysis.diagnose.causes.base import Evidence, Kind
 from isorig.analysis.diagnose.evidence import Sign
 from isorig.analysis.diagnose.free_shapes import tabulated
 from isorig.analysis.diagnose.kinds import OVER_VELOCITY, kind_of
-from isorig.analysis.diagnose.policy import POLICY, form_stands, rivals_alike, wins
+from isorig.analysis.diagnose.policy import POLICY, Policy, form_stands, rivals_alike, wins
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.candidate import Candidate, Reported
 from isorig.analysis.fitting.excess import excess, ratio, share_removed
@@ -169,8 +170,13 @@ def best_form(forms: Sequence[Entry], now: Score, floors: FloatArray) -> Found:
     carried = simplest(close)
     carried = determined(carried, [entry for entry in entries if entry.place == carried.place], floors)
     apart = [entry.score for entry in entries if all(entry is not other for other in close)]
-    twins = {entry.candidate.key for entry in close if entry is not carried}
+    twins = {entry.candidate.key for entry in close if entry is not carried and not _contains(entry, carried)}
     return found_step(carried, entries, now, twins, confidence(carried.score, apart))
+
+
+def _contains(entry: Entry, simpler: Entry) -> bool:
+    # Whether a more general form at a place contains a simpler one: data that this explains cannot exclude it.
+    return entry.place == simpler.place and simpler.candidate.cause in GENERALIZED[entry.candidate.cause]
 
 
 def alike(entries: Sequence[Entry], floors: FloatArray) -> list[Entry]:
@@ -206,6 +212,13 @@ def is_determined(entry: Entry) -> bool:
     """Whether the data determine a form's own values: each one's standard uncertainty is smaller than the value."""
     own = [free for free in entry.candidate.free if free.log]
     return all(entry.fit.std.get(free.path, 0.0) < abs(entry.fit.model.get(free.path)) for free in own)
+
+
+def vanishes(entry: Entry, policy: Policy = POLICY) -> bool:
+    """Whether each of a form's own values may have either sign and is zero within its uncertainty: then it has no effect."""
+    own, std, model = entry.candidate.free, entry.fit.std, entry.fit.model
+    signed = bool(own) and all(not free.log and free.low < 0.0 < free.high for free in own)
+    return signed and all(abs(model.get(free.path)) <= policy.zero * std[free.path] for free in own)
 
 
 def without_form(found: Found, share: float) -> tuple[Step, Found]:

@@ -16,6 +16,7 @@ from isorig.analysis.diagnose.free_shapes import free_shapes
 from isorig.analysis.diagnose.kinds import OVER_VELOCITY, kind_of
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.equations.balances import Element
+from isorig.analysis.equations.columns import RARE_STOP
 from isorig.analysis.equations.forms import ElementForce, element_force, fitted_form, start_values
 from isorig.analysis.equations.ranking import HINTS, Explanation, Ranking, ranking, score_of, share_left
 from isorig.analysis.equations.system import CHANNEL_FAULTS, HOLDS, Equations
@@ -161,6 +162,11 @@ class Suspects:
     def shows(self) -> bool:
         """Whether the best explanation is more than a guess."""
         return self.chosen[0].score >= SHOWN
+
+    @property
+    def rare(self) -> bool:
+        """Whether the best explanation acts in a few events only."""
+        return self.chosen[0].what == RARE_STOP.name
 
     @property
     def exact(self) -> bool:
@@ -381,16 +387,18 @@ class Suspects:
         kept = {free.path for free in candidate.parameters(candidate.starts[0], current)} - {f.path for f in candidate.free}
         values, force = self._solved(explanation)
         element = self._element(candidate.location)
+        # What acts in a few events has left the fitted values as they are.
+        rare = explanation.what == RARE_STOP.name
         found: list[tuple[float | None, RigModel]] = []
         for start in candidate.starts:
             ask_time()
             with suppress(ModelError):  # values that exclude the candidate's own
-                model = start.replace({path: value for path, value in values.items() if path in kept})
+                model = start if rare else start.replace({path: value for path, value in values.items() if path in kept})
                 model = model.replace(_own_values(candidate, explanation, model))
                 solved = None
                 if force is not None and element is not None:
-                    free = [*candidate.free, *(f for f in current if f.path in kept)]
-                    solved = fitted_form(model, free, element, force)
+                    free = [*candidate.free, *(f for f in current if f.path in kept and not rare)]
+                    solved = fitted_form(model, free, element, force, robust=not rare)
                 found.append((solved[1], model.replace(solved[0])) if solved is not None else (None, model))
         return _Begun(models=sorted(found, key=lambda pair: pair[0] or 0.0), explanation=explanation)
 

@@ -25,10 +25,14 @@ DECAYS = (0.1, 0.2, 0.4, 0.8)
 CORNERS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
 #: Displacements at which slip elements slide, as shares of the largest deflection.
 YIELDS = (0.006, 0.02, 0.04, 0.08, 0.16)
+#: Places of stops, as shares of the range of the deflection.
+STOPS = (0.6, 0.75, 0.85, 0.92, 0.96)
 #: Velocity over which the direction of sliding is smoothed, as a share of the rms velocity, where no contact is expected.
 BLUNT = 0.05
 #: Name of a force that repeats with the deflection.
 PERIODIC = "force periodic in position"
+#: Name of a force at the ends of the range of the deflection, which few events show.
+STOP = "force beyond a deflection"
 #: Score that a coefficient must add to count: of equal explanations the simpler one is preferred.
 PER_COEFFICIENT = 0.01
 
@@ -118,6 +122,12 @@ def _spring(course: Course) -> FloatArray:
     return spline_columns(course.deflection, course.low, course.high, INTERVALS)
 
 
+def _stops(course: Course) -> FloatArray:
+    d, middle, half = course.deflection, 0.5 * (course.low + course.high), 0.5 * (course.high - course.low)
+    ways = (np.maximum(way * (d - middle) - share * half, 0.0) for share in STOPS for way in (1.0, -1.0))
+    return np.column_stack(list(ways)) / half
+
+
 def _damping(course: Course) -> FloatArray:
     v, most = course.velocity, course.fastest
     return np.column_stack([v * np.abs(v) / most, v**3 / most**2, v**2 / most])
@@ -199,6 +209,8 @@ def periodic(pitch: float) -> Shape:
     return Shape(kind="spring_shape", name=PERIODIC, columns=columns, charge=4)
 
 
+#: A stop that is reached a few times only: a smooth curve over the whole range does not follow it.
+RARE_STOP = Shape(kind="spring_shape", name=STOP, columns=_stops, charge=4)
 #: The shapes at an element, simple ones first.
 SHAPES: tuple[Shape, ...] = (
     Shape(kind="friction_shape", name="dry friction", columns=_friction, charge=2),

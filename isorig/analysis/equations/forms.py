@@ -11,7 +11,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray, IntArray
 from isorig.analysis.equations.balances import Balance, Element
-from isorig.analysis.equations.columns import PERIODIC, SHAPES, Shape, periodic
+from isorig.analysis.equations.columns import PERIODIC, RARE_STOP, SHAPES, Shape, periodic
 from isorig.analysis.equations.filters import resonator
 from isorig.analysis.equations.known import law_columns
 from isorig.analysis.equations.ranking import Explanation
@@ -76,7 +76,7 @@ def shape_of(explanation: Explanation) -> Shape | None:
     """The free shape of an explanation; None if it is no shape at an element."""
     if explanation.what == PERIODIC:
         return periodic(explanation.values["pitch"])
-    return next((shape for shape in SHAPES if shape.name == explanation.what), None)
+    return next((shape for shape in (*SHAPES, RARE_STOP) if shape.name == explanation.what), None)
 
 
 def element_force(equations: Equations, explanation: Explanation) -> ElementForce | None:
@@ -141,7 +141,7 @@ def _thinned(d: FloatArray) -> IntArray:
 
 
 def fitted_form(
-    model: RigModel, free: Sequence[Free], element: Element, force: ElementForce
+    model: RigModel, free: Sequence[Free], element: Element, force: ElementForce, *, robust: bool = True
 ) -> tuple[dict[str, float], float] | None:
     """Parameters of an element's laws from its recorded force, and the rms of the remaining force in N.
 
@@ -158,6 +158,8 @@ def fitted_form(
         The element.
     force
         Its recorded force.
+    robust
+        Whether single samples far from the form count less, as the errors of a few blocks; not where rare events tell.
 
     Returns
     -------
@@ -217,8 +219,8 @@ def fitted_form(
 
     with suppress(ValueError):
         done = least_squares(
-            residual, start, jac=jacobian, bounds=(low, high), x_scale="jac", max_nfev=EVALUATIONS, loss="soft_l1",
-            f_scale=0.05,
+            residual, start, jac=jacobian, bounds=(low, high), x_scale="jac", max_nfev=EVALUATIONS,
+            loss="soft_l1" if robust else "linear", f_scale=0.05,
         )  # fmt: skip
         values = {f.path: f.decode(float(c)) for f, c in zip(own, done.x, strict=False)}
         return values, float(np.sqrt(np.mean(residual(done.x)[: len(force.force)] ** 2))) * size

@@ -18,6 +18,7 @@ from isorig.analysis.equations.columns import (
     CORNERS,
     PER_COEFFICIENT,
     PERIODIC,
+    RARE_STOP,
     SHAPES,
     Shape,
     dissipates,
@@ -172,7 +173,7 @@ class Regressions:
 
         parts: list[Callable[[], None]] = [
             *(partial(self._shape, one, shape, add) for one in self.on.elements() for shape in self._shapes(one, before)),
-            *(partial(self._repeating, balance, add, before, found) for balance in self._balances),
+            *(partial(self._rarer, balance, add, before, found) for balance in self._balances),
             *(partial(self._body, body, add, before) for body in self.on.combos.measured),
             partial(self._rocking, add), partial(self._locks, add), *self._sensors(add, before),
         ]  # fmt: skip
@@ -215,12 +216,15 @@ class Regressions:
         if after:
             add(shape.kind, element.name, shape.name, after, float(shape.charge), "", **values)
 
-    def _repeating(self, balance: Balance, add: _Add, before: Mapping[str, float], found: Sequence[Explanation]) -> None:
-        # A force that repeats with the position, in an equation that no other shape repairs: a curve follows a few periods.
+    def _rarer(self, balance: Balance, add: _Add, before: Mapping[str, float], found: Sequence[Explanation]) -> None:
+        # In an equation that no other shape repairs, what a smooth curve does not follow: a stop that is reached a few times, and
+        # a force that repeats with the position in more than a few periods.
         whole = before.get(balance.name, 0.0)  # none where nothing of it remains to be tested
         if whole < self.least or min((item.residuals[balance.name] for item in found), default=whole) < self.least:
             return
         for element, _ in balance.crossing:
+            if all((item.place, item.what) != (element.name, RARE_STOP.name) for item in found):
+                self._shape(element, RARE_STOP, add)
             in_time = self.on.in_time(balance, element)
             if in_time is not None:
                 pitch = pitch_of(*in_time, self.on.base_columns(element))

@@ -54,11 +54,10 @@ def pitch_of(sliding: Sliding, base: SlidingFit, columns: Columns) -> float | No
     # Samples show no force that repeats more often than every second one, not even those of the slowest run.
     slowest = min(float(np.std(run.velocity)) for run in sliding.runs)
     most = min(MOST_INTEGRATED if sliding.integrated else MOST, (high - low) * 0.5 * sliding.rate / max(slowest, 1e-300))
-    least, end = round(STEPS * FEWEST), round(STEPS * most)
-    if end <= least:
+    if most < FEWEST + 1.0 / STEPS:
         return None
-    spectrum = np.abs(np.fft.rfft(whole, STEPS * CELLS)[:end])
-    spectrum[:least] = 0.0
+    spectrum = np.abs(np.fft.rfft(whole, STEPS * CELLS)[: round(STEPS * most)])
+    spectrum[: round(STEPS * FEWEST)] = 0.0
     best = float(np.argmax(spectrum)) / STEPS
 
     def missed(periods: float) -> float:

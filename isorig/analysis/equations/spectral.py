@@ -28,6 +28,9 @@ SHORTEST = 256
 #: rms of a channel in the first half segment of a run over that of the whole run, from which on its start is the loudest part, as
 #: after a release. Chosen: a steady motion has 1, a decay within a quarter of the run 2.
 LOUD = 1.5
+#: Weights of the penalty on a curve's second differences: the one that leaves least of the other segments counts. Chosen: a
+#: strongly bent curve costs as much as many frequency bins tell, and a straight one needs the full weight.
+TIES = (1.0, 0.03, 1e-3)
 
 #: A row of an equation: coefficients of signals, each a number or one value per frequency bin.
 Row = Mapping[tuple[str, int], "complex | ComplexArray"]
@@ -269,13 +272,18 @@ class Prepared:
         normal = fit.copy()
         share = 0.5 if held_out else 1.0
         normal[:p, :p] -= share * noise
-        if penalty is not None:
-            normal[p:, p:] += self.count / self.size * penalty
-        values = _scaled(normal[1:, 1:], normal[1:, 0])
-        row = np.concatenate([[1.0], -values])
         bare = np.concatenate([[1.0], -_scaled(normal[1:p, 1:p], normal[1:p, 0])])
-        ratio = float(row @ test @ row) / max(float(bare @ test[:p, :p] @ bare), 1e-300)
-        return Solved(residual=self.solved.residual * ratio, values=values)
+        before = max(float(bare @ test[:p, :p] @ bare), 1e-300)
+
+        def solved(weight: float) -> Solved:
+            tied = normal.copy()
+            if penalty is not None:
+                tied[p:, p:] += weight * self.count / self.size * penalty
+            values = _scaled(tied[1:, 1:], tied[1:, 0])
+            row = np.concatenate([[1.0], -values])
+            return Solved(residual=self.solved.residual * float(row @ test @ row) / before, values=values)
+
+        return min(map(solved, TIES if penalty is not None else TIES[:1]), key=lambda one: one.residual)
 
 
 class Spectra:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -110,8 +110,6 @@ class Equations:
         self.model, self.combos = model, Combinations(model, self.hidden)
         # Where no spring holds a body, its position counts from the start of a run.
         self.counted = floats(model) and max(self.combos.orders.values(), default=0) < 2
-        self.balances = balances(model, self.combos)
-        self.locks = locks(model, self.balances, self.combos)
         self.usable = min(run.usable for run in campaign.runs)
         self.rate = max((run.sample_rate for run in campaign.runs), default=1.0)
         self.records = [
@@ -123,11 +121,21 @@ class Equations:
             for k, (run, own) in enumerate(zip(campaign.runs, noise, strict=True))
             if run.sample_rate == self.rate
         ]  # fmt: skip
+        # A drive that rests in all runs pushes nothing, and does not tell the size of any mass.
+        silent = {
+            drive.channel
+            for drive in model.drives
+            if all(rests(r.channels[drive.channel], r.noise[drive.channel]) for r in self.records)
+        }
+        self.balances = tuple(
+            replace(balance, pushes={channel: weight for channel, weight in balance.pushes.items() if channel not in silent})
+            for balance in balances(model, self.combos)
+        )
+        self.locks = locks(model, self.balances, self.combos)
         longest = max((len(next(iter(r.channels.values()))) for r in self.records), default=0)
         self.lowest = lowest_frequency(model, longest / self.rate)
         # In a decay a change in time is one with the amplitude, unless other runs begin later.
-        driven = any(np.any(r.channels[drive.channel]) for r in self.records for drive in model.drives)
-        self.timed = driven or len({r.start for r in self.records}) > 1
+        self.timed = len(silent) < len(model.drives) or len({r.start for r in self.records}) > 1
         self.end = max((r.start + len(next(iter(r.channels.values()))) / self.rate for r in self.records), default=1.0)
         # Displacements carry no signal in the second derivative above some frequency: there equations are cut.
         self.edge = np.inf

@@ -447,10 +447,13 @@ def _covariance(jacobian: FloatArray, residual: FloatArray, theta: FloatArray, f
     # White's (1980) sandwich: frequency bins are independent, so a coloured residual only has unequal variances.
     if jacobian.shape[1] == 0:
         return np.zeros((0, 0))
-    normal = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14)
-    meat = jacobian.T @ (jacobian * (residual**2)[:, None])
+    # In units in which all values have the same effect: those that are no logarithms have any size.
+    scale = np.maximum(np.sqrt((jacobian**2).sum(axis=0)), 1e-150)
+    scaled = jacobian / scale
+    normal = np.linalg.pinv(scaled.T @ scaled, rcond=1e-14)
+    meat = scaled.T @ (scaled * (residual**2)[:, None])
     covariance = normal @ meat @ normal
-    slope = np.array([f.decode(c) if f.log else 1.0 for f, c in zip(free, theta, strict=True)])
+    slope = np.array([f.decode(c) if f.log else 1.0 for f, c in zip(free, theta, strict=True)]) / scale
     return np.asarray(covariance * np.outer(slope, slope))
 
 

@@ -22,7 +22,7 @@ from isorig.analysis.fitting.initial_state import (
     moving_start,
 )
 from isorig.analysis.lowpass import fast_length
-from isorig.analysis.model.linear import floats
+from isorig.analysis.model.linear import drifts, floats
 from isorig.analysis.model.rig_model import GROUND, RigModel, Sensor
 from isorig.analysis.rounding import is_command
 from isorig.analysis.simulate import Excitation, record, simulate
@@ -389,6 +389,7 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
     lowest, wrong = SLOW * lowest_mode(model), frozenset(zero_errors(campaign, model))
     by_drive: list[tuple[Run, int, Mapping[str, float]]] = []
     trials, free = list[Trial](), set[str]()
+    drifting = drifts(model, min((run.duration for run in campaign.runs), default=0.0))
     for run, noise, of_drive in zip(campaign.runs, noises, drive_noises(campaign, model.drive.channel), strict=True):
         if run.configuration not in model.configurations:
             raise DataError(
@@ -399,7 +400,7 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
         stop = min((gap.first_tick for gap in run.gaps), default=len(run))
         if stop < SHORTEST:
             continue
-        if floats(model):
+        if drifting:
             by_drive.append((run, stop, noise))
             continue
         drive = run.channel(model.drive.channel).read(0, stop)

@@ -98,7 +98,7 @@ class Dahl(ContactLaw, frozen=True, kw_only=True, tag="dahl"):
 
     def along(self, d: FloatArray, v: FloatArray, rate: float, link: LinkConstants = NO_LINK) -> FloatArray:
         out = np.empty(len(v))
-        slid_along(np.array([self.friction_force, self.bristle_stiffness]), np.ascontiguousarray(v) / rate, out)
+        slid_along(np.array([self.friction_force, self.bristle_stiffness]), np.diff(d, prepend=d[:1]), out)
         return out
 
 
@@ -166,7 +166,7 @@ class BoucWen(ContactLaw, frozen=True, kw_only=True, tag="bouc_wen"):
 
     def along(self, d: FloatArray, v: FloatArray, rate: float, link: LinkConstants = NO_LINK) -> FloatArray:
         out = np.empty(len(v))
-        bent_along(np.array(self._params), np.ascontiguousarray(v) / rate, np.empty(POINTS), out)
+        bent_along(np.array(self._params), np.diff(d, prepend=d[:1]), np.empty(POINTS), out)
         return out
 
 

@@ -49,14 +49,14 @@ _WORDS = {
     "meter": "m", "metre": "m", "meters": "m", "metres": "m",
     "gn": "g", "g_n": "g", "G": "g", "g's": "g", "gs": "g",
     "volt": "V", "volts": "V", "Volt": "V", "Volts": "V", "newton": "N", "Newton": "N",
-    "newtons": "N", "Newtons": "N",
+    "newtons": "N", "Newtons": "N", "feet": "ft", "kph": "km/h", "kp": "kgf", "pond": "gf",
     "°": "deg", "degree": "deg", "degrees": "deg", "°/s": "deg/s", "°/s^2": "deg/s^2", "dps": "deg/s", "radian": "rad",
     "radians": "rad", "RPM": "rpm", "r/min": "rpm", "rev/min": "rpm", "1/min": "rpm", "turn": "rev", "turns": "rev",
     "revolution": "rev", "revolutions": "rev", "inch": "in", "inches": "in", "mils": "mil", "thou": "mil", "kips": "kip",
     "ft lbf": "lbf ft", "in lbf": "lbf in", "ft-lb": "lbf ft", "lb-ft": "lbf ft", "in-lb": "lbf in", "lb-in": "lbf in",
 }  # fmt: skip
 #: A torque without a space between force and length, or with a dot or a hyphen.
-_TORQUE = re.compile(r"(N|kN|mN|lbf|ozf)[ .·*-]?(m|cm|mm|in|ft)")
+_TORQUE = re.compile(r"(N|kN|mN|lbf|ozf|kgf|gf)[ .·*-]?(m|cm|mm|in|ft)")
 
 
 def known_unit(text: str) -> str | None:

@@ -208,7 +208,7 @@ def test_the_force_along_a_measured_motion_is_the_simulated_one(law: type[laws.L
     drawn = drawn_law(law, 3)
     d, v, force, _ = simulated(drawn)
     along = drawn.along(d, v, RATE, LINK)
-    assert np.std(along - force) < 0.03 * np.std(force)
+    assert np.std(along - force) < 1e-3 * np.std(force)
     # Starting values are fitted with one course for all constants of the link.
     assert np.array_equal(along, drawn.along(d, v, RATE))
 
@@ -226,7 +226,7 @@ def test_a_very_stiff_loop_slides_at_once() -> None:
     law = laws.BoucWen(friction_force=1e-3, initial_stiffness=1e9, sharpness=2.0, pinching=0.7)
     v = np.repeat([0.1, -0.1, 0.1], 20)
     force = law.along(np.cumsum(v) / 1000.0, v, 1000.0)
-    np.testing.assert_allclose(force, 1e-3 * np.sign(v), rtol=1e-9)
+    np.testing.assert_allclose(force[1:], 1e-3 * np.sign(v[1:]), rtol=1e-9)  # nothing slides before the first sample
 
 
 def test_bouc_wen_with_full_pinching_is_dahl() -> None:

@@ -24,6 +24,8 @@ FOUND_AS: Mapping[str, frozenset[str]] = {
     what: frozenset(cause.name for cause in CATALOGUE if what in cause.found_as)
     for what in sorted({what for cause in CATALOGUE for what in cause.found_as})
 }
+#: The simpler causes that each cause contains.
+GENERALIZED: Mapping[str, frozenset[str]] = {cause.name: cause.generalizes for cause in CATALOGUE}
 
 
 def proposed(model: RigModel, evidence: Evidence) -> Iterator[Candidate]:

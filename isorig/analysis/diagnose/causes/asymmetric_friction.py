@@ -23,6 +23,7 @@ class AsymmetricFriction(ContactCause):
     law = Asymmetric
     # A constant offset of the drive is equivalent to two dry levels: one of them suffices.
     dropped = ("drive.chain.offset",)
+    generalizes = frozenset({"coulomb_friction"})
     phrase = "friction at the {place} of {forward_force} forward and {backward_force} backward"
     signs = frozenset({"amplitude", "blocked by the lock", "uneven directions"})
 

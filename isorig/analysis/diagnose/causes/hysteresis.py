@@ -34,6 +34,7 @@ class Hysteresis(Cause):
     kind = "memory"
     family = "memory"
     rank = 4
+    generalizes = frozenset({"presliding_friction"})
     phrase = "hysteresis in the {place}: {friction_force} that build up with {initial_stiffness} after every reversal"
     signs = frozenset({"amplitude", "blocked by the lock", "softens"})
     found_as = frozenset({"slip"})

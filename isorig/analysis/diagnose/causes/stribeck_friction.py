@@ -28,6 +28,7 @@ class StribeckFriction(ContactCause):
     rank = 2
     law = Stribeck
     reports = ("static_force", "friction_force", "stribeck_velocity", "exponent")
+    generalizes = frozenset({"coulomb_friction"})
     phrase = (
         "Stribeck friction at the {place} that holds with {static_force} and slides with {friction_force}, "
         "falling over {stribeck_velocity} (exponent {exponent})"
