@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from math import sqrt
 
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
+from isorig.analysis.rounding import rounding
 
 #: Ratio of power to that of the noise above which a frequency bin belongs to the signal; number of bins averaged for it; share of
 #: the spectrum from which on all belongs to it. Chosen: the second derivative of such a record has a few per cent of noise.
@@ -81,9 +83,17 @@ def fast_length(samples: int) -> int:
 def signal_edge(values: FloatArray, rate: float) -> float:
     """Highest frequency in Hz at which a record, shape (n,), exceeds its noise; infinite if it does everywhere.
 
-    The noise is assumed white; its level is the median power in the highest sixth of the spectrum (ln 2 times its mean).
+    The noise is assumed white; its level is the median power in the highest sixth of the spectrum (ln 2 times its mean). That of
+    rounding to counts is not: at a steady speed the counts follow each other regularly, at a frequency far above the motion.
     """
-    return _edge(*_spectrum(values), rate)
+    power, noise = _spectrum(values)
+    below, step = _averaged(power) <= SIGNAL * noise, sqrt(12.0) * rounding(values)
+    if step == 0.0 or not below.any():
+        return _edge(power, noise, rate)
+    first = float(np.argmax(below)) / (len(power) - 1) * rate / 2.0
+    motion = low_passed(values, rate, first / PASSES) - values[0]
+    of_counts, _ = _spectrum(step * np.round(motion / step) - motion)
+    return max(first, _edge(power, np.maximum(noise, _averaged(of_counts)), rate))
 
 
 def force_edge(force: FloatArray, motion: FloatArray, rate: float, mass: float, derivatives: int) -> float:
@@ -104,8 +114,7 @@ def force_edge(force: FloatArray, motion: FloatArray, rate: float, mass: float, 
     """
     (power, _), (_, noise) = _spectrum(force), _spectrum(motion)
     omega = np.pi * rate * np.arange(len(power)) / (len(power) - 1)
-    averaged = np.convolve(power, np.ones(AVERAGED) / AVERAGED, mode="same")
-    above = averaged > SIGNAL * noise * mass**2 * omega ** (2 * derivatives)
+    above = _averaged(power) > SIGNAL * noise * mass**2 * omega ** (2 * derivatives)
     return float(np.flatnonzero(above).max(initial=0)) / (len(power) - 1) * rate / 2.0
 
 
@@ -131,7 +140,10 @@ def _spectrum(values: FloatArray) -> tuple[FloatArray, float]:
     return power, float(np.median(power[-len(power) // 6 :])) / np.log(2.0)
 
 
-def _edge(power: FloatArray, noise: float, rate: float) -> float:
-    averaged = np.convolve(power, np.ones(AVERAGED) / AVERAGED, mode="same")
-    edge = float(np.flatnonzero(averaged > SIGNAL * noise).max(initial=0)) / (len(power) - 1)
-    return edge * rate / 2.0 if noise > 0.0 and 0.0 < edge < NEARLY_ALL else np.inf
+def _averaged(power: FloatArray) -> FloatArray:
+    return np.convolve(power, np.ones(AVERAGED) / AVERAGED, mode="same")
+
+
+def _edge(power: FloatArray, noise: FloatArray | float, rate: float) -> float:
+    edge = float(np.flatnonzero(_averaged(power) > SIGNAL * noise).max(initial=0)) / (len(power) - 1)
+    return edge * rate / 2.0 if np.any(noise > 0.0) and 0.0 < edge < NEARLY_ALL else np.inf

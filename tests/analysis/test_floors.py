@@ -7,16 +7,20 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
+from scipy.integrate import cumulative_trapezoid
 
-from isorig.analysis.campaign import Channel, FloatArray, Run
+from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
+from isorig.analysis.equations.ranking import ranking
+from isorig.analysis.equations.system import equations_of
 from isorig.analysis.errors import SimulationError
 from isorig.analysis.fitting import score as scores
 from isorig.analysis.fitting import trials
 from isorig.analysis.fitting.trials import Trial
-from isorig.analysis.laws import Coulomb, Cubic, Stribeck
-from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel, Sensor
+from isorig.analysis.laws import BoundedSoftening, Coulomb, Cubic, Stribeck
+from isorig.analysis.model.rig_model import Body, Chain, Contact, Drive, Link, RigModel, Sensor
 from isorig.analysis.simulate import Excitation
 from isorig.analysis.simulate.inverse import DECIMATIONS, EDGE, driven_groups, motion_from, required_drive
 from isorig.analysis.spectra.windows import HANN
@@ -283,6 +287,75 @@ def test_a_velocity_is_resolved_from_three_standard_deviations_of_its_noise_on(a
     motion = motion_from({"m": 3.0 * above * blur * time}, 1024.0, np.full(len(time), -0.2))
     # A contact that slides forward takes its friction, one that may stick what the record has; the decimation ripples by 1 %.
     assert required_drive(rig, replace(motion, blur={"m": blur}))[0, 50:-50] == pytest.approx(-0.2 if sticks else 0.5, rel=0.02)
+
+
+def test_friction_follows_the_sign_of_a_velocity_that_oscillates_above_the_corner_of_its_force() -> None:
+    """The acceleration is noisy and needs a low-pass of 20 Hz; below that the velocity turns far more seldom than it does."""
+    rate, mass, level = 500.0, 0.02, 0.5
+    time, slow, fast = np.arange(15000) / rate, 2.0 * np.pi * 0.3, 2.0 * np.pi * 30.0
+    speed = 4.0 * np.sin(slow * time) + 3.0 * np.sin(fast * time)
+    force = mass * (4.0 * slow * np.cos(slow * time) + 3.0 * fast * np.cos(fast * time)) + level * np.sign(speed)
+    rig = RigModel(
+        name="turning", bodies=(Body(name="m", mass=mass),), drive=Drive(channel="force", factor=1.0, pushes={"m": 1.0}),
+        contacts=(Contact(name="k", a="m", b="ground", law=Coulomb(friction_force=level)),),
+        sensors=(Sensor(channel="m", body="m", quantity="velocity"),),
+    )  # fmt: skip
+    records = {
+        "m": (speed + np.random.default_rng(2).normal(0.0, 0.08, len(time)), "velocity", "m/s"),
+        "force": (force, "force", "N"),
+    }
+    channels = {name: Channel(name=name, samples=of[0], quantity=of[1], unit=of[2]) for name, of in records.items()}
+    run = Run(id="r", configuration="unlocked", sample_rate=rate, gain=1.0, channels=channels)
+    (trial,) = trials.prepare(Campaign(runs=(run,), source="turning"), rig)
+    assert trial.motion is not None
+    assert trial.motion.decimation > DECIMATIONS[0]
+    off = trials.expected(rig, trial) - trial.measured
+    assert np.sqrt(np.mean(off**2)) < 0.05 * np.std(trial.measured)
+
+
+def two_inertias(softening: float, zero: float) -> tuple[Campaign, RigModel]:
+    """A motor and a load on a shaft that a sum of sines twists, with tachometers, that of the load with an error of its zero."""
+    rate, motor, load, stiffness, rubs = 1000.0, 0.005, 0.012, 50.0, 0.002
+    time, draw = np.arange(20000) / rate, np.random.default_rng(4)
+    waves = [(0.06, 0.4), (0.03, 1.7), (0.02, 6.3), (0.01, 11.0)]
+    twist = sum((size * np.sin(2.0 * np.pi * hertz * time + hertz) for size, hertz in waves), np.zeros(len(time)))
+    torque = stiffness * ((1.0 - softening) * twist + softening * 0.1 * np.tanh(twist / 0.1))
+    of_load = cumulative_trapezoid(torque - torque.mean(), dx=1.0 / rate, initial=0.0) / load
+    of_motor = of_load + np.gradient(twist, time)
+    drive = motor * np.gradient(of_motor, time) + torque - torque.mean() + rubs * of_motor
+    records = {"u": drive, "motor": of_motor, "load": of_load + zero}
+    channels = {}
+    for name, values in records.items():
+        noisy = values + draw.normal(0.0, 2e-3 * float(np.std(values)), len(time))
+        quantity, unit = ("torque", "N m") if name == "u" else ("angular_velocity", "rad/s")
+        channels[name] = Channel(name=name, samples=noisy, quantity=quantity, unit=unit)
+    run = Run(id="r", configuration="unlocked", sample_rate=rate, gain=1.0, channels=channels)
+    law = (BoundedSoftening(softening=softening, scale=0.1),) if softening else ()
+    model = RigModel(
+        name="drive", drive=Drive(channel="u", quantity="torque", factor=1.0, pushes={"motor": 1.0}, chain=Chain(offset=0.0)),
+        bodies=(Body(name="motor", mass=motor, motion="rotation"), Body(name="load", mass=load, motion="rotation")),
+        links=(
+            Link(name="shaft", a="motor", b="load", stiffness=stiffness, laws=law), Link(name="bearing", a="motor", damping=rubs),
+        ),
+        sensors=tuple(Sensor(channel=name, body=name, quantity="angular_velocity") for name in ("motor", "load")),
+        free=("bodies.load.mass", "links.shaft.stiffness", "links.shaft.damping"),
+    )  # fmt: skip
+    return Campaign(runs=(run,), source="drive"), model
+
+
+@pytest.mark.parametrize("softening", [0.0, 0.6])
+@pytest.mark.parametrize("zero", [0.0, 0.05])
+def test_the_zero_of_a_velocity_is_no_twist_of_a_shaft(softening: float, zero: float) -> None:
+    """The zero integrates to a rad, ten times the twist; the equations and the required drive show the shaft nonetheless."""
+    campaign, model = two_inertias(softening, zero)
+    (trial,) = trials.prepare(campaign, model)
+    assert trial.motion is not None
+    assert trial.motion.groups == (("motor",), ("motor", "load"))
+    off = np.std(trials.expected(model, trial) - trial.measured, axis=1) / np.std(trial.measured, axis=1)
+    assert np.all(off < 0.03)
+    plain = msgspec.structs.replace(model, links=(msgspec.structs.replace(model.links[0], laws=()), model.links[1]))
+    best = ranking(equations_of(campaign, plain)).explanations[:1]
+    assert [(item.kind, item.place) for item in best if item.score > 0.5] == ([("spring_shape", "shaft")] if softening else [])
 
 
 def test_a_rig_scored_by_its_drive_gets_the_noise_of_its_positions(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -90,3 +90,13 @@ def test_a_mirrored_record_continues_beyond_both_ends(count: int, sign: float) -
             rest //= prime
     assert rest == 1
     assert len(whole) <= 2.1 * count
+
+
+@pytest.mark.parametrize("counts", [20_000, 65_536])
+def test_the_counts_of_a_steady_speed_are_no_motion(counts: int) -> None:
+    """Their steps follow each other regularly, at frequencies that are aliased to any, up to that of every second sample."""
+    way = np.where(TIME // 2.0 % 2.0, -1.0, 1.0) * np.choose((TIME // 4.0).astype(int) % 3, [0.1, 0.3, 0.05])
+    angle = np.cumsum(low_passed(way, RATE, 5.0)) / RATE
+    step = 2.0 * np.pi / counts
+    as_noise = signal_edge(angle + np.random.default_rng(1).normal(0.0, step / np.sqrt(12.0), COUNT), RATE)
+    assert signal_edge(step * np.round(angle / step), RATE) == pytest.approx(as_noise, rel=0.6)

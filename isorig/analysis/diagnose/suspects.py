@@ -16,7 +16,7 @@ from isorig.analysis.diagnose.free_shapes import free_shapes
 from isorig.analysis.diagnose.kinds import OVER_VELOCITY, kind_of
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.equations.balances import Element
-from isorig.analysis.equations.columns import RARE_STOP
+from isorig.analysis.equations.columns import OVER_POSITION, RARE_STOP
 from isorig.analysis.equations.forms import ElementForce, element_force, fitted_form, start_values
 from isorig.analysis.equations.ranking import HINTS, Explanation, Ranking, ranking, score_of, share_left
 from isorig.analysis.equations.system import CHANNEL_FAULTS, HOLDS, Equations
@@ -125,7 +125,8 @@ class Suspects:
         if explanation.what in FOUND_AS and cause != explanation.kind:
             return cause in FOUND_AS[explanation.what]
         kind = kind_of(cause)
-        return _alike(kind, explanation.kind)
+        # A friction that depends on the position is none over velocity.
+        return kind == explanation.kind or (explanation.what != OVER_POSITION and _alike(kind, explanation.kind))
 
     def only(self, kind: Kind, place: str) -> bool:
         """Whether all that is suspected is of one kind at one place."""

@@ -31,6 +31,8 @@ STOPS = (0.6, 0.75, 0.85, 0.92, 0.96)
 BLUNT = 0.05
 #: Name of a force that repeats with the deflection.
 PERIODIC = "force periodic in position"
+#: Name of a friction whose level depends on the position.
+OVER_POSITION = "friction over position"
 #: Name of a force at the ends of the range of the deflection, which few events show.
 STOP = "force beyond a deflection"
 #: Score that a coefficient must add to count: of equal explanations the simpler one is preferred.
@@ -222,7 +224,7 @@ SHAPES: tuple[Shape, ...] = (
     Shape(kind="spring_shape", name="force over deflection", columns=_spring, charge=3, smooth=True),
     Shape(kind="friction_shape", name="friction over velocity", columns=_friction_by_velocity, charge=3, with_friction=True),
     Shape(
-        kind="friction_shape", name="friction over position", columns=_friction_by_place, charge=3, smooth=True,
+        kind="friction_shape", name=OVER_POSITION, columns=_friction_by_place, charge=3, smooth=True,
         with_friction=True,
     ),
     Shape(kind="memory", name="slip", columns=_slip, charge=2, with_friction=True),

@@ -409,8 +409,13 @@ class Equations:
         return (sliding.residual(fitted) - 1.0) / (sliding.residual(without) - 1.0)
 
     def integrated(self, element: Element) -> bool:
-        """Whether an element's deflection is an integral, so that its slow part is unknown."""
-        return not self.counted and all(self.combos.orders[channel] > 0 for channel in (self.combos.of(element.weights, 0) or {}))
+        """Whether an element's deflection is an integral, so that its slow part is unknown.
+
+        A position that is counted from the start of a velocity's record is known, but not the small difference of two of them.
+        """
+        channels = self.combos.of(element.weights, 0) or {}
+        counted = self.counted and (len(channels) < 2 or element.link is None or not element.link.stiffness)
+        return not counted and all(self.combos.orders[channel] > 0 for channel in channels)
 
     def cut(self, balance: Balance, element: Element) -> float:
         """Frequency in Hz up to which the slow part of an element's integrated deflection is fitted.
@@ -555,9 +560,10 @@ class Equations:
         orders = self.combos.orders
         n = len(next(iter(signals.values())))
         d, v = np.zeros(n), np.zeros(n)
+        whole = self.counted and not self.integrated(element)
         for channel, weight in combo.items():
             order = orders[channel]
-            found = derivatives(signals[channel, order], order, self.rate, 0.0 if self.counted else low, self.edge)
+            found = derivatives(signals[channel, order], order, self.rate, 0.0 if whole else low, self.edge)
             d += weight * found.orders[0]
             v += weight * found.orders[1]
         if 0 in (orders[channel] for channel in combo):

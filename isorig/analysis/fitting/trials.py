@@ -55,12 +55,16 @@ CALM, FADED = 0.01, 1e-3
 #: Share of its rms above which a drive acts. A drive that fades in does not act before: a rig held by friction moves like one
 #: with a stiffer spring, which does not represent the rest of the run.
 ACTS = 1.0
-#: Noise of a drive computed from the motion, as a share of the recorded one, up to which no lower corner frequency is tried, and
-#: up to which a group of bodies is used, besides the best one. Chosen: an equation of more noise shows no parameter.
+#: Noise of a drive computed from the motion, as a share of the recorded one, or of a velocity as a share of its rms, up to which
+#: no lower corner frequency is tried, and that of a drive up to which a group of bodies is used, besides the best one. Chosen: an
+#: equation of more noise shows no parameter.
 QUIET, LOUD = 0.02, 0.15
 #: Misfit of the described rig, in multiples of that noise, from which such a group is used nonetheless. Chosen: five simulated
 #: rigs without play in the joint reached 1.5 at most, two with it 8 and 32.
 TOLD = 5.0
+#: Frequency below which the deflection between two recorded velocities is unknown, in multiples of that at which the two bodies
+#: oscillate on their link. Chosen: as the slow part of an integrated deflection in the equations of motion (`equations.system`).
+UNKNOWN = 0.1
 #: Minimum number of samples of the shortest run after a further decimation. Chosen: as many tell a curve of twenty points.
 LEFT = 200
 #: Duration for which the end of a record of an imposed motion disturbs its derivatives, in periods of the corner frequency of its
@@ -580,14 +584,29 @@ def _motions(
         shaken[body] = position(sensor, values + generator.normal(0.0, noise.get(sensor.channel, 0.0), stop))
     drive = run.channel(model.drive.channel).read(0, stop)
     drive = as_held(drive, 1) if is_command(drive) else drive
-    moved, noisy = motion_from(clean, rate, drive, decimation), motion_from(shaken, rate, drive, decimation)
-    blur = {body: float(np.std(noisy.velocity[body] - moved.velocity[body])) for body in clean}
+    # A velocity has less noise than the acceleration. Its own low-pass is as wide as that allows: a dry contact follows the sign
+    # of the true velocity, which that of a low-passed one is not where a shaft oscillates above the corner frequency.
+    for passed in DECIMATIONS[: DECIMATIONS.index(decimation) + 1]:
+        moved, noisy = motion_from(clean, rate, drive, passed), motion_from(shaken, rate, drive, passed)
+        blur = {body: float(np.std(noisy.velocity[body] - moved.velocity[body])) for body in clean}
+        if all(blur[body] <= QUIET * float(np.std(moved.velocity[body])) for body in clean):
+            break
     channels = {body: sensor.channel for body, sensor in sensors.items()}
-    groups = driven_groups(model)
+    groups, unknown = driven_groups(model), _unknown(model, {body for body, sensor in sensors.items() if MOTION[sensor.quantity]})
     return (
-        replace(moved, blur=blur, channels=channels, groups=groups),
-        replace(noisy, blur=blur, channels=channels, groups=groups),
+        replace(moved, blur=blur, channels=channels, groups=groups, decimation=decimation, unknown=unknown),
+        replace(noisy, blur=blur, channels=channels, groups=groups, decimation=decimation, unknown=unknown),
     )
+
+
+def _unknown(model: RigModel, integrated: Collection[str]) -> dict[str, float]:
+    # The frequency in Hz below which the deflection of each link between two bodies with integrated velocities is unknown.
+    found = {}
+    for link in model.links:
+        if {link.a, link.b} <= set(integrated) and link.stiffness > 0.0:
+            of_both = sum(1.0 / model.body(body).mass for body in (link.a, link.b))
+            found[link.name] = UNKNOWN * float(np.sqrt(link.stiffness * of_both)) / (2.0 * np.pi)
+    return found
 
 
 def _shares_of_groups(model: RigModel, motions: Sequence[tuple[Motion, Motion]]) -> tuple[FloatArray, FloatArray]:

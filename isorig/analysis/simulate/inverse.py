@@ -6,7 +6,9 @@ equations of motion: positions through a zero-phase low-pass, differentiated, th
 may stick: it transmits any force between those of slow sliding in both directions, so the drive is only known within their range.
 
 The drive follows from the momentum of the pushed body, and also from that of the pushed body with those joined to it: the smaller
-the group, the more of the joints between the bodies it shows; the larger, the less of their deflections' noise it contains.
+the group, the more of the joints between the bodies it shows; the larger, the less of their deflections' noise it contains. The
+deflection between two recorded velocities is the small difference of two integrals, of which any error of a zero or of a gain is
+a large part. Its slow part is therefore taken as the one with which the slow part of the drive agrees.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from isorig.analysis.campaign import FloatArray
 from isorig.analysis.derivative import derivative
 from isorig.analysis.errors import SimulationError
 from isorig.analysis.laws.base import NO_LINK
+from isorig.analysis.lowpass import low_passed
 from isorig.analysis.model.rig_model import GROUND, Chain, Contact, Link, RigModel, single_drive
 from isorig.analysis.simulate.sampling import shift
 
@@ -31,6 +34,9 @@ ORDER = 8
 DECIMATIONS = (10, 20, 40, 80)
 #: A velocity is resolved from this many standard deviations of its noise on. Chosen: its sign is then right.
 RESOLVED = 3.0
+#: Largest number of corrections of a deflection's slow part, each as if its link were linear. Chosen: a spring that softens to a
+#: quarter of its stiffness leaves a tenth of the error after eight.
+CORRECTIONS = 8
 #: Number of decimated samples dropped at each end.
 EDGE = 20
 
@@ -55,6 +61,8 @@ class Motion:
         Sets of bodies from whose momentum the drive is computed; empty for the pushed body alone.
     decimation
         Factor between the sample rates of the motion and of the computed drive.
+    unknown
+        By link between two bodies whose velocities are recorded: the frequency in Hz below which its deflection is unknown.
     """
 
     position: Mapping[str, FloatArray]
@@ -66,6 +74,7 @@ class Motion:
     channels: Mapping[str, str] = field(default_factory=dict)
     groups: tuple[tuple[str, ...], ...] = ()
     decimation: int = DECIMATIONS[0]
+    unknown: Mapping[str, float] = field(default_factory=dict)
 
 
 def motion_from(
@@ -140,15 +149,36 @@ def required_drive(model: RigModel, motion: Motion) -> FloatArray:
     if len(pushed) != 1 or unseen or any(faults) or any(unused):
         raise SimulationError(f"the rig {model.name!r} cannot be judged by its drive; every body must be measured, one be pushed")
     motion = _without_faults(motion, {sensor.channel: sensor.chain for sensor in model.sensors})
-    needed = [_needed(model, motion, group) for group in motion.groups or (tuple(pushed),)]
     scale, rate = chain.gain / (model.drive.factor * model.drive.pushes[pushed[0]]), motion.sample_rate
     acting = shift((motion.drive - chain.offset) / scale, -chain.delay, rate)
+    needed = [_balanced(model, motion, group, acting) for group in motion.groups or (tuple(pushed),)]
     drives = [shift(scale * np.clip(acting, *ends), chain.delay, rate) + chain.offset for ends in needed]
     return decimated(np.stack(drives), motion.decimation)
 
 
-def _needed(model: RigModel, motion: Motion, group: Sequence[str]) -> tuple[FloatArray, FloatArray]:
-    # Least and largest force that moves a group of bodies as recorded.
+def _balanced(model: RigModel, motion: Motion, group: Sequence[str], acting: FloatArray) -> tuple[FloatArray, FloatArray]:
+    # Least and largest force that moves a group of bodies as recorded; where the records do not tell the slow part of the
+    # deflection of the link that joins it to the others, that part is as the acting force requires it.
+    needed = _needed(model, motion, group, {})
+    joining = [link for link in model.links if link.name in motion.unknown and (link.a in group) != (link.b in group)]
+    if len(joining) != 1 or joining[0].stiffness <= 0.0:
+        return needed
+    (link,), slow, least = joining, np.zeros(len(acting)), np.inf
+    for _ in range(CORRECTIONS):
+        left = low_passed(acting - np.clip(acting, *needed), motion.sample_rate, motion.unknown[link.name])
+        power = float(np.mean(left**2))
+        if power >= least:
+            break
+        least, best = power, needed
+        slow = slow + (left if link.a in group else -left) / link.stiffness
+        needed = _needed(model, motion, group, {link.name: slow})
+    return best
+
+
+def _needed(
+    model: RigModel, motion: Motion, group: Sequence[str], slow: Mapping[str, FloatArray]
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+    # Least and largest force that moves a group of bodies as recorded; `slow` parts are added to the deflections of these links.
     least = np.sum([model.body(name).mass * motion.acceleration[name] for name in group], axis=0)
     most = least.copy()
     parts: list[Link | Contact] = [*model.links, *model.contacts]
@@ -156,7 +186,7 @@ def _needed(model: RigModel, motion: Motion, group: Sequence[str]) -> tuple[Floa
         if (part.a in group) == (part.b in group):
             continue  # its forces on both ends cancel, or act elsewhere
         sign = 1.0 if part.a in group else -1.0
-        ends = [sign * resistance for resistance in _resistances(model, motion, part)]
+        ends = [sign * resistance for resistance in _resistances(model, motion, part, slow.get(part.name, 0.0))]
         least += np.minimum(*ends)
         most += np.maximum(*ends)
     return least, most
@@ -179,16 +209,20 @@ def _without_faults(motion: Motion, chains: Mapping[str, Chain]) -> Motion:
     )  # fmt: skip
 
 
-def _resistances(model: RigModel, motion: Motion, part: Link | Contact) -> tuple[FloatArray, FloatArray]:
+def _resistances(
+    model: RigModel, motion: Motion, part: Link | Contact, slow: FloatArray | float
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     # Force against the motion, and where the velocity is not resolved, that of slow sliding backward and forward.
     d, v = (of[part.a] - (0.0 if part.b == GROUND else of[part.b]) for of in (motion.position, motion.velocity))
+    elongation = d + slow
     blur = RESOLVED * float(np.hypot(motion.blur.get(part.a, 0.0), motion.blur.get(part.b, 0.0)))
-    slow = np.abs(v) < blur
+    unresolved = np.abs(v) < blur
     laws = part.laws if isinstance(part, Link) else (part.law,)
     constants = model.constants_of(part) if isinstance(part, Link) else NO_LINK
-    backward = forward = part.stiffness * d + part.damping * v if isinstance(part, Link) else np.zeros(len(d))
+    backward = forward = part.stiffness * elongation + part.damping * v if isinstance(part, Link) else np.zeros(len(v))
     for law in laws:
-        speeds = (v,) if law.remembers or not slow.any() else (np.where(slow, -blur, v), np.where(slow, blur, v))
-        ends = [law.along(d, speed, motion.sample_rate, constants) for speed in speeds]
+        known = law.remembers or not unresolved.any()
+        speeds = (v,) if known else (np.where(unresolved, -blur, v), np.where(unresolved, blur, v))
+        ends = [law.along(elongation, speed, motion.sample_rate, constants) for speed in speeds]
         backward, forward = backward + ends[0], forward + ends[-1]
     return backward, forward

@@ -32,6 +32,7 @@ from isorig.analysis.diagnose.suspects import (
     Suspects,
     suspects,
 )
+from isorig.analysis.equations.columns import OVER_POSITION
 from isorig.analysis.equations.forms import ElementForce
 from isorig.analysis.equations.ranking import Explanation, Ranking
 from isorig.analysis.equations.system import Equations
@@ -370,3 +371,12 @@ def test_a_measured_equation_leads_in_a_partly_measured_rig(
 def test_a_free_shape_does_not_cover_another_kind_at_its_place() -> None:
     assert blaming(("memory", "rail", 0.5)).only("memory", "rail")
     assert not blaming(("memory", "rail", 0.5), ("spring_shape", "rail", 0.4)).only("memory", "rail")
+
+
+@pytest.mark.parametrize(("what", "alike"), [("dry friction", True), (OVER_POSITION, False)])
+def test_a_friction_that_depends_on_the_position_is_no_damping(what: str, alike: bool) -> None:
+    found = blaming(("friction_shape", "rail", 0.7))
+    chosen = tuple(replace(item, what=what) for item in found.chosen)
+    found = replace(found, chosen=chosen, ranking=replace(found.ranking, explanations=chosen))
+    assert found.includes("asymmetric_friction", "rail")
+    assert found.includes("quadratic_damping", "rail") == alike

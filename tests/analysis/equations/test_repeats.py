@@ -13,10 +13,10 @@ RATE, N = 100.0, 8000
 SWING = 3.0
 
 
-def turning(pitch: float, noise: float) -> Sliding:
+def turning(pitch: float, noise: float, frequency: float = 0.1) -> Sliding:
     """A run of 80 s to and fro over three rad either way, whose force repeats with a pitch."""
     time = np.arange(N) / RATE
-    deflection = SWING * np.sin(2.0 * np.pi * 0.1 * time)
+    deflection = SWING * np.sin(2.0 * np.pi * frequency * time)
     force = np.sin(2.0 * np.pi * deflection / pitch + 0.4) + np.random.default_rng(8).normal(0.0, noise, N)
     run = SlidingRun(
         run=0, force=force, deflection=deflection, velocity=np.gradient(deflection, time), fixed=np.zeros((N, 0)), time=time,
@@ -29,9 +29,9 @@ def columns(d: FloatArray, v: FloatArray, run: SlidingRun, place: IntArray) -> F
     return np.column_stack([d, v])
 
 
-def found(pitch: float, noise: float = 0.3) -> float | None:
+def found(pitch: float, noise: float = 0.3, frequency: float = 0.1) -> float | None:
     base = SlidingFit(values=np.zeros(2), geometric=1.0, arithmetic=1.0, sound=())
-    return pitch_of(turning(pitch, noise), base, columns)
+    return pitch_of(turning(pitch, noise, frequency), base, columns)
 
 
 @pytest.mark.parametrize("pitch", [0.11, 0.9, 2.0])
@@ -48,3 +48,11 @@ def test_it_is_sought_between_two_periods_and_many() -> None:
     assert longer <= few * (1.0 + 1e-6)
     assert shorter is not None
     assert shorter >= many * (1.0 - 1e-6) / (1.0 + 0.25 / MOST)
+
+
+def test_a_motion_that_is_too_fast_for_two_periods_shows_none() -> None:
+    """Its samples tell hardly more than the two periods from which a force may repeat, or fewer."""
+    pitches = [found(2.0, frequency=frequency) for frequency in np.arange(12.0, 15.0, 0.05)]
+    assert pitches[-1] is None
+    low, high = turning(2.0, 0.0).range
+    assert all(pitch is None or pitch <= (high - low) / FEWEST for pitch in pitches)
