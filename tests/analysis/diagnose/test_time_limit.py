@@ -29,7 +29,7 @@ def listed(found: Ranking) -> list[tuple[str, str, str, float]]:
 
 def test_nothing_is_ranked_after_the_limit(rubbed: tuple[Campaign, RigModel], monkeypatch: pytest.MonkeyPatch) -> None:
     begun = []
-    for name in ("_shape", "_repeating", "_body", "_rocking", "_locks", "_linear_faults", "_nonlinear_fault"):
+    for name in ("_shape", "_rarer", "_body", "_rocking", "_locks", "_linear_faults", "_nonlinear_fault"):
         monkeypatch.setattr(Regressions, name, lambda self, *given, name=name, **more: begun.append(name))
     monkeypatch.setattr(diagnosis, "LEAST_RANKING", 0.0)
     with Deadline(0.0):
