@@ -19,7 +19,9 @@ STATED = {
     "rad/s": 1.0, "mrad/s": 1e-3, "deg/s": 1.745329e-2, "rev/s": 2.0 * pi, "rpm": 1.047198e-1,
     "rad/s^2": 1.0, "mrad/s^2": 1e-3, "deg/s^2": 1.745329e-2, "rev/s^2": 2.0 * pi,
     "N m": 1.0, "kN m": 1e3, "mN m": 1e-3, "N cm": 1e-2, "N mm": 1e-3, "lbf in": 1.129848e-1, "lbf ft": 1.355818,
-    "ozf in": 7.061552e-3,
+    "ozf in": 7.061552e-3, "cm/s^2": 1e-2, "ft/s^2": 3.048e-1, "um/s^2": 1e-6, "cm/s": 1e-2, "ft/s": 3.048e-1,
+    "km/h": 2.7777778e-1, "ft": 3.048e-1, "daN": 10.0, "MN": 1e6, "gf": 9.80665e-3, "uA": 1e-6, "kgf m": 9.80665,
+    "kgf cm": 9.80665e-2, "gf cm": 9.80665e-5,
 }  # fmt: skip
 STATED_GIVEN = {
     ("kg", "lb"): 4.535924e-1, ("kg", "g"): 1e-3, ("kg", "t"): 1e3, ("kg m^2", "kg cm^2"): 1e-4, ("kg m^2", "kg mm^2"): 1e-6,
