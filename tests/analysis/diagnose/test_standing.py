@@ -16,7 +16,7 @@ from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.diagnose.revise import Revision, SearchStage, merged, near_rivals
 from isorig.analysis.diagnose.search import _extends
-from isorig.analysis.diagnose.step import Entry, Found, Step, best_kind, determined
+from isorig.analysis.diagnose.step import Entry, Found, Step, best_form, best_kind, determined, vanishes
 from isorig.analysis.equations.system import equations_of
 from isorig.analysis.fitting.candidate import Candidate, Shape
 from isorig.analysis.fitting.division import ends
@@ -347,3 +347,29 @@ def test_only_faults_of_sensors_have_own_channels() -> None:
     assert not step.reported
     assert _of_sensors(replace(step, location="x"), ["a", "x"]) == []
     assert _of_sensors(replace(step, kind="sensor", location="x"), ["a", "x"]) == [1]
+
+
+@pytest.mark.parametrize(("value", "zero"), [(1.99e-3, True), (2.01e-3, False), (-1.99e-3, True), (-2.01e-3, False)])
+def test_a_form_whose_values_are_zero_within_their_uncertainty_is_none(value: float, zero: bool) -> None:
+    delayed = entry("channel_delay", "x", 0.01)
+    free = (Free(path="sensors.x.chain.delay", low=-1.0, high=1.0, log=False),)
+    model = stage().replace({"sensors.x.chain.delay": value})
+    fit = Fit(model=model, free=free, covariance=np.array([[1e-3**2]]), cost=1.0, evaluations=1)
+    assert vanishes(replace(delayed, candidate=replace(delayed.candidate, free=free), fit=fit)) is zero
+
+
+def test_a_value_that_has_one_sign_only_does_not_vanish() -> None:
+    assert not vanishes(entry("sensor_gain", "x", 0.01))
+
+
+@pytest.mark.parametrize(
+    ("general", "simple", "told"),
+    [("asymmetric_stiffness", "hardening_stiffness", False), ("stribeck_friction", "coulomb_friction", False),
+     ("end_stop", "hardening_stiffness", True)],
+)  # fmt: skip
+def test_a_more_general_form_is_not_told_beside_the_one_it_contains(general: str, simple: str, told: bool) -> None:
+    forms = [entry(simple, "x", 0.0100), entry(general, "x", 0.0099, points=3)]
+    forms = [replace(one, candidate=replace(one.candidate, shape=None)) for one in forms]
+    found = best_form(forms, scored(0.1), FLOORS)
+    assert found.step.cause == simple
+    assert found.step.indistinguishable == (((general, "x"),) if told else ())
