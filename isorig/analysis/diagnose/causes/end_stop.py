@@ -11,7 +11,9 @@ from isorig.analysis.diagnose.causes.backlash import is_play
 from isorig.analysis.diagnose.causes.base import Evidence, RecordedRuns, Sizes, sliding_links
 from isorig.analysis.fitting.solve import Free
 from isorig.analysis.laws import EndStop as EndStopLaw
+from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.wording import sized
 
 #: Stroke as a share of the largest deflection, and stiffness of the contact as a multiple of the spring's, at the starts: of
 #: stops at both ends, and at one.
@@ -55,8 +57,8 @@ class EndStop(LinkCause):
 
     def not_identifiable(self, model: RigModel, runs: RecordedRuns) -> Iterator[tuple[str, str]]:
         for link in sliding_links(model):
-            reach = 1e3 * runs.deflection.get(link.name, 0.0)
-            yield link.name, f"The runs deflect it by at most {reach:.3g} mm; a stop beyond that is not identifiable."
+            reach = sized(runs.deflection.get(link.name, 0.0), unit_of(f"links.{link.name}.stroke", model))
+            yield link.name, f"The runs deflect it by at most {reach}; a stop beyond that is not identifiable."
         yield from blocked_throughout(model, runs)
 
 
