@@ -103,3 +103,21 @@ def test_damping_that_grows_with_the_velocity_in_short_fast_runs() -> None:
     assert (found.verdict, step.cause, step.location) == ("explained", "quadratic_damping", "oil")
     value, std, _ = step.parameters["quadratic_damping"]
     assert abs(value - quadratic) <= 3.0 * std <= 0.05 * quadratic
+
+
+def test_where_an_imposed_speed_began_is_no_error() -> None:
+    """Only the speed is recorded, and the stroke begins at its largest value: the spring holds a force that no record tells."""
+    time = np.arange(round(SECONDS * RATE)) / RATE
+    omega = 2.0 * np.pi * SWEEP[0]
+    x, v = AMPLITUDES[2] * np.cos(omega * time), -AMPLITUDES[2] * omega * np.sin(omega * time)
+    load = -MASS * omega**2 * x + 100.0 * v + STIFFNESS * x
+    channels = {
+        "stroke": Channel(name="stroke", samples=v, quantity="velocity", unit="m/s"),
+        "load": Channel(name="load", samples=load, quantity="force", unit="N"),
+    }
+    run = Run(id="r", configuration="unlocked", sample_rate=RATE, gain=1.0, channels=channels, excitation="other")
+    true = RIG.replace({"links.damper.damping": 100.0, "links.damper.stiffness": STIFFNESS})
+    true = replace(true, drive=replace(true.drive, quantity="velocity"))
+    (trial,) = prepare(Campaign(runs=(run,), source="damper"), true)
+    error = (expected(true, trial)[0] - trial.measured[0])[50:-200]
+    assert np.abs(error).max() < 0.01 * np.abs(load).max()
