@@ -39,7 +39,7 @@ from isorig.analysis.equations.forms import fit_start, start_values
 from isorig.analysis.equations.system import Equations, equations_of
 from isorig.analysis.errors import FitError, OutOfTimeError
 from isorig.analysis.fitting.division import Divide, Division, beginnings, ends, refined
-from isorig.analysis.fitting.excess import SIMULATION_LIMIT, is_adequate, log_excess, share_removed
+from isorig.analysis.fitting.excess import SIMULATION_LIMIT, is_adequate, log_excess, ratio, share_removed
 from isorig.analysis.fitting.ladder import (
     bare_cost,
     baseline_fit,
@@ -588,7 +588,10 @@ class _Search:
             return found
         # The refined values differ by less than their uncertainty, so noise passes through them alike.
         self._noise_floors[fit.model.encoded, id(judged)] = judged, self._noise_floor(last.fit.model, judged)
-        stage = replace(last, fit=fit, score=score(fit.model, found.division.judged))
+        stage = replace(last, fit=fit, score=score(fit.model, judged))
+        if ratio(stage.score.error, last.score.error, _allowed(self.floors([last.fit.model], judged))) > POLICY.matters:
+            # A minimum that predicts less is that of a few events; the values before it have the same uncertainty.
+            stage = replace(last, fit=replace(fit, model=last.fit.model))
         return replace(found, stages=[*found.stages[: found.kept], stage])
 
     def begins_otherwise(self, fitted: Fit, enough: float) -> bool:

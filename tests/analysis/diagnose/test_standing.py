@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -373,3 +374,27 @@ def test_a_more_general_form_is_not_told_beside_the_one_it_contains(general: str
     found = best_form(forms, scored(0.1), FLOORS)
     assert found.step.cause == simple
     assert found.step.indistinguishable == (((general, "x"),) if told else ())
+
+
+@pytest.mark.parametrize(("worse", "kept"), [(1.04, False), (1.06, True)])
+def test_a_last_fit_that_predicts_less_gives_the_uncertainty_only(
+    worse: float, kept: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:  # fmt: skip
+    campaign, guess = played(stage(), seed=7), guessed(stage(), 7)
+    free = base_parameters(guess)
+    before, after = (
+        Fit(model=model, free=free, covariance=k * np.eye(len(free)), cost=1.0, evaluations=1)
+        for k, model in ((1.0, stage()), (2.0, stage().replace({"links.rail.stiffness": 2501.0})))
+    )
+    trials = prepare(campaign, guess)
+    search = _Search(campaign, guess, guess, equations_of(campaign, guess), trials, lambda text: None, 0.0, MOST_STEPS)
+    monkeypatch.setattr(diagnosis, "next_step", lambda *given, **options: None)
+    found = search.causes(before, ends)
+    error = found.stages[0].score.error.shape
+    found = replace(found, stages=[replace(found.stages[0], score=scored(0.1, error))])
+    monkeypatch.setattr(diagnosis, "assessed", lambda *given: SimpleNamespace(fit=after))
+    monkeypatch.setattr(diagnosis, "score", lambda model, judged: scored(0.1 * worse, error))
+    last = search.settled(found).stages[0]
+    assert last.fit.model == (before if kept else after).model
+    assert last.fit.covariance[0, 0] == 2.0
+    assert last.score.figure == pytest.approx(0.1 if kept else 0.1 * worse)
