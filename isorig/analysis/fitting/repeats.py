@@ -12,6 +12,7 @@ from isorig.analysis.fitting.drive_related import drive_related, related_density
 from isorig.analysis.fitting.score import signal_powers
 from isorig.analysis.fitting.trials import SIGNAL_SHARE, Disturbance, Trial, expected
 from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.spectra.hum import hum, mains_in
 
 #: Two drives are the same if they differ by less than this share of their rms.
 SAME_DRIVE = 0.03
@@ -68,8 +69,15 @@ def disturbance(model: RigModel, trials: Sequence[Trial]) -> FloatArray:
 
 
 def _left(model: RigModel, trials: Sequence[Trial]) -> list[FloatArray]:
-    # The residuals of each run, shape (channels, samples).
-    return [trial.measured - expected(model, trial) for trial in trials]
+    # The residuals of each run without hum, shape (channels, samples): its phase differs between runs, but it is a cause.
+    return [
+        np.stack([_without_hum(row, trial.sample_rate) for row in trial.measured - expected(model, trial)]) for trial in trials
+    ]
+
+
+def _without_hum(residual: FloatArray, rate: float) -> FloatArray:
+    mains = mains_in(residual, rate)
+    return residual if mains is None else residual - hum(residual, rate, mains)
 
 
 def _power(trials: Sequence[Trial], pairs: Sequence[tuple[int, int]], left: Sequence[FloatArray]) -> FloatArray:
