@@ -164,7 +164,7 @@ NAMED = (
     ("neighbouring bins count as independent", "isorig/analysis/isolation/ratio.py", "TIED = 2.0", "TIED = 1.0"),
     ("a contact sticks below a fiftieth", "isorig/rig/acquire/policy.py", "STICKING = 0.2", "STICKING = 0.02"),
     ("a second of a run is its beginning", "isorig/analysis/fitting/division.py", "BEGINNING = 5.0", "BEGINNING = 1.0"),
-    ("a Gal is ten times as large", "isorig/analysis/units.py", '"Gal": 0.01}', '"Gal": 0.1}'),
+    ("a Gal is ten times as large", "isorig/analysis/units.py", '"Gal": 0.01,', '"Gal": 0.1,'),
     (
         "an element that rests for half of the time is moved", "isorig/analysis/equations/sliding.py",
         "RESTS = 0.25", "RESTS = 0.5",

@@ -447,8 +447,10 @@ def _covariance(jacobian: FloatArray, residual: FloatArray, theta: FloatArray, f
     # White's (1980) sandwich: frequency bins are independent, so a coloured residual only has unequal variances.
     if jacobian.shape[1] == 0:
         return np.zeros((0, 0))
-    # In units in which all values have the same effect: those that are no logarithms have any size.
-    scale = np.maximum(np.sqrt((jacobian**2).sum(axis=0)), 1e-150)
+    # Values that are no logarithms have any size: in units in which they have the effect of the others.
+    sizes, logarithms = np.sqrt((jacobian**2).sum(axis=0)), np.array([f.log for f in free])
+    usual = float(np.max(sizes, initial=0.0, where=logarithms)) or 1.0
+    scale = np.where(logarithms | (sizes == 0.0), 1.0, sizes / usual)
     scaled = jacobian / scale
     normal = np.linalg.pinv(scaled.T @ scaled, rcond=1e-14)
     meat = scaled.T @ (scaled * (residual**2)[:, None])
