@@ -582,14 +582,14 @@ class _Search:
         try:
             judged = found.division.judged
             same = len(judged) == len(fits) and not found.division.beginnings
-            floors = self.floors([last.fit.model], judged) if same else None
-            fit = assessed(last.fit, fits, self._campaign.known, floors).fit
+            floors = self.floors([last.fit.model], judged)
+            fit = assessed(last.fit, fits, self._campaign.known, floors if same else None).fit
         except (OutOfTimeError, FitError):
             return found
         # The refined values differ by less than their uncertainty, so noise passes through them alike.
         self._noise_floors[fit.model.encoded, id(judged)] = judged, self._noise_floor(last.fit.model, judged)
         stage = replace(last, fit=fit, score=score(fit.model, judged))
-        if ratio(stage.score.error, last.score.error, _allowed(self.floors([last.fit.model], judged))) > POLICY.matters:
+        if ratio(stage.score.error, last.score.error, _allowed(floors)) > POLICY.matters:
             # A minimum that predicts less is that of a few events; the values before it have the same uncertainty.
             stage = replace(last, fit=replace(fit, model=last.fit.model))
         return replace(found, stages=[*found.stages[: found.kept], stage])

@@ -15,7 +15,7 @@ from isorig.analysis.diagnose.causes.base import Evidence, Kind
 from isorig.analysis.diagnose.evidence import Sign
 from isorig.analysis.diagnose.free_shapes import tabulated
 from isorig.analysis.diagnose.kinds import OVER_VELOCITY, kind_of
-from isorig.analysis.diagnose.policy import POLICY, Policy, form_stands, rivals_alike, wins
+from isorig.analysis.diagnose.policy import POLICY, form_stands, rivals_alike, wins
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.candidate import Candidate, Reported
 from isorig.analysis.fitting.excess import excess, ratio, share_removed
@@ -214,11 +214,11 @@ def is_determined(entry: Entry) -> bool:
     return all(entry.fit.std.get(free.path, 0.0) < abs(entry.fit.model.get(free.path)) for free in own)
 
 
-def vanishes(entry: Entry, policy: Policy = POLICY) -> bool:
+def vanishes(entry: Entry) -> bool:
     """Whether each of a form's own values may have either sign and is zero within its uncertainty: then it has no effect."""
     own, std, model = entry.candidate.free, entry.fit.std, entry.fit.model
     signed = bool(own) and all(not free.log and free.low < 0.0 < free.high for free in own)
-    return signed and all(abs(model.get(free.path)) <= policy.zero * std[free.path] for free in own)
+    return signed and all(abs(model.get(free.path)) <= POLICY.zero * std[free.path] for free in own)
 
 
 def without_form(found: Found, share: float) -> tuple[Step, Found]:

@@ -33,8 +33,6 @@ BLUNT = 0.05
 PERIODIC = "force periodic in position"
 #: Name of a friction whose level depends on the position.
 OVER_POSITION = "friction over position"
-#: Name of a force at the ends of the range of the deflection, which few events show.
-STOP = "force beyond a deflection"
 #: Score that a coefficient must add to count: of equal explanations the simpler one is preferred.
 PER_COEFFICIENT = 0.01
 
@@ -212,7 +210,7 @@ def periodic(pitch: float) -> Shape:
 
 
 #: A stop that is reached a few times only: a smooth curve over the whole range does not follow it.
-RARE_STOP = Shape(kind="spring_shape", name=STOP, columns=_stops, charge=4)
+RARE_STOP = Shape(kind="spring_shape", name="force beyond a deflection", columns=_stops, charge=4)
 #: The shapes at an element, simple ones first.
 SHAPES: tuple[Shape, ...] = (
     Shape(kind="friction_shape", name="dry friction", columns=_friction, charge=2),
