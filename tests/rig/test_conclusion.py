@@ -17,7 +17,7 @@ from isorig.analysis.simulate.natural import natural_modes
 from isorig.analysis.wording import SIZED, in_per_cent, noise_alone, sized
 from isorig.rig.cli import main
 from isorig.rig.diagnose.answer import PERIODS, missing
-from isorig.rig.files.findings import NamedCause, read_findings
+from isorig.rig.files.findings import Findings, NamedCause, read_findings
 from isorig.rig.files.recording import write
 from isorig.rig.files.rigfile import read_rig, write_model
 from isorig.rig.frf.transfer import transfer_functions
@@ -113,6 +113,19 @@ def test_a_numbered_place_has_no_article_and_an_error_below_the_noise_floor_is_s
     found = msgspec.structs.replace(found, holdout=msgspec.structs.replace(found.holdout, extended=0.006))
     assert "mm in l2 (0.25 mm either way)" in conclude(found).answer
     assert conclude(found).answer.endswith("falls from 35 % to 0.60 %, noise alone is about 1.2 %")
+
+
+def test_what_bounds_the_error_of_an_adequate_model_is_said() -> None:
+    """The noise, what repeated runs do not share, or the user's tolerance."""
+    found = msgspec.to_builtins(findings(verdict="adequate", steps=[]))
+    assert "down to the noise; " in conclude(msgspec.convert(found, Findings)).answer
+    shares = found["budget"]["extended"]
+    shares["disturbance"], shares["noise"] = ({"value": value, "low": value, "high": value} for value in (0.9, 0.1))
+    said = conclude(msgspec.convert(found, Findings)).answer
+    assert "down to the disturbance between repeated runs; " in said
+    assert said.endswith("noise and disturbance alone are about 1.2 %")
+    found["tolerance"] = 0.4
+    assert "to within the tolerance of 40 %; " in conclude(msgspec.convert(found, Findings)).answer
 
 
 @pytest.mark.parametrize(

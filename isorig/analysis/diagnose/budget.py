@@ -58,7 +58,8 @@ def budget(model: RigModel, trials: Sequence[Trial], noise: FloatArray) -> Budge
     left = [(trial.measured - expected(model, trial))[:, trial.held_out] for trial in trials]
     signal = np.stack([np.mean(trial.measured[:, trial.held_out] ** 2, axis=1) for trial in trials])
     pairs = repeated(trials)
-    shaken = disturbance(model, trials) ** 2 * signal if pairs else None
+    stated = any(trial.disturbance is not None for trial in trials)
+    shaken = disturbance(model, trials) ** 2 * signal if pairs or stated else None
     parts = _powers(trials, left, noise**2 * signal, shaken) / np.maximum(signal, 1e-300)[:, :, None]
     played = ", ".join(f"{trials[a].run.id} and {trials[b].run.id}" for a, b in pairs)
     return Budget(
@@ -76,6 +77,8 @@ def budget(model: RigModel, trials: Sequence[Trial], noise: FloatArray) -> Budge
             f"the difference between runs with one drive ({played}) beyond the noise; the same amount is assumed in other "
             "runs, limited to the part that is not related to the drive. "
             if pairs
+            else "what the repeated runs do not share, limited to the part that is not related to the drive. "
+            if stated
             else "not measured, because no drive was repeated; at most the unassigned part. "
         )
         + "Linear: the part removed by one transfer function from the drive, the same at all gains of a configuration (modes "

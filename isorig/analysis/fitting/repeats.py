@@ -18,6 +18,8 @@ from isorig.analysis.spectra.hum import hum, mains_in
 SAME_DRIVE = 0.03
 #: Frequency bands of a disturbance's spectrum, equal on a logarithmic scale. Chosen: about three to the octave.
 BANDS = 30
+#: Frequencies at which a stated disturbance is averaged. Chosen: some hundred for the lowest of its bands that has any power.
+FREQUENCIES = 4097
 
 
 def repeated(trials: Sequence[Trial]) -> list[tuple[int, int]]:
@@ -52,10 +54,11 @@ def same_drive(one: FloatArray, other: FloatArray) -> bool:
 def disturbance(model: RigModel, trials: Sequence[Trial]) -> FloatArray:
     """Error of every run and channel that repeated runs do not share, beyond the sensors' noise, (runs, channels).
 
-    Half the power of the difference of two residuals with one drive, minus the noise. Zero if no drive was repeated. What shakes
-    the rig from outside has the same power in the other runs; what follows the motion has the same share of their signal. Where
-    the power would be more than that share, as in a run of a lower level, only as much of it counts as the run has in what no
-    transfer function from the drive explains: an allowance must not hide deficiencies of the model.
+    Half the power of the difference of two residuals with one drive, minus the noise. Without such a pair among the trials, that
+    which the trials state (`with_disturbance`), zero if none does. What shakes the rig from outside has the same power in the
+    other runs; what follows the motion has the same share of their signal. Where the power would be more than that share, as in a
+    run of a lower level, only as much of it counts as the run has in what no transfer function from the drive explains: an
+    allowance must not hide deficiencies of the model.
 
     Parameters
     ----------
@@ -63,9 +66,16 @@ def disturbance(model: RigModel, trials: Sequence[Trial]) -> FloatArray:
         The model whose residuals are compared, and the held-out data.
     """
     pairs = repeated(trials)
-    if not pairs:
-        return np.zeros((len(trials), trials[0].measured.shape[0]))
-    return np.asarray(np.sqrt(_power(trials, pairs, _left(model, trials)) / signal_powers(trials)))
+    power = _power(trials, pairs, _left(model, trials)) if pairs else np.stack([_stated(trial) for trial in trials])
+    return np.asarray(np.sqrt(power / signal_powers(trials)))
+
+
+def _stated(trial: Trial) -> FloatArray:
+    # The power of a trial's disturbance, shape (channels,); noise of an imposed motion is no disturbance.
+    if trial.disturbance is None or trial.motion is not None:
+        return np.zeros(len(trial.measured))
+    frequency = np.linspace(0.0, trial.sample_rate / 2.0, FREQUENCIES)
+    return np.asarray(np.mean(trial.disturbance.at(frequency) ** 2, axis=1))
 
 
 def _left(model: RigModel, trials: Sequence[Trial]) -> list[FloatArray]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from isorig.analysis.diagnose.causes import CATALOGUE
 from isorig.analysis.diagnose.causes.base import Kind
 from isorig.analysis.wording import MULTIPLE, first_of, in_per_cent, noise_alone, sized, with_article
-from isorig.rig.files.findings import Findings, HeldOut, NamedCause, TriedCause, Value
+from isorig.rig.files.findings import Findings, NamedCause, TriedCause, Value
 from isorig.rig.report.sections import words
 
 #: What a cause is, by its name in the findings: {place}, and its parameters by name, as value with uncertainty.
@@ -75,7 +75,7 @@ def conclude(findings: Findings, folder: str | None = None) -> Conclusion:
     doubts = " ".join(doubt.text for doubt in findings.doubts)
     return Conclusion(
         check=f"Check units, channels and given values first: {doubts}" if doubts else "",
-        answer=f"{_found(findings)}; {_error(findings.holdout, bool(findings.steps))}",
+        answer=f"{_found(findings)}; {_error(findings)}",
         ruled_out=_ruled_out(findings),
         next=_next(findings, folder),
     )
@@ -123,7 +123,7 @@ def _derived(values: Mapping[str, Value]) -> dict[str, str]:
 def _found(findings: Findings) -> str:
     verdict = findings.verdict
     if verdict == "adequate":
-        return "adequate: the model explains the data down to the noise"
+        return f"adequate: the model explains the data {_down_to(findings)}"
     if findings.doubts and all(candidate.holdout_error is None for candidate in findings.candidates):
         return f"{verdict}: no cause was searched for, because the records contradict the description"
     late = "; the time limit ended the search for causes before all were tried" if findings.cut_short else ""
@@ -137,6 +137,19 @@ def _found(findings: Findings) -> str:
     return f"{verdict}: {', and '.join(cause_in_words(step) for step in findings.steps)}{late}"
 
 
+def _down_to(findings: Findings) -> str:
+    # What bounds the error of an adequate model: the user's tolerance, what repeated runs do not share, or the noise.
+    if findings.tolerance and findings.adequacy.worst >= findings.adequacy.threshold:
+        return f"to within the tolerance of {in_per_cent(findings.tolerance)}"
+    return f"down to the {'disturbance between repeated runs' if _disturbed(findings) else 'noise'}"
+
+
+def _disturbed(findings: Findings) -> bool:
+    # Whether more of the error is motion that the drive did not cause than noise of the sensors.
+    shares = findings.budget.extended
+    return (shares.disturbance.value or 0.0) > (shares.noise.value or 0.0)
+
+
 def _nature(findings: Findings) -> str:
     # What most of the unexplained error is, where that is certain.
     for nature, what in NATURES.items():
@@ -146,10 +159,12 @@ def _nature(findings: Findings) -> str:
     return ""
 
 
-def _error(holdout: HeldOut, extended: bool) -> str:
+def _error(findings: Findings) -> str:
+    holdout = findings.holdout
     before, after = in_per_cent(holdout.baseline), in_per_cent(holdout.extended)
-    falls = f"falls from {before} to {after}" if extended else f"is {before}"
-    return f"the error on held-out data {falls}, noise alone is {noise_alone(holdout.noise_floor)}"
+    falls = f"falls from {before} to {after}" if findings.steps else f"is {before}"
+    alone = "noise and disturbance alone are" if _disturbed(findings) else "noise alone is"
+    return f"the error on held-out data {falls}, {alone} {noise_alone(holdout.noise_floor)}"
 
 
 def _ruled_out(findings: Findings) -> str:
