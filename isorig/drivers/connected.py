@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from dataclasses import replace
 
-from isorig.drivers.errors import DriverError, SettingError
+from isorig.drivers.errors import DriverError, SettingError, brief
 from isorig.drivers.kinds import Connected
 from isorig.drivers.ni import devices as ni_devices
 from isorig.drivers.sound import devices as sound_devices
@@ -71,8 +71,7 @@ def visa_resources() -> list[Connected]:
     except Exception as error:
         if "RSRC_NFOUND" in str(error):
             return []
-        why = " ".join(str(error).split())
-        raise SettingError(f"VISA resources cannot be listed ({why}); check the backend of PyVISA") from None
+        raise SettingError(f"VISA resources cannot be listed ({brief(error)}); check the backend of PyVISA") from None
     finally:
         opened.close()
     return [Connected(bus="visa", port=name, name="") for name in names if not name.upper().startswith(LISTED_ELSEWHERE)]

@@ -19,3 +19,8 @@ class InstrumentError(DriverError, RuntimeError):
 
 class SettingError(DriverError, ValueError):
     """A setting that the instrument does not have."""
+
+
+def brief(error: Exception) -> str:
+    """The message of a library for a sentence: its first paragraph, in one line; further ones repeat the call and its code."""
+    return " ".join((str(error).strip() or type(error).__name__).split("\n\n", maxsplit=1)[0].split())[:200]

@@ -18,7 +18,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 
 from isorig.drivers.block import Block, FloatArray, Input, Status
-from isorig.drivers.errors import ConnectionLostError, DriverError, InstrumentError, SettingError
+from isorig.drivers.errors import ConnectionLostError, DriverError, InstrumentError, SettingError, brief
 from isorig.drivers.kinds import Connected, StreamKind
 from isorig.drivers.voltage import AnalogOutput, OutputSettings, fade
 from isorig.drivers.waits import WAITS, Waits
@@ -358,11 +358,10 @@ class NiInstrument(AnalogOutput):
             raise SettingError(_not_installed(error)) from None
 
     def _failure(self, error: Any) -> DriverError:
-        brief = _brief(error)
-        code = error.error_code
+        code, said = error.error_code, brief(error)
         if code in GONE:
-            return ConnectionLostError(f"{self._name} is gone (NI error {code}: {brief}); reconnect it and resume")
-        return InstrumentError(f"{self._name} reports NI error {code} ({brief}); correct the plan or the device's set-up")
+            return ConnectionLostError(f"{self._name} is gone (NI error {code}: {said}); reconnect it and resume")
+        return InstrumentError(f"{self._name} reports NI error {code} ({said}); correct the plan or the device's set-up")
 
 
 class Tachometer:
@@ -431,7 +430,7 @@ def devices() -> list[Connected]:
             inputs += map(str, device.ai_physical_chans.channel_names)
             outputs += map(str, device.ao_physical_chans.channel_names)
     except errors.DaqError as error:
-        raise SettingError(f"NI devices cannot be listed ({_brief(error)}); check them in NI's own tool") from None
+        raise SettingError(f"NI devices cannot be listed ({brief(error)}); check them in NI's own tool") from None
     except (errors.Error, OSError) as error:
         raise SettingError(_not_installed(error)) from None
     return [
@@ -463,15 +462,10 @@ def _close(task: Any) -> None:
             task.close()
 
 
-def _brief(error: Exception) -> str:
-    # The first paragraph of NI's message; the others repeat the task and the code.
-    return " ".join(str(error).split("\n\n", maxsplit=1)[0].split())[:200]
-
-
 def _not_installed(error: Exception) -> str:
     # NI's first sentence; the others say the same as ours.
-    brief = " ".join(str(error).split()).split(". ", maxsplit=1)[0].rstrip(".")[:120]
-    return f"NI's runtime NI-DAQmx is missing on this computer ({brief}); install it from ni.com, then start again"
+    said = " ".join(str(error).split()).split(". ", maxsplit=1)[0].rstrip(".")[:120]
+    return f"NI's runtime NI-DAQmx is missing on this computer ({said}); install it from ni.com, then start again"
 
 
 EXAMPLE = """

@@ -19,7 +19,7 @@ import numpy as np
 
 from isorig.drivers.arrivals import Arrivals
 from isorig.drivers.block import Block, FloatArray, Input, Raw, Status
-from isorig.drivers.errors import ConnectionLostError, SettingError
+from isorig.drivers.errors import ConnectionLostError, SettingError, brief
 from isorig.drivers.kinds import Connected, StreamKind
 from isorig.drivers.voltage import AnalogOutput, OutputSettings, fade
 from isorig.drivers.waits import WAITS, Waits
@@ -101,7 +101,7 @@ class SoundInstrument(AnalogOutput):
             self._device = self._sound.query_devices(port)
         except (ValueError, self._sound.PortAudioError) as error:
             raise SettingError(
-                f"there is no sound interface {port!r} ({_brief(error)}); choose one that rig instruments lists"
+                f"there is no sound interface {port!r} ({brief(error)}); choose one that rig instruments lists"
             ) from None
         self.identity = str(self._device["name"])
         self._stream: Any = None
@@ -135,7 +135,7 @@ class SoundInstrument(AnalogOutput):
             )  # fmt: skip
         except (ValueError, self._sound.PortAudioError) as error:
             raise SettingError(
-                f"{self._name} refuses {sample_rate:g} Hz with {own.channels} inputs ({_brief(error)}); correct the plan"
+                f"{self._name} refuses {sample_rate:g} Hz with {own.channels} inputs ({brief(error)}); correct the plan"
             ) from None
         self._stream = made
         self._rate = float(made.samplerate)
@@ -147,7 +147,7 @@ class SoundInstrument(AnalogOutput):
         try:
             self._stream.start()
         except self._sound.PortAudioError as error:
-            raise ConnectionLostError(f"{self._name} does not start ({_brief(error)}); reconnect it and resume") from None
+            raise ConnectionLostError(f"{self._name} does not start ({brief(error)}); reconnect it and resume") from None
         self._settle()
         self._latest = time.monotonic()
         self._running = self._begun = True
@@ -306,13 +306,9 @@ def _package() -> Any:
         ) from None
     except OSError as error:
         raise SettingError(
-            f"the library PortAudio is missing on this computer ({_brief(error)}); install it, on Debian as libportaudio2"
+            f"the library PortAudio is missing on this computer ({brief(error)}); install it, on Debian as libportaudio2"
         ) from None
     return sounddevice
-
-
-def _brief(error: Exception) -> str:
-    return " ".join(str(error).split())[:120]
 
 
 EXAMPLE = """

@@ -12,7 +12,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from isorig.drivers.answers import parse, whole
-from isorig.drivers.errors import ConnectionLostError, ProtocolError, SettingError
+from isorig.drivers.errors import ConnectionLostError, ProtocolError, SettingError, brief
 from isorig.drivers.port import BITS, LONGEST, SLOWER, WAITING
 from isorig.drivers.waits import WAITS, Waits
 
@@ -42,7 +42,7 @@ def manager() -> ResourceManager:
     except Exception as error:
         # Backends raise what their libraries raise.
         raise SettingError(
-            f"PyVISA cannot load its backend {wanted} ({_brief(error)}); correct PYVISA_LIBRARY, or install pyvisa-py"
+            f"PyVISA cannot load its backend {wanted} ({brief(error)}); correct PYVISA_LIBRARY, or install pyvisa-py"
         ) from None
 
 
@@ -61,7 +61,7 @@ class VisaLink:
             raise
         except Exception as error:
             raise ConnectionLostError(
-                f"the VISA resource {name} cannot be opened ({_brief(error)}); check the cable, the name and the backend"
+                f"the VISA resource {name} cannot be opened ({brief(error)}); check the cable, the name and the backend"
             ) from None
         self._resource = resource
         if name.upper().startswith("ASRL"):
@@ -179,7 +179,7 @@ class VisaLink:
             raise self._failure(error) from None
 
     def _failure(self, error: Exception) -> Exception:
-        return ConnectionLostError(f"{self.name} is gone ({_brief(error)}); reconnect it and resume")
+        return ConnectionLostError(f"{self.name} is gone ({brief(error)}); reconnect it and resume")
 
 
 def _milliseconds(seconds: float) -> int:
@@ -190,8 +190,3 @@ def _is(error: Exception, name: str) -> bool:
     from pyvisa.constants import StatusCode
 
     return getattr(error, "error_code", None) == StatusCode[name]
-
-
-def _brief(error: Exception) -> str:
-    # The first line of a library's message.
-    return (str(error).strip() or type(error).__name__).splitlines()[0][:200]

@@ -16,6 +16,7 @@ from isorig.analysis.jit import fast_kernel
 from isorig.analysis.model.linear import constraint_basis
 from isorig.analysis.model.rig_model import GROUND, RigModel, direction
 from isorig.analysis.parallel import side_by_side
+from isorig.analysis.simulate.free_run import sense_of
 from isorig.analysis.simulate.sampling import Excitation, sampled
 from isorig.analysis.simulate.simulation import simulate
 
@@ -184,15 +185,11 @@ def _lanes(models: Sequence[RigModel], excitation: Excitation, configuration: st
     whole[:, 2 * order + 1, 2 * order + 3] = 1.0
     moved = np.moveaxis(exponentials(whole), 0, -1)[: 2 * order]
     end = moved[:, 2 * order + 2]
-    sense = np.zeros((len(first.sensors), 2 * order))
-    central = np.zeros(len(first.sensors), dtype=np.bool_)
-    for k, sensor in enumerate(first.sensors):
-        place = slice(0, order) if MOTION[sensor.quantity] == 0 else slice(order, None)
-        sense[k, place] = direction(first, sensor.body, sensor.relative_to, sensor.arms) @ basis
-        central[k] = MOTION[sensor.quantity] == 2 and over == 1
+    central = np.array([MOTION[sensor.quantity] == 2 and over == 1 for sensor in first.sensors], dtype=np.bool_)
     _step_many(
         _single(excitation.fine), np.float32(0.5 / h), _single(moved[:, : 2 * order]), _single(moved[:, 2 * order] - end),
-        _single(end), _single(moved[:, 2 * order + 1]), _single(row), _single(friction), _single(sense), central, out,
+        _single(end), _single(moved[:, 2 * order + 1]), _single(row), _single(friction), _single(sense_of(first, basis)), central,
+        out,
     )  # fmt: skip
     return out
 

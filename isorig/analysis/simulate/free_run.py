@@ -104,15 +104,16 @@ def excitation_of(model: RigModel, run: Run, *, oversample: int = 8, stop: int |
     return replace(first, others=tuple(others))
 
 
-def sense_of(model: RigModel, compiled: Compiled) -> FloatArray:
-    """Matrix from coordinates and their speeds to the sensors, shape (sensors, 2 n); for an acceleration it gives the speed."""
-    order = compiled.basis.shape[1]
+def sense_of(model: RigModel, basis: FloatArray) -> FloatArray:
+    """Matrix from the coordinates of a basis, (bodies, n), and their speeds to the sensors, shape (sensors, 2 n); for an
+    acceleration it gives the speed."""
+    order = basis.shape[1]
     sense = np.zeros((len(model.sensors), 2 * order))
     for k, sensor in enumerate(model.sensors):
         if sensor.force_in is not None:
             continue
         place = slice(0, order) if MOTION[sensor.quantity] == 0 else slice(order, None)
-        sense[k, place] = direction(model, sensor.body, sensor.relative_to, sensor.arms) @ compiled.basis
+        sense[k, place] = direction(model, sensor.body, sensor.relative_to, sensor.arms) @ basis
     return sense
 
 

@@ -125,7 +125,7 @@ def simulate(
     n = len(excitation.recorded) if samples is None else samples
     total = min((n + 2 * TAPS) * over, len(excitation.fine))
     h = 1.0 / (rate * over)
-    sense = sense_of(model, compile_rig(model, configuration, h))
+    sense = sense_of(model, compile_rig(model, configuration, h).basis)
     if any(sensor.force_in is not None for sensor in model.sensors):
         inside = _run(model, excitation, configuration, start_time, total, start)
         return _response(model, excitation, inside, configuration, n, as_recorded=as_recorded)
@@ -321,7 +321,7 @@ def _force(model: RigModel, inside: _Inside, configuration: str, what: str) -> F
 def _response(
     model: RigModel, excitation: Excitation, inside: _Inside, configuration: str, n: int, *, as_recorded: bool
 ) -> Response:
-    motion = np.asarray(sense_of(model, inside.compiled) @ inside.states)
+    motion = np.asarray(sense_of(model, inside.compiled.basis) @ inside.states)
     for k, sensor in enumerate(model.sensors):
         if sensor.force_in is not None:
             motion[k] = _force(model, inside, configuration, sensor.force_in)

@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isorig.analysis.campaign import IntArray, Spectrum
+from isorig.rig.errors import RecordingError
+from isorig.rig.files.hdf_walk import EXPANSION, SPARE
 
 #: What to do with a file that cannot be read.
 AGAIN = "copy it again from its source"
@@ -95,6 +97,16 @@ class Format:
     read: Callable[[Path], ForeignTable]
     advice: str = AGAIN
     begins: re.Pattern[bytes] | None = None
+
+
+def check_declared(path: Path, declared: int, stored: int, advice: str) -> None:
+    """Raises RecordingError with the advice if a file declares many more bytes than it stores: a few kilobytes must not become
+    gigabytes."""
+    if declared > EXPANSION * stored + SPARE:
+        raise RecordingError(
+            f"{path} declares {declared >> 20} MiB in {stored} bytes; at most {EXPANSION} times the stored size is read, so "
+            f"{advice}"
+        )
 
 
 def vectors_of(name: str, values: NDArray[Any], samples: int | None = None) -> dict[str, NDArray[Any]]:

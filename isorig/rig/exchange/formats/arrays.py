@@ -13,11 +13,9 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.clock import completed
-from isorig.rig.exchange.table import AGAIN, ForeignTable, Format
+from isorig.rig.exchange.table import AGAIN, ForeignTable, Format, check_declared
 from isorig.rig.exchange.tree import NAMES, table_of
-from isorig.rig.files.hdf_walk import EXPANSION, SPARE
 from isorig.rig.files.inputs import content_of
 
 #: Maximum bytes of a JSON file: in memory it takes about ten times as many.
@@ -49,11 +47,7 @@ def read_npz(path: Path) -> ForeignTable:
     """The arrays of a .npz file by their names."""
     with zipfile.ZipFile(path) as archive:
         declared = sum(item.file_size for item in archive.infolist())
-    if declared > EXPANSION * path.stat().st_size + SPARE:
-        raise RecordingError(
-            f"{path} declares {declared >> 20} MiB; at most {EXPANSION} times the stored size is read, so save it "
-            "without compression"
-        )
+    check_declared(path, declared, path.stat().st_size, "save it without compression")
     with np.load(path, allow_pickle=False) as archived:
         stored = {name: archived[name] for name in archived.files}
     # A member that is no array is returned as its bytes.

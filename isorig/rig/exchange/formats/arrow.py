@@ -8,12 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.clock import completed
-from isorig.rig.exchange.table import ForeignTable, Format
+from isorig.rig.exchange.table import ForeignTable, Format, check_declared
 from isorig.rig.exchange.tree import table_of
 from isorig.rig.exchange.units import name_and_unit
-from isorig.rig.files.hdf_walk import EXPANSION, SPARE
 
 #: Bytes of a value in memory, at most.
 VALUE_BYTES = 8
@@ -54,11 +52,7 @@ def _parquet(path: Path) -> Any:
     from pyarrow import parquet
 
     file = parquet.ParquetFile(path, page_checksum_verification=True)
-    declared = file.metadata.num_rows * file.metadata.num_columns * VALUE_BYTES
-    if declared > EXPANSION * path.stat().st_size + SPARE:
-        raise RecordingError(
-            f"{path} declares {declared >> 20} MiB; at most {EXPANSION} times the stored size is read, so save it as CSV"
-        )
+    check_declared(path, file.metadata.num_rows * file.metadata.num_columns * VALUE_BYTES, path.stat().st_size, "save it as CSV")
     return file.read()
 
 

@@ -14,12 +14,10 @@ from typing import Any
 import h5py
 import numpy as np
 
-from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.formats.hdf5 import BEGINS
-from isorig.rig.exchange.table import AGAIN, ForeignTable, Format
+from isorig.rig.exchange.table import AGAIN, ForeignTable, Format, check_declared
 from isorig.rig.exchange.tree import table_of
 from isorig.rig.files.hdf import opened, survived
-from isorig.rig.files.hdf_walk import EXPANSION, SPARE
 
 #: Header bytes of a version 5 file, and the type of a compressed variable.
 HEAD, COMPRESSED = 128, 15
@@ -58,8 +56,7 @@ def _version5(path: Path) -> ForeignTable:
 
 
 def _bounded(path: Path) -> None:
-    # A compressed variable states its size in its first bytes (MathWorks, "MAT-File Format", level 5): a few kilobytes must not
-    # become gigabytes.
+    # A compressed variable states its size in its first bytes (MathWorks, "MAT-File Format", level 5).
     with path.open("rb") as file:
         head = file.read(HEAD)
         order = ">" if head[-2:] == b"MI" else "<"
@@ -70,11 +67,7 @@ def _bounded(path: Path) -> None:
                 with suppress(zlib.error, struct.error):
                     begin = zlib.decompressobj().decompress(file.read(min(size, 1 << 10)), 8)
                     declared = struct.unpack(f"{order}II", begin)[1]
-                    if declared > EXPANSION * size + SPARE:
-                        raise RecordingError(
-                            f"{path} declares {declared >> 20} MiB in {size} bytes; at most {EXPANSION} times the "
-                            "stored size is read, so save it again without compression"
-                        )
+                    check_declared(path, declared, size, "save it again without compression")
             file.seek(after)
 
 
