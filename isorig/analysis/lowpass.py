@@ -87,10 +87,12 @@ def signal_edge(values: FloatArray, rate: float) -> float:
     rounding to counts is not: at a steady speed the counts follow each other regularly, at a frequency far above the motion.
     """
     power, noise = _spectrum(values)
-    below, step = _averaged(power) <= SIGNAL * noise, sqrt(12.0) * rounding(values)
+    averaged, step = _averaged(power), sqrt(12.0) * rounding(values)
+    strongest = int(np.argmax(averaged))
+    below = averaged[strongest:] <= SIGNAL * noise
     if step == 0.0 or not below.any():
         return _edge(power, noise, rate)
-    first = float(np.argmax(below)) / (len(power) - 1) * rate / 2.0
+    first = float(strongest + np.argmax(below)) / (len(power) - 1) * rate / 2.0
     motion = low_passed(values, rate, first / PASSES) - values[0]
     of_counts, _ = _spectrum(step * np.round(motion / step) - motion)
     return max(first, _edge(power, np.maximum(noise, _averaged(of_counts)), rate))

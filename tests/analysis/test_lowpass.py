@@ -100,3 +100,10 @@ def test_the_counts_of_a_steady_speed_are_no_motion(counts: int) -> None:
     step = 2.0 * np.pi / counts
     as_noise = signal_edge(angle + np.random.default_rng(1).normal(0.0, step / np.sqrt(12.0), COUNT), RATE)
     assert signal_edge(step * np.round(angle / step), RATE) == pytest.approx(as_noise, rel=0.6)
+
+
+def test_the_edge_of_a_counted_decay_is_above_its_oscillation() -> None:
+    """Below it there is nothing but the noise of the counts."""
+    decay = 2000.0 * np.exp(-TIME) * np.sin(2.0 * np.pi * 20.0 * TIME)
+    as_noise = signal_edge(decay + np.random.default_rng(1).normal(0.0, 1.0 / np.sqrt(12.0), COUNT), RATE)
+    assert 20.0 < signal_edge(np.round(decay), RATE) == pytest.approx(as_noise, rel=0.6)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from isorig.rig.files.rigfile import read_rig
 
 RATE, SECONDS = 100.0, 8.0
 MASS, STIFFNESS, DAMPING = 2.0, 300.0, 1.5
+FRICTION, ZERO = 0.6, 0.3
 STARTS = {"far": 0.1, "near": 0.04}
 DESCRIPTION = """
 name = "cart"
@@ -54,11 +56,28 @@ def decay(start: float) -> FloatArray:
     return 1e3 * x + np.random.default_rng(round(1e3 * start)).normal(0.0, 0.02, len(t))
 
 
-def files(folder: Path, *excitations: str) -> Path:
+def rubbed(start: float) -> FloatArray:
+    """Position in mm of the oscillator with dry friction in closed form, by a sensor whose zero is not that of the spring."""
+    t = np.arange(round(RATE * SECONDS)) / RATE
+    rate, half = DAMPING / (2.0 * MASS), FRICTION / STIFFNESS
+    turn = np.sqrt(STIFFNESS / MASS - rate**2)
+    x, begin, way = np.full(len(t), start), 0.0, 1.0
+    while abs(start) > half:  # from one reversal to the next the friction is constant
+        at = t - begin
+        later = at >= 0.0
+        decayed = np.exp(-rate * at[later]) * (np.cos(turn * at[later]) + rate / turn * np.sin(turn * at[later]))
+        x[later] = way * half + (start - way * half) * decayed
+        start = way * half - (start - way * half) * np.exp(-rate * np.pi / turn)
+        begin, way = begin + np.pi / turn, -way
+    x[t >= begin] = start
+    return 1e3 * x + ZERO + np.random.default_rng(round(1e3 * start)).normal(0.0, 0.02, len(t))
+
+
+def files(folder: Path, *excitations: str, motion: Callable[[float], FloatArray] = decay) -> Path:
     """Records, description and mapping; the mapping's path."""
     text = CHANNELS
     for (name, start), excitation in zip(STARTS.items(), excitations, strict=True):
-        (folder / f"{name}.csv").write_text("position_mm\n" + "\n".join(f"{x:.6g}" for x in decay(start)) + "\n")
+        (folder / f"{name}.csv").write_text("position_mm\n" + "\n".join(f"{x:.6g}" for x in motion(start)) + "\n")
         text += RUN.format(name=name, excitation=excitation)
     (folder / "rig.toml").write_text(DESCRIPTION)
     (folder / "m.toml").write_text(text)
@@ -152,3 +171,13 @@ def test_the_findings_state_that_no_run_was_driven(tmp_path: Path) -> None:
     found = read_findings(tmp_path / "d")
     assert not found.driven
     assert found.verdict == "adequate"
+
+
+def test_a_sensor_whose_zero_is_not_that_of_the_spring_is_no_asymmetric_friction(tmp_path: Path) -> None:
+    """Friction holds the cart anywhere within 2 mm, so nobody knows that zero."""
+    out = tmp_path / "o.h5"
+    assert main(["import", str(files(tmp_path, "free", "free", motion=rubbed)), "-o", str(out)]) == 0
+    assert main(["diagnose", str(out), "-o", str(tmp_path / "d")]) == 0
+    (step,) = read_findings(tmp_path / "d").steps
+    assert (step.cause, step.location) == ("coulomb_friction", "spring")
+    assert step.parameters["friction_force"].value == pytest.approx(FRICTION, rel=0.02)

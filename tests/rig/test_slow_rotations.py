@@ -11,14 +11,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from scipy.signal import butter, sosfiltfilt
 
 import isorig as iso
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
+from isorig.analysis.diagnose.suspects import SHOWN
+from isorig.analysis.equations.ranking import ranking
+from isorig.analysis.equations.system import HOLDS, equations_of
 from isorig.analysis.fitting.trials import prepare
-from isorig.analysis.model.rig_model import Body, Drive, Link, RigModel, Sensor
+from isorig.analysis.laws import Coulomb
+from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel, Sensor
 from isorig.rig.cli import main
 from isorig.rig.files.rigfile import description_text
 
@@ -67,8 +72,8 @@ def turned(draw: np.random.Generator, hidden: Callable[[float, float], float]) -
     return torque, motor, load
 
 
-def campaign(seed: int, hidden: Callable[[float, float], float]) -> Campaign:
-    """Two runs: a filtered torque with noise, and counted angles."""
+def campaign(seed: int, hidden: Callable[[float, float], float], *, tachometer: bool = False) -> Campaign:
+    """Two runs: a filtered torque with noise, and counted angles, or of the load a speed with noise."""
     draw = np.random.default_rng(seed)
     sections = butter(6, 0.4 * RATE, fs=FINE, output="sos")
     runs = []
@@ -81,6 +86,10 @@ def campaign(seed: int, hidden: Callable[[float, float], float]) -> Campaign:
             count = 2.0 * np.pi / COUNTS
             counted = np.round(values[:: FINE // RATE] / count) * count
             channels[name] = Channel(name=name, samples=counted, quantity="angle", unit="rad")
+        if tachometer:
+            speed = np.gradient(channels.pop("load_angle").read(), 1.0 / RATE)
+            speed += draw.normal(0.002, 0.01, len(speed))
+            channels["load_speed"] = Channel(name="load_speed", samples=speed, quantity="angular_velocity", unit="rad/s")
         runs.append(
             Run(
                 id=f"r{k}", configuration="unlocked", sample_rate=float(RATE), gain=1.0, channels=channels, excitation="moves"
@@ -122,6 +131,29 @@ def test_a_hidden_friction_is_named(tmp_path: Path) -> None:
     assert {item["channel"] for item in answer["discrepancies"]} <= {"torque"}
     assert set(answer["budget"]["baseline"]["by_channel"]) == {"torque"}
     assert answer["steps"][0]["location"] in ("motor_bearing", "load_bearing")
+
+
+#: The rig with a tachometer at the load, and known friction in the motor's bearing.
+WITH_TACHOMETER = msgspec.structs.replace(
+    RIG,
+    sensors=(RIG.sensors[0], Sensor(channel="load_speed", body="load", quantity="angular_velocity")),
+    contacts=(Contact(name="motor_bearing", a="motor", b="ground", law=Coulomb(friction_force=0.025)),),
+    free=(*RIG.free, "contacts.motor_bearing.law.friction_force"),
+)
+
+
+def test_the_slow_part_of_a_twist_between_an_angle_and_an_integrated_speed_is_unknown() -> None:
+    """The tachometer's noise and zero integrate to more than the twist, and counts are as large: that breaks no equation."""
+    found = campaign(4, lambda angle, speed: 0.02 * np.tanh(speed / 1e-3), tachometer=True)
+    equations = equations_of(found, WITH_TACHOMETER)
+    assert max(equations.residuals().values()) < HOLDS
+
+
+def test_friction_that_falls_with_velocity_shows_near_reversals() -> None:
+    found = campaign(5, lambda angle, speed: (0.02 + 0.05 * np.exp(-abs(speed) / 0.2)) * np.tanh(speed / 1e-3), tachometer=True)
+    best = ranking(equations_of(found, WITH_TACHOMETER)).explanations[0]
+    assert (best.what, best.place) == ("friction over velocity", "motor_bearing")
+    assert best.score > SHOWN
 
 
 def test_the_drive_follows_from_the_quietest_group_of_bodies() -> None:

@@ -107,7 +107,7 @@ def swings(model: RigModel, trials: Sequence[Trial]) -> tuple[dict[str, float], 
             found = _measured_swing(model, model.link(link), trial)
             for k, most in enumerate((speed, deflection)):
                 value = simulated[k] if found is None else found.most[k] if found.clear else min(simulated[k], found.most[k])
-                if value > 0.0:  # two records of one motion say nothing about the link
+                if 0.0 < value < np.inf:  # two records of one motion say nothing about the link, nor does an unmeasured one
                     most[link] = max(most.get(link, 0.0), value)
     largest = max(deflection.values(), default=1e-3), max(speed.values(), default=1e-1)
     for link in (link.name for link in model.links):
@@ -144,10 +144,12 @@ class _Measured:
 
 
 def _measured_swing(model: RigModel, link: Link, trial: Trial) -> _Measured | None:
-    # From the sensors at the link's ends; None if an end has none.
+    # From the motion at the link's ends; None if one is not measured.
     ends = [end for end in (link.a, link.b) if end != GROUND]
     noise = 0.0
     if trial.motion is not None:
+        if any(end not in trial.motion.velocity for end in ends):
+            return None
         moves = [(trial.motion.velocity[end], trial.motion.position[end]) for end in ends]
     else:
         sensors = {s.body: s for s in model.sensors if s.relative_to == GROUND}

@@ -370,7 +370,8 @@ class Suspects:
         models = self._begun(candidate, current).models
         least = min((left or 0.0 for left, _ in models), default=0.0)
         most = 1 if candidate.shape is not None else STARTS
-        return [model for left, model in models if (left or 0.0) <= SAME * least][:most]
+        near = [(left, model) for left, model in models if (left or 0.0) <= SAME * least]
+        return [model for k, (left, model) in enumerate(near) if left is None or k < most]
 
     def _begun(self, candidate: Candidate, current: Sequence[Free]) -> _Begun:
         key = *candidate.key, tuple(free.path for free in candidate.free), candidate.shape, candidate.starts[0].encoded
@@ -382,11 +383,15 @@ class Suspects:
         explanation = next((e for e in self.chosen if self._is(e, candidate.cause, candidate.location)), None)
         if explanation is None:
             return _Begun(models=[(None, start) for start in candidate.starts], explanation=None)
-        if (kind_of(candidate.cause), explanation.kind) == ("friction_shape", "memory"):
-            # The friction that holds a body at rest does not follow from its motion.
-            return _Begun(models=[(None, start) for start in candidate.starts], explanation=explanation)
         kept = {free.path for free in candidate.parameters(candidate.starts[0], current)} - {f.path for f in candidate.free}
         values, force = self._solved(explanation)
+        if (kind_of(candidate.cause), explanation.kind) == ("friction_shape", "memory"):
+            # The friction that holds a body at rest does not follow from its motion; values fitted without it may be far off.
+            starts = [*candidate.starts]
+            for start in candidate.starts:
+                with suppress(ModelError):  # values that exclude the candidate's own
+                    starts.append(start.replace({path: value for path, value in values.items() if path in kept}))
+            return _Begun(models=[(None, start) for start in starts], explanation=explanation)
         element = self._element(candidate.location)
         # What acts in a few events has left the fitted values as they are.
         rare = explanation.what == RARE_STOP.name
@@ -394,7 +399,7 @@ class Suspects:
         for start in candidate.starts:
             ask_time()
             with suppress(ModelError):  # values that exclude the candidate's own
-                model = start if rare else start.replace({path: value for path, value in values.items() if path in kept})
+                model = start if rare else _with_values(start, {p: value for p, value in values.items() if p in kept}, candidate)
                 model = model.replace(_own_values(candidate, explanation, model))
                 solved = None
                 if force is not None and element is not None:
@@ -410,6 +415,16 @@ class Suspects:
 
     def _element(self, place: str) -> Element | None:
         return next((e for e in self.equations.elements() if place in e.names), None)
+
+
+def _with_values(start: RigModel, values: Mapping[str, float], candidate: Candidate) -> RigModel:
+    # The values of the equations in a candidate's starting point, without those of a contact's law that exclude the candidate's
+    # own: sliding friction above a breakaway force.
+    try:
+        return start.replace(values)
+    except ModelError:
+        law = f"contacts.{candidate.location}."
+        return start.replace({path: value for path, value in values.items() if not path.startswith(law)})
 
 
 def _own_values(candidate: Candidate, explanation: Explanation, model: RigModel) -> dict[str, float]:

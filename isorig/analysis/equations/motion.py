@@ -59,16 +59,27 @@ def derivatives(values: FloatArray, order: int, rate: float, low: float, high: f
     if order and not counted:
         # The constants of integration are a ramp or a parabola. Both ends of the record differ by them, and a filter would spread
         # that over periods of `low`.
-        n = len(values)
-        time = np.linspace(-1.0, 1.0, n)
-        slow = np.polynomial.legendre.legfit(time, found[0], SLOW_DEGREE)
-        found[0] = _high_passed(found[0] - np.polynomial.legendre.legval(time, slow), rate, low, 1.0)
+        slow, slope = _slow_part(found[0], rate)
+        found[0] = _high_passed(found[0] - slow, rate, low, 1.0)
         if order == 2:
-            slope = np.polynomial.legendre.legval(time, np.polynomial.legendre.legder(slow)) * 2.0 * rate / (n - 1)
             found[1] = _high_passed(found[1] - slope, rate, low, -1.0)
     for above in range(order + 1, 3):
         found[above] = _derivative(found[above - 1], rate, high if above == order + 1 else np.inf)
     return Signals(orders=found)
+
+
+def without_slow_part(displacement: FloatArray, rate: float, low: float) -> FloatArray:
+    """An integrated displacement without the polynomial of the constants of integration, and without content below `low` Hz."""
+    return _high_passed(displacement - _slow_part(displacement, rate)[0], rate, low, 1.0)
+
+
+def _slow_part(displacement: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
+    # The polynomial of degree `SLOW_DEGREE` through a displacement, and its derivative, each shape (n,).
+    n = len(displacement)
+    time = np.linspace(-1.0, 1.0, n)
+    slow = np.polynomial.legendre.legfit(time, displacement, SLOW_DEGREE)
+    slope = np.polynomial.legendre.legval(time, np.polynomial.legendre.legder(slow)) * 2.0 * rate / (n - 1)
+    return np.asarray(np.polynomial.legendre.legval(time, slow)), np.asarray(slope)
 
 
 def _integral(values: FloatArray, rate: float) -> FloatArray:

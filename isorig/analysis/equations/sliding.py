@@ -29,8 +29,9 @@ REVERSAL, SPREAD = 5, 0.6
 #: Half of its length in periods of the low-pass.
 TAPS = 2.0
 #: Velocity below which a contact counts as not sliding, as a share of the largest rms velocity of the runs. Chosen: integrated
-#: noise and the sampling filter blur the moment of a reversal.
-SLOW = 0.1
+#: noise and the sampling filter blur the moment of a reversal. If the deflection is measured, from a smaller share on, and from
+#: this many times the velocity's noise: friction that falls with velocity shows there.
+SLOW, SLOW_MEASURED, SURE_SPEED = 0.1, 0.03, 3.0
 #: Share of the time below this share of a run's own rms velocity above which an element is moved and rests. Chosen: a sine or a
 #: random motion is as slow for less than a tenth of the time.
 RESTS = 0.25
@@ -163,6 +164,8 @@ class Sliding:
         First value of the element's stiffness, N/m.
     noise
         Standard deviation of the force's noise, N.
+    of_speed
+        Standard deviation of the velocity's noise, m/s.
     parts
         Mean square of the channels' parts in the force, N^2: each is accurate to `ACCURACY`.
     edge
@@ -174,7 +177,7 @@ class Sliding:
 
     def __init__(
         self, runs: Sequence[SlidingRun], rate: float, period: float, *, integrated: bool, stiffness: float, noise: float,
-        parts: float, edge: float, rubs: bool,
+        of_speed: float, parts: float, edge: float, rubs: bool,
     ) -> None:  # fmt: skip
         self.runs, self.rate, self.integrated, self.noise, self.parts = tuple(runs), rate, integrated, noise, parts
         self.rubs, self.fewest = rubs, FEWEST if integrated else FEWEST_ALONE
@@ -183,11 +186,13 @@ class Sliding:
         self.taps = _taps(rate, edge)
         self._gains: dict[int, FloatArray] = {}  # of the low-pass, by length of the transform
         self.speed = max((float(np.std(run.velocity)) for run in self.runs if len(run.velocity)), default=1e-2)
+        known = max(SLOW_MEASURED * self.speed, SURE_SPEED * of_speed)
+        self.slow = SLOW * self.speed if integrated else min(known, SLOW * self.speed)
         shortest = min(len(run.force) for run in runs)
         self.knot = max(round(KNOT_PERIODS * period * rate), 8)
         knots = BLOCK_KNOTS if integrated else 1
         if not integrated:
-            moving = max(int((np.abs(run.velocity) > SLOW * self.speed).sum()) for run in runs)
+            moving = max(int((np.abs(run.velocity) > self.slow).sum()) for run in runs)
             moving = min(shortest, moving)
             self.knot = max(moving // BLOCKS, min(LONGER * len(self.taps), moving // 2), 8)
         elif BLOCK_KNOTS * self.knot > shortest // 2:
@@ -246,7 +251,7 @@ class Sliding:
 
     def _slides(self, run: SlidingRun) -> BoolArray:
         velocity = run.velocity + run.slow_velocity
-        slow = np.abs(velocity) <= SLOW * self.speed
+        slow = np.abs(velocity) <= self.slow
         if self.spread:
             slow = np.convolve(slow, np.ones(2 * self.spread + 1), mode="same") > 0.5
         turned = np.flatnonzero((velocity[1:] > 0) != (velocity[:-1] > 0))

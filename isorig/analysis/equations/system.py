@@ -18,6 +18,7 @@ from isorig.analysis.equations.motion import (
     derivatives,
     estimate_of,
     usable_stop,
+    without_slow_part,
 )
 from isorig.analysis.equations.sliding import ROUNDS, TAPS, Columns, Sliding, SlidingFit, SlidingRun
 from isorig.analysis.equations.spectral import SHORTEST, Prepared, Row, Solved, Spectra
@@ -214,7 +215,7 @@ class Equations:
         self.sliding: dict[str, tuple[Sliding, SlidingFit]] = {}
         self._in_time: dict[tuple[str, str, bool], tuple[Sliding, SlidingFit] | None] = {}
         self._scales: dict[tuple[str, str], tuple[float, float, float]] = {}
-        self._runs: dict[tuple[str, str], tuple[list[SlidingRun], float]] = {}
+        self._runs: dict[tuple[str, str], tuple[list[SlidingRun], float, float]] = {}
         self._slid: dict[tuple[int, str], tuple[SlidingFit, list[tuple[FloatArray, ...]]]] = {}
         for balance in self.balances:
             if balance.rubs:
@@ -380,14 +381,15 @@ class Equations:
             cut = self.cut(balance, element)
             if key[:2] not in self._runs:
                 self._runs[key[:2]] = self._sliding_runs(balance, element, sign, self.records, self.signals, cut)
-            shared, noise = self._runs[key[:2]]
+            shared, noise, of_speed = self._runs[key[:2]]
             runs = [run.without_slow_part() for run in shared]
             self._in_time[key] = None
             if runs:
                 stiffness = element.link.stiffness if element.link is not None else 0.0
                 found = Sliding(
                     runs, self.rate / self.every, CUT / cut, integrated=self.integrated(element),
-                    stiffness=abs(sign) * stiffness, noise=noise, parts=self._parts(balance), edge=self.edge, rubs=rubs,
+                    stiffness=abs(sign) * stiffness, noise=noise, of_speed=of_speed, parts=self._parts(balance), edge=self.edge,
+                    rubs=rubs,
                 )  # fmt: skip
                 if found.usable:
                     settled = self._settled(found, element, sign)
@@ -411,11 +413,12 @@ class Equations:
     def integrated(self, element: Element) -> bool:
         """Whether an element's deflection is an integral, so that its slow part is unknown.
 
-        A position that is counted from the start of a velocity's record is known, but not the small difference of two of them.
+        A position that is counted from the start of a velocity's record is known, but not its small difference from another one.
         """
-        channels = self.combos.of(element.weights, 0) or {}
-        counted = self.counted and (len(channels) < 2 or element.link is None or not element.link.stiffness)
-        return not counted and all(self.combos.orders[channel] > 0 for channel in channels)
+        orders = [self.combos.orders[channel] for channel in self.combos.of(element.weights, 0) or {}]
+        if self.counted:
+            return len(orders) > 1 and element.link is not None and element.link.stiffness > 0.0 and max(orders) > 0
+        return all(order > 0 for order in orders)
 
     def cut(self, balance: Balance, element: Element) -> float:
         """Frequency in Hz up to which the slow part of an element's integrated deflection is fitted.
@@ -497,11 +500,12 @@ class Equations:
     def _sliding_runs(
         self, balance: Balance, element: Element, sign: float, records: Sequence[Record],
         all_signals: Sequence[Mapping[tuple[str, int], FloatArray]], cut: float,
-    ) -> tuple[list[SlidingRun], float]:  # fmt: skip
+    ) -> tuple[list[SlidingRun], float, float]:  # fmt: skip
+        # The signals of an equation in all runs, and the noise of its force (N, rms) and of the velocity (m/s, the largest).
         runs: list[SlidingRun] = []
         way = np.sign(sign)
         noise: list[float] = []
-        edge = self.edge
+        of_speed: list[float] = []
         for record, signals in zip(records, all_signals, strict=True):
             if record.configuration not in balance.configurations or len(next(iter(signals.values()))) < SHORTEST:
                 continue
@@ -517,11 +521,13 @@ class Equations:
                 if other.contact is not None:
                     fixed.append(way * other_sign * direction_of(ov, max(float(np.std(ov)), 1e-12)))
             columns = np.column_stack(fixed) if fixed else np.zeros((len(force), 0))
-            noise.append(self._force_noise(balance, record, len(force), edge))
-            force, d, v, columns = self.thinned(low_passed(force, self.rate, edge)), *map(self.thinned, (d, v, columns))
+            noise.append(self._force_noise(balance, element, record, len(force)))
+            combo = self.combos.of(element.weights, 0) or {}
+            of_speed.append(self._processed_noise(record, [(name, 1, abs(w)) for name, w in combo.items()], len(force)))
+            force, d, v, columns = self.thinned(low_passed(force, self.rate, self.edge)), *map(self.thinned, (d, v, columns))
             n = len(force)
             usable = np.zeros(n, dtype=bool)
-            ends = ENDS / self.lowest if any(self.combos.orders.values()) else TAPS / edge
+            ends = ENDS / self.lowest if any(self.combos.orders.values()) else TAPS / self.edge
             margin = min(round(ends * self.rate / self.every), n // 10)
             usable[margin : n - margin] = True
             runs.append(
@@ -531,7 +537,7 @@ class Equations:
                     slow_velocity=np.zeros(n),
                 )
             )  # fmt: skip
-        return runs, float(np.sqrt(np.mean(np.square(noise)))) if noise else 0.0
+        return runs, float(np.sqrt(np.mean(np.square(noise)))) if noise else 0.0, max(of_speed, default=0.0)
 
     def thinned(self, values: FloatArray) -> FloatArray:
         """Records, shape (n, ...), at the samples of sliding equations."""
@@ -560,29 +566,41 @@ class Equations:
         orders = self.combos.orders
         n = len(next(iter(signals.values())))
         d, v = np.zeros(n), np.zeros(n)
-        whole = self.counted and not self.integrated(element)
         for channel, weight in combo.items():
             order = orders[channel]
-            found = derivatives(signals[channel, order], order, self.rate, 0.0 if whole else low, self.edge)
+            found = derivatives(signals[channel, order], order, self.rate, 0.0 if self.counted else low, self.edge)
             d += weight * found.orders[0]
             v += weight * found.orders[1]
+        if self.counted and self.integrated(element):
+            d, v = without_slow_part(d, self.rate, low), v - v.mean()
         if 0 in (orders[channel] for channel in combo):
             d = low_passed(d, self.rate, self.edge)
         return d, v
 
-    def _force_noise(self, balance: Balance, record: Record, n: int, edge: float) -> float:
-        # Standard deviation of the noise of an equation's known part, from noise through the same processing.
+    def _force_noise(self, balance: Balance, element: Element, record: Record, n: int) -> float:
+        # Standard deviation of the noise of an equation: of its known part, and of the forces of springs and dampers with the
+        # values of the rig. Most of that of an integrated deflection is in the slow part that is fitted.
+        parts = [(channel, order, abs(complex(weight))) for (channel, order), weight in self.force_row(balance).items()]
+        for other, _ in balance.crossing:
+            if other.link is not None and not (other.name == element.name and self.integrated(element)):
+                for order, value in enumerate((other.link.stiffness, other.link.damping)):
+                    combo = self.combos.of(other.weights, 0) or {}
+                    parts += [(channel, order, abs(value * weight)) for channel, weight in combo.items()]
+        return self._processed_noise(record, parts, n)
+
+    def _processed_noise(self, record: Record, parts: Sequence[tuple[str, int, float]], n: int) -> float:
+        # Standard deviation of a sum of derivatives of channels (order, weight), from noise through the same processing.
         generator = np.random.default_rng(5)
         total = 0.0
-        for (channel, order), weight in self.force_row(balance).items():
-            level = record.noise.get(channel, 0.0) * abs(complex(weight))
+        for channel, order, weight in parts:
+            level = record.noise.get(channel, 0.0) * weight
             if level == 0.0:
                 continue
             values = generator.normal(0.0, 1.0, min(n, 8192))
             if order >= 0:
                 own = self.combos.orders[channel]
                 values = derivatives(values, own, self.rate, CUT * self.lowest, np.inf).orders[order]
-            total += level**2 * float(np.mean(low_passed(values, self.rate, edge) ** 2))
+            total += level**2 * float(np.mean(low_passed(values, self.rate, self.edge) ** 2))
         return float(np.sqrt(total))
 
     def _stuck(self) -> dict[str, Lock]:

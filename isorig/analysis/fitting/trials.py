@@ -280,8 +280,9 @@ def expected(model: RigModel, trial: Trial, motion: Mapping[str, FloatArray] | N
 
     The first records of a run that begins in motion depend on the motion before, the last ones of an imposed motion on that after
     them, those above the usable frequency on the converter's filter, the slow part of a record whose zero wanders on that zero,
-    and the mean of a force beside an imposed speed or acceleration on where that began. None of these is known: there a
-    prediction has the record's own content. The difference of both has passed one filter.
+    the mean of a force beside an imposed motion on its sensor's zero and on where that began, and that of a displacement after a
+    release on its sensor's zero: friction holds a body off centre. None of these is known: there a prediction has the record's
+    own content. The difference of both has passed one filter.
 
     Parameters
     ----------
@@ -305,8 +306,11 @@ def expected(model: RigModel, trial: Trial, motion: Mapping[str, FloatArray] | N
     if model.imposed and predicted.shape[1] == trial.samples:
         end = slice(trial.samples - trial.uncertain_end, None)
         predicted[:, end] = trial.measured[:, end]
-    # Springs at a body whose speed is imposed are deflected from the start by as much as nobody knows.
-    unknown = {s.channel for s in model.sensors if s.force_in is not None} if _imposes_from_anywhere(model) else set()
+    # A load cell's zero and what preloads a damper are unknown, and springs at a body whose speed is imposed are deflected from
+    # the start by as much as nobody knows.
+    unknown = {s.channel for s in model.sensors if s.force_in is not None} if model.imposed else set()
+    if trial.run.excitation == "free":
+        unknown |= {s.channel for s in model.sensors if MOTION.get(s.quantity) == 0}
     for row, name in enumerate(trial.channels):
         if name in unknown:
             predicted[row] += np.mean(trial.measured[row, : predicted.shape[1]] - predicted[row])
@@ -317,11 +321,6 @@ def expected(model: RigModel, trial: Trial, motion: Mapping[str, FloatArray] | N
         return predicted
     measured = trial.measured[:, : predicted.shape[1]]
     return np.asarray(measured + within(predicted - measured, trial.usable, trial.sample_rate))
-
-
-def _imposes_from_anywhere(model: RigModel) -> bool:
-    # Whether a drive imposes a motion of which no position is recorded.
-    return any(drive.imposes is not None and MOTION.get(drive.quantity, 0) > 0 for drive in model.drives)
 
 
 def _quick(error: FloatArray, lowest: float, rate: float) -> FloatArray:

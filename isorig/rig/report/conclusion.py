@@ -139,7 +139,8 @@ def _found(findings: Findings) -> str:
 
 def _down_to(findings: Findings) -> str:
     # What bounds the error of an adequate model: the user's tolerance, what repeated runs do not share, or the noise.
-    if findings.tolerance and findings.adequacy.worst >= findings.adequacy.threshold:
+    worst, threshold = findings.adequacy.worst, findings.adequacy.threshold
+    if findings.tolerance and worst is not None and threshold is not None and worst >= threshold:
         return f"to within the tolerance of {in_per_cent(findings.tolerance)}"
     return f"down to the {'disturbance between repeated runs' if _disturbed(findings) else 'noise'}"
 
