@@ -6,13 +6,15 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
 import isorig as iso
 from isorig.analysis.campaign import Campaign, Run
-from isorig.analysis.fitting.trials import expected, prepare
+from isorig.analysis.fitting.trials import expected, prepare, without_zero
 from isorig.analysis.fitting.trials import zero_errors as wandering_zeros
+from isorig.analysis.model.rig_model import Body, Drive, Link, RigModel, Sensor
 from isorig.analysis.spectra.zero_errors import MATTERS, WANDERS, zero_errors
 from isorig.rig.cli import main
 from isorig.rig.exchange.importing import shortcomings
@@ -50,6 +52,31 @@ def test_an_offset_is_reported(offset: float, campaign: Campaign, tmp_path: Path
     assert main(["check", str(tmp_path / "a.h5")]) == 0
     assert "remove it by offset in the mapping" in capsys.readouterr().out
     assert any("Channel 'table' has a mean of" in sentence for sentence in shortcomings(with_offset(campaign, offset)))
+
+
+def test_the_mean_of_an_acceleration_of_a_rig_on_springs_does_not_count(campaign: Campaign) -> None:
+    rig = iso.wire_bonder()
+    for trial in prepare(with_offset(campaign, 0.3), rig):
+        left = (trial.measured - expected(rig, trial))[trial.channels.index("table")]
+        assert abs(left.mean()) < 1e-3 * 0.3
+
+
+def test_which_means_say_nothing_of_a_rig() -> None:
+    """Not that of a position in a driven run, which its force moves, nor that of an acceleration that no spring bounds."""
+    cart = RigModel(
+        name="cart", bodies=(Body(name="cart", mass=1.0),), links=(Link(name="spring", a="cart", stiffness=9.0),),
+        drive=Drive(channel="push", factor=1.0, pushes={"cart": 1.0}, quantity="force"),
+        sensors=(
+            Sensor(channel="x", body="cart", quantity="displacement"), Sensor(channel="a", body="cart", quantity="acceleration"),
+            Sensor(channel="cell", force_in="links.spring", quantity="force"),
+        ),
+    )  # fmt: skip
+    assert without_zero(cart, released=False) == {"a"}
+    assert without_zero(cart, released=True) == {"x", "a"}
+    loose = msgspec.structs.replace(cart, links=(msgspec.structs.replace(cart.links[0], stiffness=0.0, damping=1.0),))
+    assert without_zero(loose, released=False) == set()
+    moved = Drive(channel="floor", factor=1.0, pushes={}, quantity="displacement", imposes="cart")
+    assert "cell" in without_zero(msgspec.structs.replace(cart, drive=moved), released=False)
 
 
 @pytest.mark.parametrize(("share", "reported"), [(0.9, False), (1.2, True)])

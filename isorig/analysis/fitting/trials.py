@@ -143,6 +143,8 @@ class Trial:
         Frequency in Hz below which errors of the channels `wandering` do not count: their zero wanders.
     wandering
         Their names.
+    without_zero
+        Names of channels whose mean says nothing of the rig: `without_zero`.
     """
 
     run: Run
@@ -162,6 +164,7 @@ class Trial:
     drive_noise: float = 0.0
     lowest: float = 0.0
     wandering: frozenset[str] = frozenset()
+    without_zero: frozenset[str] = frozenset()
 
     @property
     def sample_rate(self) -> float:
@@ -280,9 +283,8 @@ def expected(model: RigModel, trial: Trial, motion: Mapping[str, FloatArray] | N
 
     The first records of a run that begins in motion depend on the motion before, the last ones of an imposed motion on that after
     them, those above the usable frequency on the converter's filter, the slow part of a record whose zero wanders on that zero,
-    the mean of a force beside an imposed motion on its sensor's zero and on where that began, and that of a displacement after a
-    release on its sensor's zero: friction holds a body off centre. None of these is known: there a prediction has the record's
-    own content. The difference of both has passed one filter.
+    and the mean of one whose zero is unknown on that. None of these is known: there a prediction has the record's own content.
+    The difference of both has passed one filter.
 
     Parameters
     ----------
@@ -306,13 +308,8 @@ def expected(model: RigModel, trial: Trial, motion: Mapping[str, FloatArray] | N
     if model.imposed and predicted.shape[1] == trial.samples:
         end = slice(trial.samples - trial.uncertain_end, None)
         predicted[:, end] = trial.measured[:, end]
-    # A load cell's zero and what preloads a damper are unknown, and springs at a body whose speed is imposed are deflected from
-    # the start by as much as nobody knows.
-    unknown = {s.channel for s in model.sensors if s.force_in is not None} if model.imposed else set()
-    if trial.run.excitation == "free":
-        unknown |= {s.channel for s in model.sensors if MOTION.get(s.quantity) == 0}
     for row, name in enumerate(trial.channels):
-        if name in unknown:
+        if name in trial.without_zero:
             predicted[row] += np.mean(trial.measured[row, : predicted.shape[1]] - predicted[row])
         if name in trial.wandering:
             recorded = trial.measured[row, : predicted.shape[1]]
@@ -328,6 +325,21 @@ def _quick(error: FloatArray, lowest: float, rate: float) -> FloatArray:
     from scipy.signal import butter, sosfiltfilt
 
     return np.asarray(error - sosfiltfilt(butter(2, lowest, fs=rate, output="sos"), error, padtype="even"))
+
+
+def without_zero(model: RigModel, *, released: bool) -> frozenset[str]:
+    """The channels whose mean in a run says nothing of the rig.
+
+    That of a force beside an imposed motion: a load cell's zero, what preloads a damper, and where a recorded speed began. That
+    of a displacement after a release: friction holds a body off centre. That of an acceleration of a rig on springs, which stays.
+    """
+    unknown = {s.channel for s in model.sensors if s.force_in is not None and model.imposed}
+    moved = model.free_free or floats(model)
+    for sensor in model.sensors:
+        order = MOTION.get(sensor.quantity)
+        if (order == 0 and released) or (order == 2 and not moved):
+            unknown.add(sensor.channel)
+    return frozenset(unknown)
 
 
 def zero_errors(campaign: Campaign, model: RigModel) -> dict[str, str]:
@@ -435,6 +447,7 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
                 drive_noise=of_drive,
                 lowest=lowest,
                 wandering=wrong,
+                without_zero=without_zero(model, released=still),
             )
         )
     if by_drive:

@@ -257,7 +257,7 @@ def test_an_equation_without_unknown_values_leaves_its_known_part() -> None:
     assert (found.residual, len(found.values)) == (2.0, 0)
 
 
-def sliding(integrated: bool, still: float) -> Sliding:
+def sliding(integrated: bool, still: float, of_speed: float = 0.0) -> Sliding:
     """A run of 40 s that is at rest for a share of the time."""
     n = 4000
     velocity = np.where(np.arange(n) < still * n, 0.0, np.cos(2.0 * np.pi * 5.0 * np.arange(n) / RATE))
@@ -265,13 +265,25 @@ def sliding(integrated: bool, still: float) -> Sliding:
         run=0, force=velocity, deflection=np.cumsum(velocity) / RATE, velocity=velocity, fixed=np.zeros((n, 0)),
         time=np.arange(n) / RATE, usable=np.ones(n, dtype=bool), slow=np.zeros(n), slow_velocity=np.zeros(n),
     )  # fmt: skip
-    return Sliding([run], RATE, 0.2, integrated=integrated, stiffness=1.0, noise=0.0, parts=1.0, edge=np.inf, rubs=True)
+    return Sliding(
+        [run], RATE, 0.2, integrated=integrated, stiffness=1.0, noise=0.0, of_speed=of_speed, parts=1.0, edge=np.inf, rubs=True
+    )
 
 
 def test_only_a_measured_position_shows_that_an_element_rests() -> None:
     assert sliding(integrated=False, still=0.6).rests
     assert not sliding(integrated=False, still=0.0).rests
     assert not sliding(integrated=True, still=0.6).rests
+
+
+@pytest.mark.parametrize(
+    ("integrated", "noise", "slowest"),
+    [(True, 0.0, 0.1), (False, 0.0, 0.03), (False, 0.02, 0.06), (False, 0.05, 0.1)],
+)
+def test_a_contact_slides_from_a_share_of_the_largest_velocity_on(integrated: bool, noise: float, slowest: float) -> None:
+    """Of 10 % if it is integrated; of 3 % if it is measured, from three times its noise on, at most of 10 %."""
+    one = sliding(integrated, 0.0)
+    assert sliding(integrated, 0.0, noise * one.speed).slow == pytest.approx(slowest * one.speed)
 
 
 def test_the_slow_part_is_a_spline_and_its_derivative() -> None:

@@ -22,7 +22,9 @@ def turning(pitch: float, noise: float, frequency: float = 0.1) -> Sliding:
         run=0, force=force, deflection=deflection, velocity=np.gradient(deflection, time), fixed=np.zeros((N, 0)), time=time,
         usable=np.ones(N, dtype=bool), slow=np.zeros(N), slow_velocity=np.zeros(N),
     )  # fmt: skip
-    return Sliding([run], RATE, 1.0, integrated=False, stiffness=0.0, noise=noise, parts=1.0, edge=np.inf, rubs=False)
+    return Sliding(
+        [run], RATE, 1.0, integrated=False, stiffness=0.0, noise=noise, of_speed=0.0, parts=1.0, edge=np.inf, rubs=False
+    )
 
 
 def columns(d: FloatArray, v: FloatArray, run: SlidingRun, place: IntArray) -> FloatArray:
