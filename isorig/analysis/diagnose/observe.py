@@ -15,7 +15,7 @@ from isorig.analysis.diagnose.link_force import LinkForce, link_force
 from isorig.analysis.fitting.trials import Trial, expected, true_motion
 from isorig.analysis.model.rig_model import GROUND, Link, RigModel, Sensor
 from isorig.analysis.simulate import simulate
-from isorig.analysis.spectra.hum import mains_in
+from isorig.analysis.spectra.hum import hum, mains_in
 from isorig.analysis.spectra.motion import motion_of
 from isorig.analysis.spectra.overload import cut_off, noisy_limit
 
@@ -184,16 +184,25 @@ def flat_tops(campaign: Campaign, peaks: dict[str, float]) -> dict[str, float]:
 
 
 def mains(model: RigModel, trials: Sequence[Trial]) -> dict[str, float]:
-    """Channels whose misfit has a line at one mains frequency in at least half of the runs, with that frequency in Hz."""
+    """Channels whose misfit has a line at one mains frequency in at least half of the runs, with that frequency in Hz.
+
+    Those with the largest share of hum first.
+    """
     seen: dict[str, list[float | None]] = {}
+    share: dict[str, float] = {}
     for trial in trials:
         if trial.fitted == 0:
             continue
         left = trial.measured[:, : trial.fitted] - expected(model, trial, true_motion(model, trial, trial.fitted))
         for row, name in enumerate(trial.channels):
-            seen.setdefault(name, []).append(mains_in(left[row], trial.sample_rate))
+            frequency = mains_in(left[row], trial.sample_rate)
+            seen.setdefault(name, []).append(frequency)
+            if frequency is not None:
+                size = float(np.std(hum(left[row], trial.sample_rate, frequency)) / max(np.std(trial.measured[row]), 1e-300))
+                share[name] = max(share.get(name, 0.0), size)
     found = {name: agreeing([f for f in lines if f is not None]) for name, lines in seen.items()}
-    return {name: float(np.median(f)) for name, f in found.items() if f and 2 * len(f) >= len(seen[name])}
+    found = {name: f for name, f in found.items() if f and 2 * len(f) >= len(seen[name])}
+    return {name: float(np.median(found[name])) for name in sorted(found, key=lambda name: -share[name])}
 
 
 def agreeing(frequencies: Sequence[float]) -> list[float]:

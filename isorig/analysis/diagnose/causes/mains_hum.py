@@ -14,7 +14,7 @@ from isorig.analysis.model.rig_model import RigModel
 class MainsHum(ChannelCause):
     """50 or 60 Hz and multiples in the record.
 
-    It is proposed only if the misfit has such a spectral peak.
+    It is proposed only where the misfit has such a spectral peak.
     """
 
     kind = "sensor"
@@ -25,16 +25,21 @@ class MainsHum(ChannelCause):
     always_tried = True
 
     def proposed(self, model: RigModel, evidence: Evidence, place: str) -> Iterator[Candidate]:
-        frequency, (chain, path) = evidence.mains.get(place), chain_of(model, place)
-        if frequency is None or chain.mains_frequency is not None:
+        """One for this channel alone; for the channel with most of it also one for all that have hum, of the same wiring."""
+        left = [name for name in evidence.mains if chain_of(model, name)[0].mains_frequency is None]
+        if place not in left:
             return
-        path = f"{path}.mains_frequency"
-        yield Candidate(
-            cause=self.name, location=place, family=self.family, rank=self.rank,
-            starts=(with_chain(model, place, mains_frequency=frequency),),
-            free=(Free(path=path, low=frequency - 0.1, high=frequency + 0.1, log=False, step=1e-4),),
-            reported=(Reported(name="frequency", path=path, unit="Hz"),),
-        )  # fmt: skip
+        for channels in ([place], left) if place == left[0] and len(left) > 1 else ([place],):
+            begun, free = model, list[Free]()
+            for name in channels:
+                frequency = evidence.mains[name]
+                begun = with_chain(begun, name, mains_frequency=frequency)
+                path = f"{chain_of(model, name)[1]}.mains_frequency"
+                free.append(Free(path=path, low=frequency - 0.1, high=frequency + 0.1, log=False, step=1e-4))
+            yield Candidate(
+                cause=self.name, location=place, family=self.family, rank=self.rank, starts=(begun,), free=tuple(free),
+                reported=(Reported(name="frequency", path=f"{chain_of(model, place)[1]}.mains_frequency", unit="Hz"),),
+            )  # fmt: skip
 
     def supposed_places(self, model: RigModel) -> tuple[str, ...]:
         return sensor_channels(model)
