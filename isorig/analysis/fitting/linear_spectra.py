@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isorig.analysis.campaign import MOTION, Campaign, ComplexArray, FloatArray, IntArray, Run
+from isorig.analysis.fitting.trials import SHORTEST
 from isorig.analysis.model.linear import floats, imposed_coordinates, linear_part
 from isorig.analysis.model.rig_model import GROUND, RigModel, direction
 from isorig.analysis.spectra.noise import noise_levels, rests
@@ -81,7 +82,7 @@ def spectra_of(model: RigModel, campaign: Campaign) -> tuple[Spectrum, ...]:
 
 
 def spectrum_of(model: RigModel, run: Run, noise: Mapping[str, float]) -> Spectrum | None:
-    """Spectra of a run up to its first gap; None if it begins with one, or has no driven frequency.
+    """Spectra of a run up to its first gap; None if that comes too early for a fit, or no frequency is driven.
 
     Parameters
     ----------
@@ -93,7 +94,7 @@ def spectrum_of(model: RigModel, run: Run, noise: Mapping[str, float]) -> Spectr
         Standard deviation of the channels' sensor noise.
     """
     samples = min((gap.first_tick for gap in run.gaps), default=len(run))
-    if samples == 0:
+    if samples < SHORTEST:
         return None
     frequency = np.fft.rfftfreq(samples, 1.0 / run.sample_rate)
     low, high = run.band or (0.0, 0.5 * run.sample_rate)

@@ -6,10 +6,10 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from isorig.rig.options import Output
+from isorig.rig.options import OutputFolder
 
 
-def characterize(campaign: Path, *, output: Output, model: str | None = None) -> None:
+def characterize(campaign: Path, *, output: OutputFolder, model: str | None = None) -> None:
     """Fit a rig's free parameters to all runs, and write the parameter table with standard uncertainties.
 
     For the wire bonder these are masses, frequencies, damping ratios and friction, and the values from the thesis's method for

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from isorig.rig.options import Output
+from isorig.rig.options import OutputFolder
 
 
-def demo(*, output: Output = Path("demo-out"), seed: int = 1, investigate: bool = False) -> None:
+def demo(*, output: OutputFolder = Path("demo-out"), seed: int = 1, investigate: bool = False) -> None:
     """Measure a virtual rig through a real port, then analyse the recording: transfer functions, parameters, isolation, cause.
 
     The rig has the thesis's parameters, 20 N of friction and a head of 6.5 kg. A simulated instrument on a pseudo-terminal plays
