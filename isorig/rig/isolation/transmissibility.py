@@ -157,5 +157,5 @@ def write_transmissibility(folder: Path, found: Transmitted) -> list[str]:
     write_json(folder / "isolation.json", content)
     curves = {f"{r.name}, gain {r.gain:g}": (r.frequency, r.value, r.std) for r in found.ratios}
     relative = f", {configuration} relative to {relative_to}" if relative_to else ""
-    save(ratio_figure(curves, f"|{found.response} / {found.reference}|{relative}", found.unit), folder / "isolation.png")
+    save(ratio_figure(curves, f"|{found.response} / {found.reference}|{relative}", unit(found.unit)), folder / "isolation.png")
     return said
