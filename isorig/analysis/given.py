@@ -146,7 +146,7 @@ def positive(given: object, what: str, unit: str = "") -> float:
 
 def interval(given: object, what: str) -> tuple[float, float]:
     """Two finite numbers, the lower one first. Raises ArgumentError if it is of another type, DataError if it is no interval."""
-    allowed = "two numbers, the lower one first; give them, for example (5.0, 60.0)"
+    allowed = "two numbers, the lower one first; give them, for example 5.0 and 60.0"
     ends = all_of_type(given, object, what, allowed)
     values = [finite(each, what) for each in ends]
     if len(values) != 2 or not values[0] < values[1]:

@@ -30,7 +30,9 @@ def call(item: object, name: str, *args: Any, **more: Any) -> Any:
     """The registered method of an object's type or of a base of it. Raises AnalysisError if none is registered."""
     kind = _registered(item, name)
     if kind is None:
-        raise AnalysisError(f"{type(item).__name__} has no {name} here; import isorig as iso, and use what iso returns")
+        others = sorted(other for each, other in _REGISTERED if isinstance(item, each) and other != "html")
+        advice = f"use {' or '.join(others)}" if others else "import isorig as iso, and use what iso returns"
+        raise AnalysisError(f"{type(item).__name__} has no {name} here; {advice}")
     return _REGISTERED[kind, name](item, *args, **more)
 
 

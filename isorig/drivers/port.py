@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable
 from urllib.parse import urlsplit
@@ -137,7 +138,8 @@ class Port:
                 write_timeout=self.waits.sending, exclusive=True,
             )  # fmt: skip
         except (serial.SerialException, OSError, ValueError) as error:
-            raise ConnectionLostError(f"the port {self.name} cannot be opened ({error}); check the cable and the name") from None
+            why = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else error
+            raise ConnectionLostError(f"the port {self.name} cannot be opened ({why}); check the cable and the name") from None
         return opened
 
     def _gone(self, error: Exception) -> ConnectionLostError:

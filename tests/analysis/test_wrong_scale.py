@@ -479,6 +479,64 @@ def test_a_sensor_on_another_body_than_described(name: str, cause: str) -> None:
                 assert doubt.text.startswith(f"{sensor.channel} seems to be on {sensor.body} instead of {body.name}: there, the")
 
 
+def pushed(model: RigModel, body: str) -> RigModel:
+    """The rig with a drive that acts on another body in its description."""
+    tree = to_tree(model)
+    tree["drive"]["pushes"] = {body: 1.0}
+    return from_tree(tree)
+
+
+@pytest.mark.parametrize(
+    ("name", "cause"),
+    [
+        *((name, "") for name in ("stage", "three", "torsion", "carts")),
+        ("stage", "friction"), ("stage", "play"), ("torsion", "friction"),
+    ],
+)  # fmt: skip
+def test_a_drive_on_another_body_than_described(name: str, cause: str) -> None:
+    model = RIGS[name].description(guessed(RIGS[name], 3))
+    (own,) = model.drive.pushes
+    for body in model.bodies:
+        if body.name != own:
+            (doubt,) = told(pushed(model, body.name), recorded(name, cause))
+            assert (doubt.kind, doubt.parameter) == ("place", f"drive.{model.drive.channel}")
+            assert doubt.text.startswith(f"{model.drive.channel} seems to act on {own} instead of {body.name}: there, the linear")
+
+
+@pytest.mark.parametrize(("name", "cause"), [("stage", ""), ("stage", "friction"), ("stage", "play"), ("torsion", "friction")])
+def test_two_sensors_on_each_other_s_body(name: str, cause: str) -> None:
+    model = RIGS[name].description(guessed(RIGS[name], 3))
+    one, other = model.sensors
+    assert one.quantity != other.quantity
+    wrong = on_another_body(on_another_body(model, one.channel, str(other.body)), other.channel, str(one.body))
+    (doubt,) = told(wrong, recorded(name, cause))
+    assert (doubt.kind, doubt.parameter) == ("place", f"sensors.{one.channel}+sensors.{other.channel}")
+
+
+@pytest.mark.parametrize("first", range(0, 20, 10))
+def test_drives_on_rigs_drawn_at_random(first: int) -> None:
+    """A drive on another body is named with its body, or the rig moves much as described; nothing else is.
+
+    The response of one body to a force on another is that of the other to a force on the one: a single sensor cannot tell them
+    apart.
+    """
+    count = 0
+    for seed in range(first, first + 10):
+        rig = drawn(seed)
+        model, measured = rig.description(guessed(rig, seed)), campaign(rig, (1.0,), seconds=8.0, band=(1.0, 50.0), seed=seed)
+        others = [body.name for body in model.bodies if model.drive.pushes and body.name not in model.drive.pushes]
+        if others:
+            found = told(pushed(model, others[seed % len(others)]), measured)
+            count += len(found)
+            for doubt in found:
+                if len(model.sensors) == 1:
+                    assert "check the places of sensor and drive" in doubt.text
+                    continue
+                assert doubt.parameter == f"drive.{model.drive.channel}", (seed, doubt.text)
+                assert next(iter(model.drive.pushes)) in doubt.text.split(" instead of ")[0], (seed, doubt.text)
+    assert count >= 4
+
+
 @pytest.mark.parametrize(
     ("name", "cause", "pair"),
     [
@@ -536,7 +594,7 @@ def test_another_body_must_leave_little_of_what_the_described_one_leaves(
 ) -> None:
     model = STAGE.description()
     compared = _Compared(model, spectra_of(model, recorded("stage")))
-    sound, place = _Explanation("sound"), _Explanation("place", (0,), body=1)
+    sound, place = _Explanation("sound"), _Explanation("place", (0,), bodies=(1,))
     correlations = {sound: np.array([0.0, 0.9]), place: np.array([np.sqrt(1.0 - left), 0.9])}
     monkeypatch.setattr(_Compared, "correlation", lambda of, explanation, theta: correlations[explanation])
     assert compared.repairs(place, np.zeros(0), (sound, np.zeros(0)), far=far) is named

@@ -23,6 +23,7 @@ from isorig.analysis.laws import Cubic
 from isorig.analysis.model.rig_model import Body, Link
 from isorig.analysis.parameters.joint_fit import characterize
 from isorig.analysis.simulate.natural import natural_modes
+from isorig.analysis.wording import sized
 from isorig.rig.cli import main
 from isorig.rig.errors import PlanError
 from isorig.rig.files.recording import read, write
@@ -215,7 +216,8 @@ def test_an_extended_model_is_characterized_as_it_was_diagnosed(
     expected = {path: (rig.get(path), table[path]["unit"]) for path in rig.free} | own
     for path, (value, unit) in expected.items():
         row = table[path]
-        assert path in said
+        # To the digits that the uncertainty justifies.
+        assert re.search(rf"{re.escape(path)} +{re.escape(sized(row['value'], unit, row['std']))} ", said), path
         assert row["unit"] == unit
         assert abs(row["value"] - value) < 4.0 * row["std"], path
         assert row["std"] < 5e-3 * value, path

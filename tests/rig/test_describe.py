@@ -233,7 +233,9 @@ def test_questions_make_a_description(tmp_path: Path) -> None:
     call[-1] = str(tmp_path / "other.toml")
     done = subprocess.run(call, input="a\nb 1\n", capture_output=True, text=True, check=False)
     assert (done.returncode, (tmp_path / "other.toml").exists()) == (2, False)
-    assert "the answers end" in done.stderr
+    assert "the answers end before the question 'What is b joined to (ground)? [ground]'" in done.stderr
+    done = subprocess.run(call, input="a\n", capture_output=True, text=True, check=False)
+    assert "if it turns'; answer all of them" in done.stderr
 
 
 def test_answers_that_are_never_usable_end_the_questions() -> None:

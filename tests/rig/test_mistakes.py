@@ -139,6 +139,11 @@ def holed(files: Files) -> Files:
     return replace(files, columns={**files.columns, "a": values})
 
 
+def repeated(files: Files) -> Files:
+    rows = np.repeat(np.arange(len(files.columns["t"])), [2 if 300 <= k < 310 else 1 for k in range(len(files.columns["t"]))])
+    return replace(files, columns={name: values[rows] for name, values in files.columns.items()})
+
+
 def undescribed(files: Files) -> Files:
     return replace(files, description="")
 
@@ -179,7 +184,19 @@ MISTAKES: dict[str, tuple[Mistake, str]] = {
     "swapped columns": (swap("x", "a"), "low and top seem swapped"),
     "force and acceleration": (swap("F", "a"), "force and top seem swapped"),
     "force and displacement": (swap("F", "x"), "force and low seem swapped"),
+    # places
+    "drive on another body": (described(("pushes = { table", "pushes = { device")), "force seems to act on table instead of"),
+    "sensors on each other's body": (
+        described(('body = "table", quantity', 'body = "@", quantity'), ('"top", body = "device"', '"top", body = "table"'),
+                  ('body = "@"', 'body = "device"')),
+        "low seems to be on table instead of device and top seems to be on device instead of table",
+    ),
+    # types of values
+    "a text for a number": (mapped("gain = 1.0", 'gain = "low"'), "runs[0].gain is a text in quotes, but must be a number"),
+    "no channels": (lambda files: replace(files, mapping='description = "rig.toml"\n'), "the file lacks the key 'channels'"),
     # sample rates
+    "band beyond the rate": (mapped("band = [0.5, 40.0]", "band = [0.5, 400.0]"), "256 samples/s contain only frequencies up to"),
+    "rows repeated": (repeated, "split the run where rows are missing or repeated, or resample it evenly"),
     "rate against the time column": (mapped('time = "t"', "sample_rate = 512.0"), "256 Hz by the time column 't' of the file"),
     "rate against the header": (headed("Sample rate: 1024 Hz\n"), "but 1024 Hz by the file itself"),
     "rate and time": (mapped('time = "t"', 'time = "t"\nsample_rate = 128.0'), "sample_rate = 128 Hz in the mapping, but 256 Hz"),
@@ -214,6 +231,7 @@ MISTAKES: dict[str, tuple[Mistake, str]] = {
     ),
     "no sensor in the mapping": (mapped('[channels.low]\nsource = "x"\nunit = "mm"\n', ""), "no channel 'low'"),
     # short
+    "hardly a record": (cut(40), "Run 'first' has 40 samples, 0.156 s, but fits need at least 256: record longer runs"),
     "too short": (cut(200), "Run 'first' has 200 samples, 0.781 s, but fits need at least 256: record longer runs"),
     "truncated": (ended("12.0,1.0\n"), "has 2 of 4 cells: it was truncated"),
     "empty": (cut(0), "has no columns of numbers"),
@@ -272,3 +290,28 @@ def test_a_rig_without_sensors(
     assert main(COMMANDS[name]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert ("without a sensor" if name != "frf" else "has only the channel of the drive, force; record at least one") in line
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("two-cart", "two-cart is not a rig (did you mean 'two-carts'?); give a description in .toml, a model.json that"),
+        ("first.csv", "first.csv is not a rig; give a description in .toml, a model.json that rig diagnose wrote, or one of"),
+    ],
+)
+def test_what_is_no_rig(
+    given: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Files().write(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    assert main(["describe", given]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert said in line
+
+
+@pytest.mark.parametrize("command", ["diagnose", "characterize", "report", "frf", "isolation", "investigate", "design"])
+def test_a_file_is_no_folder_for_results(command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It is refused before the work begins: the recording is not even there."""
+    Files().write(tmp_path)
+    assert main([command, str(tmp_path / "o.h5"), "-o", str(tmp_path / "first.csv")]) == 2
+    assert "It is a file; give the name of a folder" in " ".join(capsys.readouterr().err.replace("│", " ").split())

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from scipy.signal import lsim
 
 import isorig as iso
-from isorig.analysis.errors import ModelError
+from isorig.analysis.errors import AnalysisError, ModelError
 from isorig.analysis.simulate.natural import natural_modes
 from isorig.rig.files.parameter_table import characterize_campaign
 from isorig.rig.files.recording import write
@@ -134,6 +134,8 @@ def test_diagnose_takes_the_campaigns_rig_and_a_time_limit(campaign: iso.Campaig
     assert "adequate" in found._repr_html_()
     assert isinstance(found.plot(), Figure)
     assert list(found.to_pandas().columns) == ["cause", "location", "holdout_error", "share", "standing"]
+    with pytest.raises(AnalysisError, match="Answer has no to_xarray here; use plot or to_pandas"):
+        found.to_xarray()
     page = found.write(tmp_path / "out")
     assert page.is_file()
     assert (tmp_path / "out" / "findings.json").is_file()

@@ -69,6 +69,7 @@ from isorig.analysis.fitting.trials import Trial, prepare, zero_errors
 from isorig.analysis.fitting.uncertainty import assessed
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.spectra.quality import faults
+from isorig.analysis.wording import in_per_cent
 
 #: Maximum number of steps; there is none while the records contradict the description.
 MOST_STEPS = 3
@@ -398,7 +399,8 @@ class _Search:
         while len(stages) <= self._most_steps and not self._ends(stages, quiet, enough):
             now, floors = stages[-1], _allowed(quiet)
             self._progress(
-                f"held-out error {now.score.figure:.3g} against a noise floor of {np.median(quiet):.3g}; searching for a cause"
+                f"held-out error {in_per_cent(now.score.figure)}, noise floor {in_per_cent(float(np.median(quiet)))}; "
+                "searching for a cause"
             )
             found = self._next_step(stages, division, floors, self._left(stages, quiet), forms_only=repeated)
             if found is None:

@@ -63,6 +63,7 @@ from isorig.analysis.fitting.screen import Progress, Screen, ScreenedCandidate, 
 from isorig.analysis.fitting.solve import Fit, Problem, fit
 from isorig.analysis.fitting.trials import SIGNAL_SHARE, Trial
 from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.wording import in_per_cent
 
 #: Number of candidates with a full fit, of free shapes, and of pairs of suspected causes.
 FINALISTS, CURVES, PAIRS = 4, 3, 2
@@ -238,7 +239,9 @@ class Job:
                 continue
             done.append(entry)
             self.judged.append(entry)
-            self.progress(f"{entry.candidate.cause} ({entry.candidate.location}): held-out error {entry.score.figure:.3g}")
+            self.progress(
+                f"{entry.candidate.cause} ({entry.candidate.location}): held-out error {in_per_cent(entry.score.figure)}"
+            )
         return done
 
 
@@ -911,7 +914,7 @@ def _together(
             both = finished(rough, job.trials)
             entry = Entry(candidate=second, fit=both, score=score(both.model, job.fine))
             names = sorted((first.key, second.key))
-            job.progress(f"{' and '.join(' at '.join(key) for key in names)}: held-out error {entry.score.figure:.3g}")
+            job.progress(f"{' and '.join(' at '.join(key) for key in names)}: held-out error {in_per_cent(entry.score.figure)}")
             # A fit that agrees with its own data to the noise may leave other data because its motion is sensitive to noise.
             floors = np.maximum(job.floors, job.allowed(both.model)) if both.cost <= AGREES else job.floors
             left = excess(entry.score.error, job.floors)

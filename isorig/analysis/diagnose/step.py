@@ -24,6 +24,7 @@ from isorig.analysis.fitting.solve import Fit
 from isorig.analysis.laws import FrictionCurve
 from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.model.rig_model import Contact, Link, RigModel
+from isorig.analysis.wording import in_per_cent
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -327,7 +328,7 @@ def curve_of(candidate: Candidate, fitted: Fit, evidence: Evidence) -> Curve | N
 
 
 def _falls(cause: str, place: str, before: float, after: float) -> str:
-    return f"With {cause} at {place} the held-out error falls from {before:.3g} to {after:.3g}."
+    return f"With {cause} at {place} the held-out error falls from {in_per_cent(before)} to {in_per_cent(after)}."
 
 
 def rescored(step: Step, scores: tuple[float, float], models: tuple[RigModel, RigModel]) -> Step:

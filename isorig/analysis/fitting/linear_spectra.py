@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isorig.analysis.campaign import MOTION, Campaign, ComplexArray, FloatArray, IntArray, Run
+from isorig.analysis.fitting.trials import SHORTEST
 from isorig.analysis.model.linear import floats, imposed_coordinates, linear_part
 from isorig.analysis.model.rig_model import GROUND, RigModel, direction
 from isorig.analysis.spectra.noise import noise_levels, rests
@@ -81,7 +82,7 @@ def spectra_of(model: RigModel, campaign: Campaign) -> tuple[Spectrum, ...]:
 
 
 def spectrum_of(model: RigModel, run: Run, noise: Mapping[str, float]) -> Spectrum | None:
-    """Spectra of a run up to its first gap; None if it begins with one, or has no driven frequency.
+    """Spectra of a run up to its first gap; None if that comes too early for a fit, or no frequency is driven.
 
     Parameters
     ----------
@@ -93,7 +94,7 @@ def spectrum_of(model: RigModel, run: Run, noise: Mapping[str, float]) -> Spectr
         Standard deviation of the channels' sensor noise.
     """
     samples = min((gap.first_tick for gap in run.gaps), default=len(run))
-    if samples == 0:
+    if samples < SHORTEST:
         return None
     frequency = np.fft.rfftfreq(samples, 1.0 / run.sample_rate)
     low, high = run.band or (0.0, 0.5 * run.sample_rate)
@@ -182,6 +183,11 @@ def _solved(matrix: ComplexArray, side: ComplexArray) -> ComplexArray:
     return work[:, n:]
 
 
+def pushes_of(model: RigModel) -> FloatArray:
+    """Force on each body per unit of each drive's channel, shape (bodies, drives)."""
+    return np.array([[d.pushes.get(b.name, 0.0) * d.factor for d in model.drives] for b in model.bodies])
+
+
 class LinearRig:
     """The frequency response of a rig's linear part in one configuration, as a function of its parameters."""
 
@@ -200,15 +206,18 @@ class LinearRig:
         )
         self._imposed = imposed_coordinates(model, self._basis)
         self._loose = np.setdiff1d(np.arange(self._basis.shape[1]), list(self._imposed.values()))
-        self._pushes = np.array([[d.pushes.get(b.name, 0.0) * d.factor for d in model.drives] for b in model.bodies])
+        self._pushes = pushes_of(model)
         # What each body, link and lock adds to the matrices of the free coordinates.
         along = self._links @ self._basis
         self._of_body = self._basis[:, :, None] * self._basis[:, None, :]
         self._of_link = along[:, :, None] * along[:, None, :]
         self._of_lock = [(self._basis.T @ matrix @ self._basis)[..., None] for matrix in (self._damping, self._stiffness)]
 
-    def free_motion(self, omega: FloatArray, values: Parameters) -> FreeMotion:
-        """The motion without dampers in the contacts; `omega` in rad/s, shape (frequencies,) or (sets, frequencies)."""
+    def free_motion(self, omega: FloatArray, values: Parameters, pushes: FloatArray | None = None) -> FreeMotion:
+        """The motion without dampers in the contacts; `omega` in rad/s, shape (frequencies,) or (sets, frequencies).
+
+        `pushes` are the forces on the bodies per unit of each drive's channel, shape (bodies, drives, sets); None: as described.
+        """
         s, shape = 1j * omega, (values.mass.shape[1], omega.shape[-1])
         mass = np.tensordot(self._of_body, values.mass, (0, 0))[..., None]
         damping, stiffness = (
@@ -223,7 +232,9 @@ class LinearRig:
             if drive.imposes is not None:
                 z[self._imposed[drive.imposes], k] = 1.0 / s ** MOTION.get(drive.quantity, 0)
         held, loose = list(self._imposed.values()), self._loose
-        side = np.concatenate([self._basis.T @ self._pushes, across.T], axis=1)[loose][..., None, None]
+        pushed = np.tensordot(self._basis.T, self._pushes[..., None] if pushes is None else pushes, 1)
+        of_contacts = np.broadcast_to(across.T[..., None], (*across.T.shape, pushed.shape[-1]))
+        side = np.concatenate([pushed, of_contacts], axis=1)[loose][..., None]
         given: ComplexArray = np.einsum("ph...,hk...->pk...", force[loose][:, held], z[held])
         z[loose] = _solved(force[loose][:, loose], side - given)
         x, velocity = np.tensordot(self._basis, z, 1), np.tensordot(across, z, 1) * s

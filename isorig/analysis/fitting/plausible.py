@@ -20,7 +20,7 @@ from isorig.analysis.errors import ModelError, SimulationError
 from isorig.analysis.fitting.linear_spectra import Spectrum, spectra_of
 from isorig.analysis.fitting.resonances import Resonance, resonance
 from isorig.analysis.fitting.swapped import swapped_channels
-from isorig.analysis.fitting.wrong_scale import LINEAR, WrongScale, wrong_scale
+from isorig.analysis.fitting.wrong_scale import ELSEWHERE, LINEAR, WrongScale, wrong_scale
 from isorig.analysis.model.drafted import drafted
 from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.model.rig_model import RigModel
@@ -72,9 +72,9 @@ class Doubt:
         Its path in the model, or drive, sensors or channels with the channel's name, or sample_rate; several are joined by "+".
     kind
         "drafted": the records contradict values that are still those of a draft; "swapped": two channels or masses are exchanged;
-        "place": a sensor is on another body; "clock": its samples have another rate; "sign": inverted; "derivative": another
-        derivative of the motion; "unit": different by a unit conversion factor; "decade": different by another factor, of three
-        or more for records and ten or more for fitted values; "limit": at a bound.
+        "place": a sensor or a drive is on another body; "clock": its samples have another rate; "sign": inverted; "derivative":
+        another derivative of the motion; "unit": different by a unit conversion factor; "decade": different by another factor, of
+        three or more for records and ten or more for fitted values; "limit": at a bound.
     ratio
         Fitted divided by given, or recorded by predicted; for drafted values and a sample rate that of the largest resonance; for
         a given value that the records contradict, given divided by likely; for a limit the value divided by it, for swapped
@@ -269,7 +269,7 @@ def _of_scale(given: RigModel, found: WrongScale, units: Mapping[str, str], spec
             text=f"{text} about {found.ratio:.3g} times what the records show, the factor between {other} and {si}: give "
             f"{'it' if len(paths) == 1 else 'them'} in {si} in the description.",
         )  # fmt: skip
-    if found.kind in ("place", "exchange", "derivative"):
+    if found.kind in (*ELSEWHERE, "derivative"):
         return _of_derivative(given, found, spectra) if found.kind == "derivative" else _of_place(given, found)
     paths, channels = _suspects(given, found)
     near = [text for name, ratio in channels.items() for text in _near(_quantity(given, name), name, ratio, units.get(name))]
@@ -294,13 +294,20 @@ def _of_scale(given: RigModel, found: WrongScale, units: Mapping[str, str], spec
 def _of_place(given: RigModel, found: WrongScale) -> Doubt:
     assert found.left is not None
     before, after = (f"{100.0 * share:.2g} %" for share in found.left)
-    if found.kind == "place":
-        (name,) = found.names
+    if found.kind != "exchange":
+        rank, verb = ("drive", "act") if found.kind == "pushed" else ("sensors", "be")
+        own = {drive.channel: " and ".join(drive.pushes) for drive in given.drives}
+        own |= {sensor.channel: sensor.body or "" for sensor in given.sensors}
+        bodies = found.bodies if len(found.names) > 1 else [" or ".join(found.bodies)]
+        places = [
+            f"{name} seems to {verb} on {body} instead of {own[name]}" for name, body in zip(found.names, bodies, strict=True)
+        ]
+        # A single response is the same with drive and sensor exchanged (reciprocity).
+        both = "the places of sensor and drive, and their bodies" if len(given.sensors) == 1 else "the place, and the body"
         return Doubt(
-            parameter=f"sensors.{name}", kind="place", ratio=1.0,
-            text=f"{name} seems to be on {' or '.join(found.bodies)} instead of {given.sensor(name).body}: there, the linear rig "
-            f"leaves about {after} of its power unexplained instead of {before}; check the place of the sensor, and its body in "
-            "the description.",
+            parameter="+".join(f"{rank}.{name}" for name in found.names), kind="place", ratio=1.0,
+            text=f"{' and '.join(places)}: there, the linear rig leaves about {after} of the power unexplained instead of "
+            f"{before}; check {both} in the description.",
         )  # fmt: skip
     masses = " and ".join(f"{given.body(name).mass:.4g}" for name in found.names)
     unit = unit_of(f"bodies.{found.names[0]}.mass", given)

@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 
 from isorig.analysis.campaign import MOTION, BoolArray, ComplexArray, FloatArray, IntArray, Quantity
-from isorig.analysis.fitting.linear_spectra import LinearRig, Spectrum, dampers, friction_level, given_parameters
+from isorig.analysis.fitting.linear_spectra import LinearRig, Spectrum, dampers, friction_level, given_parameters, pushes_of
 from isorig.analysis.fitting.resonances import Resonance, resonance
 from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.model.rig_model import GROUND, RigModel, direction
@@ -50,6 +50,8 @@ TURNED = 0.5
 #: falls by `PRICE`; and mean correlation of every record with its prediction from which the phases agree with that. Chosen: of 69
 #: rigs as described, half of them with a cause, none costs less by more than 1.0 with such a mistake.
 REPAIRED, AGREES = 1.0 / 3.0, 0.7
+#: Mistakes after which bodies are not where they are described: these are judged by the phases, too.
+ELSEWHERE = ("place", "pushed", "exchange")
 #: Masses that differ by less than this factor are not exchanged: a description may be a quarter off, either way.
 UNLIKE = 1.6
 #: Runs compared: those with the largest level of each configuration.
@@ -78,7 +80,8 @@ class WrongScale:
     kind
         "responses": all responses compared with the drive; "sensor"; "drive": one of several drives; "stiffness"; "mass";
         "rate": the sample rate; "sign": inverted records; "derivative": records of another derivative of the motion;
-        "place": a sensor on another body; "exchange": the masses of two bodies.
+        "place": a sensor on another body, or two on each other's; "pushed": a drive that acts on another body; "exchange": the
+        masses of two bodies.
     names
         The channels, links or bodies; all responses or the only drive for "responses", nothing for "rate".
     ratio
@@ -87,13 +90,16 @@ class WrongScale:
     derivative
         Number of time derivatives of the records minus that of the given rig's sensors or drive.
     bodies
-        The body on which a sensor is, followed by others for which that is hardly less likely.
+        The body on which a sensor is, followed by others for which that is hardly less likely; those of two sensors; the body on
+        which a drive acts.
     left
-        Share of power that the rig does not explain, of the sensor's record as described and on the other body, or of all records
-        with the masses as given and exchanged; None for all other mistakes.
+        Share of power that the rig does not explain, of the sensors' records as described and on the other bodies, or of all
+        records with a drive, or the masses, as given and otherwise; None for all other mistakes.
     """
 
-    kind: Literal["responses", "sensor", "drive", "stiffness", "mass", "rate", "sign", "derivative", "place", "exchange"]
+    kind: Literal[
+        "responses", "sensor", "drive", "stiffness", "mass", "rate", "sign", "derivative", "place", "pushed", "exchange"
+    ]  # fmt: skip
     names: tuple[str, ...]
     ratio: float
     derivative: int = 0
@@ -104,15 +110,16 @@ class WrongScale:
 @dataclass(frozen=True)
 class _Explanation:
     # What is wrong, and its factor; a continuous one is fitted if None. Indices of sensors, drives, links or bodies. Records with
-    # further time derivatives are those of sensors, or of drives if `driven`; `body` is the one on which a sensor is ("place").
+    # further time derivatives are those of sensors, or of drives if `driven`; `bodies` are those on which the sensors are
+    # ("place"), or on which the drive acts ("pushed").
     kind: Literal[
-        "sound", "responses", "sensor", "drive", "stiffness", "mass", "rate", "sign", "derivative", "place", "exchange"
+        "sound", "responses", "sensor", "drive", "stiffness", "mass", "rate", "sign", "derivative", "place", "pushed", "exchange"
     ]  # fmt: skip
     places: tuple[int, ...] = ()
     factor: float | None = 1.0
     derivative: int = 0
     driven: bool = False
-    body: int = -1
+    bodies: tuple[int, ...] = ()
 
 
 def wrong_scale(given: RigModel, spectra: Sequence[Spectrum]) -> tuple[WrongScale | None, FloatArray]:
@@ -148,7 +155,7 @@ def wrong_scale(given: RigModel, spectra: Sequence[Spectrum]) -> tuple[WrongScal
         shown = resonance(given, spectra) if any(each.kind == "rate" for each in likely[:FITTED]) else None
         for each, (cost, here) in zip(likely, compared.fitted(likely[:FITTED], settled), strict=False):
             far = cost + PRICE < sound
-            if each.kind in ("place", "exchange"):
+            if each.kind in ELSEWHERE:
                 enough = compared.repairs(each, here, described, far=far)
             else:
                 enough = far or _confirmed(each, shown) or compared.agree(each, cost, here)
@@ -169,16 +176,16 @@ def wrong_scale(given: RigModel, spectra: Sequence[Spectrum]) -> tuple[WrongScal
     channels, drives = [sensor.channel for sensor in given.sensors], [drive.channel for drive in given.drives]
     names = {
         "sensor": channels, "responses": channels, "sign": channels, "drive": drives,
-        "derivative": drives if best.driven else channels, "place": channels, "exchange": [b.name for b in given.bodies],
+        "derivative": drives if best.driven else channels, "place": channels, "pushed": drives,
+        "exchange": [b.name for b in given.bodies],
         "stiffness": [link.name for link in given.links], "mass": [body.name for body in given.bodies],
     }  # fmt: skip
     assert best.kind != "sound"
     wrong = tuple(names.get(best.kind, [])[k] for k in best.places)
-    placed = best.kind == "place"
     return WrongScale(
         kind=best.kind, names=wrong, ratio=ratio, derivative=best.derivative,
-        bodies=compared.bodies(best, least, settled) if placed else (),
-        left=(compared.left(best, *described), compared.left(best, best, found)) if placed or best.kind == "exchange" else None,
+        bodies=compared.bodies(best, least, settled),
+        left=(compared.left(best, *described), compared.left(best, best, found)) if best.kind in ELSEWHERE else None,
     ), agreement  # fmt: skip
 
 
@@ -204,7 +211,15 @@ def _explanations(given: RigModel) -> Iterator[_Explanation]:
     heavy = [k for k, body in enumerate(given.bodies) if body.name not in given.imposed]
     factor = None if "drive.factor" in given.free else 1.0
     yield from _derivatives(given, alike, factor)
-    yield from (_Explanation("place", (k,), factor, body=body) for k, body in _elsewhere(given))
+    elsewhere = list(_elsewhere(given))
+    yield from (_Explanation("place", (k,), factor, bodies=(body,)) for k, body in elsewhere)
+    own = [next((k for k, body in enumerate(given.bodies) if body.name == sensor.body), -1) for sensor in given.sensors]
+    # Of one quantity they would be swapped cables.
+    yield from (
+        _Explanation("place", (k, j), factor, bodies=(own[j], own[k])) for k, j in combinations(sensors, 2)
+        if given.sensors[k].quantity != given.sensors[j].quantity and {(k, own[j]), (j, own[k])} <= {*elsewhere}
+    )  # fmt: skip
+    yield from (_Explanation("pushed", (k,), factor, bodies=(body,)) for k, body in _pushed(given))
     yield from (
         _Explanation("exchange", pair, factor) for pair in combinations(range(len(given.bodies)), 2) if _unlike(given, *pair)
     )
@@ -232,6 +247,15 @@ def _elsewhere(given: RigModel) -> Iterator[tuple[int, int]]:
             motion = given.body(sensor.body).motion
             for j, body in enumerate(given.bodies):
                 if body.motion == motion and body.name not in (sensor.body, sensor.relative_to, *given.imposed):
+                    yield k, j
+
+
+def _pushed(given: RigModel) -> Iterator[tuple[int, int]]:
+    # Indices of a drive that acts on one body, and of a body on which it may act instead.
+    for k, drive in enumerate(given.drives):
+        for name in drive.pushes if len(drive.pushes) == 1 else ():
+            for j, body in enumerate(given.bodies):
+                if body.motion == given.body(name).motion and body.name not in (name, *given.imposed):
                     yield k, j
 
 
@@ -369,18 +393,21 @@ class _Compared:
     def repairs(
         self, explanation: _Explanation, theta: FloatArray, described: tuple[_Explanation, FloatArray], *, far: bool
     ) -> bool:  # fmt: skip
-        """Whether a sensor on another body, or exchanged masses, make the records agree in phase, and leave little of their power
-        that the rig as `described` does not explain; the latter is not needed if the cost falls by `far`."""
+        """Whether a sensor or a drive on another body, or exchanged masses, make the records agree in phase, and leave little of
+        their power that the rig as `described` does not explain; the latter is not needed if the cost falls by `far`."""
         less = self.left(explanation, explanation, theta) <= REPAIRED * self.left(explanation, *described)
         return (far or less) and bool(self.correlation(explanation, theta).min() >= AGREES)
 
     def bodies(self, place: _Explanation, cost: float, settled: FloatArray) -> tuple[str, ...]:
-        """The body on which a sensor is at this cost, followed by those that move alike: it is hardly less likely on them."""
-        (k,) = place.places
-        others = [body for sensor, body in _elsewhere(self._given) if sensor == k and body != place.body]
-        fits = self.fitted([replace(place, body=body) for body in others], settled)
+        """The bodies of a wrong place at this cost; of one sensor or drive followed by those with which it is hardly less likely,
+        as they move alike."""
+        others = []
+        if len(place.bodies) == 1:
+            every = _elsewhere(self._given) if place.kind == "place" else _pushed(self._given)
+            others = [body for k, body in every if (k,) == place.places and (body,) != place.bodies]
+        fits = self.fitted([replace(place, bodies=(body,)) for body in others], settled)
         near = [body for body, fit in zip(others, fits, strict=True) if fit[0] < cost + MARGIN]
-        return tuple(self._given.bodies[body].name for body in (place.body, *near))
+        return tuple(self._given.bodies[body].name for body in (*place.bodies, *near))
 
     def left(self, mistake: _Explanation, explanation: _Explanation, theta: FloatArray) -> float:
         """Share of power that an explanation with these parameters leaves, on average over the records that a mistake is about:
@@ -424,7 +451,7 @@ class _Compared:
         }  # fmt: skip
         if explanation.kind in ("mass", "stiffness", "drive"):
             rows[explanation.kind][places] = -log_factor
-        elif explanation.kind in ("responses", "derivative", "place"):
+        elif explanation.kind in ("responses", "derivative", "place", "pushed"):
             rows["drive"] += log_factor
         elif explanation.kind == "sensor":
             rows["sensor"][places] = log_factor
@@ -432,16 +459,16 @@ class _Compared:
             rows["drive"] += log_factor
             masses = [given.bodies[k].mass for k in places]
             rows["mass"][places] = np.log(np.array(masses[::-1]) / masses)[:, None]
-        bodies = np.full((len(given.sensors), count), -1)
-        if explanation.kind == "place":
-            bodies[places] = explanation.body
+        bodies, pushed = np.full((len(given.sensors), count), -1), np.full((len(given.drives), count), -1)
+        if explanation.bodies:
+            (bodies if explanation.kind == "place" else pushed)[places] = np.array(explanation.bodies)[:, None]
         orders, driven_orders = np.zeros((len(given.sensors), count)), np.zeros((len(given.drives), count))
         (driven_orders if explanation.driven else orders)[places if explanation.derivative else []] = explanation.derivative
         rates = log_factor if explanation.kind == "rate" else np.zeros(count)
         return _Sets(
             thetas=thetas[: len(self._usual)], mass=rows["mass"], stiffness=rows["stiffness"], drives=rows["drive"],
             sensors=rows["sensor"], rates=rates, orders=orders, driven_orders=driven_orders,
-            bodies=bodies,
+            bodies=bodies, pushed=pushed,
         )  # fmt: skip
 
     def _places(self, sets: _Sets) -> FloatArray | None:
@@ -456,6 +483,17 @@ class _Compared:
             found[k, :, one] = direction(given, body, sensor.relative_to, sensor.arms)
         return found
 
+    def _pushes(self, sets: _Sets) -> FloatArray | None:
+        # Forces on the bodies per unit of each drive, shape (bodies, drives, sets); None if all act as described.
+        if (sets.pushed < 0).all():
+            return None
+        found = np.repeat(pushes_of(self._given)[:, :, None], sets.count, axis=2)
+        for k, one in zip(*np.nonzero(sets.pushed >= 0), strict=True):
+            force = found[:, k, one].sum()
+            found[:, k, one] = 0.0
+            found[sets.pushed[k, one], k, one] = force
+        return found
+
     def _responses(self, sets: _Sets) -> Iterator[ComplexArray]:
         # Of every run, per unit of each drive's recorded value.
         given = self._values
@@ -466,11 +504,11 @@ class _Compared:
             given, mass=given.mass * change[:b] * np.exp(sets.mass), damping=given.damping * change[b + k : b + 2 * k],
             stiffness=given.stiffness * change[b : b + k] * np.exp(sets.stiffness),
         )  # fmt: skip
-        drives, places = np.exp(sets.drives), self._places(sets)
+        drives, places, pushes = np.exp(sets.drives), self._places(sets), self._pushes(sets)
         for spectrum in self._spectra:
             rig = self._rigs[spectrum.run.configuration]
             omega = spectrum.omega / np.exp(sets.rates)[:, None] if sets.rates.any() else spectrum.omega
-            free = rig.free_motion(omega, values)
+            free = rig.free_motion(omega, values, pushes)
             if sets.driven_orders.any():
                 # The true motion of the drive is that of its record divided by s, for each further derivative.
                 true = (1j * spectrum.omega) ** -sets.driven_orders[..., None]
@@ -486,7 +524,7 @@ class _Compared:
 class _Sets:
     # Sets of parameters in columns: logarithms of the changes of given values, and of the factors of an explanation on masses,
     # stiffnesses, drives, records and the sample rate; further derivatives of the records and of the drives;
-    # the body of each sensor, -1 as described.
+    # the body of each sensor, and that on which each drive acts, -1 as described.
     thetas: FloatArray
     mass: FloatArray
     stiffness: FloatArray
@@ -496,6 +534,7 @@ class _Sets:
     orders: FloatArray
     driven_orders: FloatArray
     bodies: IntArray
+    pushed: IntArray
 
     @property
     def count(self) -> int:

@@ -710,7 +710,9 @@ def _unique(names: list[str], kind: str) -> None:
 def _known(names: list[str], used: tuple[str, ...], where: str) -> None:
     for name in used:
         if name != GROUND and name not in names:
-            raise ModelError(f"{where} names body {name!r}, which does not exist{did_you_mean(name, names)}; the rig has {names}")
+            raise ModelError(
+                f"{where} names body {name!r}, which does not exist{did_you_mean(name, names)}; the rig has {', '.join(names)}"
+            )
 
 
 # msgspec compiles the decoder of a type at first use, which crashes if two threads do so at once: done here, by one thread.

@@ -13,11 +13,18 @@ ENDS = (0.01, 0.99)
 
 
 def wrong_bands(campaign: Campaign, drive: str) -> list[str]:
-    """A sentence for each run with a stated band in which its drive, recorded in the channel `drive`, has hardly any power."""
+    """A sentence for each run whose stated band is beyond its sample rate, or has hardly any power of its drive, recorded in the
+    channel `drive`."""
     found = []
     for run in campaign.runs:
         # A run without a period of the band has no spectrum in it.
         if run.band is None or drive not in run.channels or run.duration * run.band[1] < 1.0:
+            continue
+        if run.band[1] > run.sample_rate / 2.0:
+            found.append(
+                f"Run {run.id!r} states a band up to {run.band[1]:g} Hz, but {run.sample_rate:g} samples/s contain "
+                f"only frequencies up to {run.sample_rate / 2.0:g} Hz: correct the band, or the sample rate in the mapping."
+            )
             continue
         values = run.read(drive)
         power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2

@@ -29,6 +29,8 @@ FEWEST = 1.5
 #: Share of the largest power density of a drive below which a frequency is not driven, and below which it is driven too weakly
 #: for the coherence to be judged. Chosen.
 DRIVEN, WELL_DRIVEN = 1e-4, 1e-2
+#: Bins on each side of a line that a Hann window's main lobe reaches.
+LOBE = 2
 #: Arrays over frequency of a transfer function, other than the frequencies themselves.
 FRF_ROWS = ("value", "coherence", "magnitude_std", "phase_std", "multiple_coherence")
 
@@ -167,10 +169,14 @@ class Spectra:
         return self.channels.index(channel)
 
     def extent(self, channel: str) -> tuple[float, float]:
-        """The lowest and the highest frequency at which a channel has power, Hz; not zero and its neighbour, where means leak."""
+        """The lowest and the highest frequency at which a channel has power, Hz; not zero and its neighbour, where means leak,
+        nor the bins next to its band, into which the window leaks."""
         frequency, density = self.frequency[2:], self.density(channel)[2:]
-        driven = frequency[density >= DRIVEN * density.max()]
-        return float(driven[0]), float(driven[-1])
+        driven = np.flatnonzero(density >= DRIVEN * density.max())
+        first, last = int(driven[0]), int(driven[-1])
+        inside = first + LOBE * (first > 0), last - LOBE * (last < len(density) - 1)
+        low, high = frequency[list(inside if inside[0] < inside[1] else (first, last))]
+        return float(low), float(high)
 
     def frf(self, response: str, reference: str, estimator: Estimator = "H1") -> Frf:
         """The transfer function from `reference` to `response` with a single drive: `frfs` of one reference."""

@@ -6,10 +6,10 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from isorig.rig.options import Output
+from isorig.rig.options import OutputFolder
 
 
-def characterize(campaign: Path, *, output: Output, model: str | None = None) -> None:
+def characterize(campaign: Path, *, output: OutputFolder, model: str | None = None) -> None:
     """Fit a rig's free parameters to all runs, and write the parameter table with standard uncertainties.
 
     For the wire bonder these are masses, frequencies, damping ratios and friction, and the values from the thesis's method for
@@ -33,7 +33,7 @@ def characterize(campaign: Path, *, output: Output, model: str | None = None) ->
     from rich.console import Console
 
     from isorig.analysis.spectra.quality import fault_sentences
-    from isorig.analysis.wording import of_signal, with_std
+    from isorig.analysis.wording import of_signal, sized
     from isorig.rig.files.output import write_text
     from isorig.rig.files.parameter_table import characterize_campaign, drive_levels, write_characterization
     from isorig.rig.files.recording import read
@@ -41,7 +41,7 @@ def characterize(campaign: Path, *, output: Output, model: str | None = None) ->
     from isorig.rig.model.baseline import CHECK_FIRST
     from isorig.rig.process.terminal import show_table
     from isorig.rig.report.measurement import fits_page
-    from isorig.rig.report.sections import number
+    from isorig.rig.report.sections import with_unit
     from isorig.rig.wire_bonder.set_ups_page import set_ups_content, write_set_ups
 
     measured = read(campaign)
@@ -59,17 +59,17 @@ def characterize(campaign: Path, *, output: Output, model: str | None = None) ->
     # A note that applies to several values is printed once.
     common = next((note for note, count in Counter(e.note for e in table.values() if e.note).most_common(1) if count > 1), "")
     rows = [
-        (name, number(e.value, 6), number(e.uncertainty, 2), e.unit, e.method, "*" if e.note and e.note == common else e.note)
+        (name, with_unit(e.value, e.unit, e.uncertainty), e.method, "*" if e.note and e.note == common else e.note)
         for name, e in table.items()
     ]
     for doubt in found.doubts:
         print(f"{CHECK_FIRST} {doubt.text}")
     title = f"{campaign.name}: held-out error {of_signal(found.error)}, noise alone {found.noise_alone}"
-    show_table(title, ("parameter", "value", "std", "unit", "method", "note"), rows)
+    show_table(title, ("parameter", "value ± std", "method", "note"), rows)
     if common:
         print(f"* {common}")
     for level in drive_levels(measured, found.fit.model.drive.channel):
-        size = f"{with_std(level.value, level.std)} {level.unit}"
+        size = sized(level.value, level.unit, level.std)
         print(f"drive at gain {level.gain:g}, {level.excitation}: {level.measure} {size}")
     if not found.calibrated:
         print("The recording has no calibration_std, so the uncertainties do not include the calibration of the sensors.")

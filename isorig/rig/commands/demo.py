@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from isorig.rig.options import Output
+from isorig.rig.options import OutputFolder
 
 
-def demo(*, output: Output = Path("demo-out"), seed: int = 1, investigate: bool = False) -> None:
+def demo(*, output: OutputFolder = Path("demo-out"), seed: int = 1, investigate: bool = False) -> None:
     """Measure a virtual rig through a real port, then analyse the recording: transfer functions, parameters, isolation, cause.
 
     The rig has the thesis's parameters, 20 N of friction and a head of 6.5 kg. A simulated instrument on a pseudo-terminal plays
@@ -41,7 +41,7 @@ def demo(*, output: Output = Path("demo-out"), seed: int = 1, investigate: bool 
     from isorig.rig.files.recording import read
     from isorig.rig.process.terminal import show_table
     from isorig.rig.report.measurement import measurement_page
-    from isorig.rig.report.sections import number
+    from isorig.rig.report.sections import with_unit
     from isorig.rig.virtual.demo import PLAN, Clock, virtual_instrument
 
     clock = Clock()
@@ -73,8 +73,8 @@ def demo(*, output: Output = Path("demo-out"), seed: int = 1, investigate: bool 
     outcome = diagnose_file(recording, output / "diagnosis", "linear")
     from isorig.rig.wire_bonder.description import THESIS
 
-    rows = [(name, number(e.value), number(e.std, 2), e.unit, number(THESIS[name], 4)) for name, e in found.table.items()]
-    show_table("Parameters compared with the thesis's", ("parameter", "value", "std", "unit", "thesis"), rows)
+    rows = [(name, with_unit(e.value, e.unit, e.std), with_unit(THESIS[name], e.unit)) for name, e in found.table.items()]
+    show_table("Parameters compared with the thesis's", ("parameter", "value ± std", "thesis"), rows)
     results = [
         ("held-out error of the simulation with friction", f"{100 * found.error:.2g} %"),
         ("noise alone", found.noise_alone),
@@ -84,6 +84,6 @@ def demo(*, output: Output = Path("demo-out"), seed: int = 1, investigate: bool 
         ("tables and figures", f"{output / 'frf'}, {output / 'isolation'}, {output / 'parameters.csv'}"),
         ("report of the measurement", str(page)),
         ("report of the diagnosis", str(output / "diagnosis" / "report.html")),
-        ("seconds", f"{clock.seconds:.0f}"),
+        ("time", f"{clock.seconds:.0f} s"),
     ]
     show_table("Summary", ("what", "result"), results)

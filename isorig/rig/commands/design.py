@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from isorig.rig.choices import Method
-from isorig.rig.options import Output
+from isorig.rig.options import OutputFolder
 
 #: Largest number of points and of draws.
 MOST = 100_000
@@ -14,7 +14,7 @@ MOST = 100_000
 def design(
     plan: Path,
     *,
-    output: Output,
+    output: OutputFolder,
     model: str | None = None,
     parameters: Path | None = None,
     method: Method = "joint",

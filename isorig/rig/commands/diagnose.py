@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from isorig.rig.choices import TIME_LIMIT, Baseline
-from isorig.rig.options import Output
+from isorig.rig.options import OutputFolder
 
 if TYPE_CHECKING:
     from isorig.rig.diagnose.many import CampaignOutcome
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 def diagnose(
     *campaigns: Path,
-    output: Output,
+    output: OutputFolder,
     baseline: Baseline = "coulomb",
     tolerance: float = 0.0,
     seconds: float = TIME_LIMIT,

@@ -7,7 +7,7 @@ from math import log10
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from isorig.rig.options import Output
+from isorig.rig.options import OutputFolder
 
 if TYPE_CHECKING:
     from isorig.analysis.campaign import Campaign
@@ -28,7 +28,7 @@ AS_THEY_ARE = "These are transfer functions of another program, written as they 
 def frf(
     campaign: Path,
     *others: Path,
-    output: Output,
+    output: OutputFolder,
     reference: tuple[str, ...] = (),
     response: tuple[str, ...] = (),
     resolution: float = 0.25,

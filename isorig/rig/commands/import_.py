@@ -66,7 +66,9 @@ def import_(
         for run in campaign.runs:
             if run.gaps:
                 lost = sum(gap.count for gap in run.gaps)
-                print(f"run {run.id!r}: the file has no value of {lost} samples; they are kept as {len(run.gaps)} gaps")
+                print(
+                    f"run {run.id!r}: samples without a value in the file: {lost}, in gaps: {len(run.gaps)}; they count as lost"
+                )
             if run.repeat_of is not None:
                 print(f"run {run.id!r} has the drive of run {run.repeat_of!r} and is stored as its repeat")
         # The recording orders its runs; rig check reports the same one of them.

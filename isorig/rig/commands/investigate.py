@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from isorig.rig.choices import TIME_LIMIT, Baseline
-from isorig.rig.options import Output
+from isorig.rig.options import OutputFolder
 
 
 def investigate(
     plan: Path,
     *,
-    output: Output,
+    output: OutputFolder,
     port: str | None = None,
     limits: Path | None = None,
     baseline: Baseline = "coulomb",

@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from isorig.rig.choices import Method
-from isorig.rig.options import Output
+from isorig.rig.options import OutputFolder
 
 
 def isolation(
     campaign: Path,
     *,
-    output: Output,
+    output: OutputFolder,
     model: Path | None = None,
     parameters: Path | None = None,
     method: Method | None = None,

@@ -7,7 +7,7 @@ from math import isclose
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from isorig.rig.options import Output
+from isorig.rig.options import OutputFolder
 
 if TYPE_CHECKING:
     from isorig.analysis.campaign import Run
@@ -20,7 +20,7 @@ def modes(
     campaign: Path,
     *,
     band: tuple[float, float],
-    output: Output,
+    output: OutputFolder,
     configuration: str | None = None,
     gain: float | None = None,
     reference: tuple[str, ...] = (),

@@ -57,8 +57,8 @@ def next_(
         raise RigError("no diagnosis was given; give a folder that rig diagnose -o wrote")
     if not 0.0 < seconds < float("inf"):
         raise RigError(f"--seconds is {seconds:g}; give the maximum seconds of measuring, e.g. 60")
-    if output.suffix == ".html":
-        raise RigError(f"-o is {output}, which is the name of the page; give the plan a name that ends in .toml")
+    if output.suffix != ".toml":
+        raise RigError(f"-o is {output}, but it names the plan; give it a name that ends in .toml, e.g. next.toml")
     found = [read_rivals(folder) for folder in diagnoses]
     own = None if plan is None else read_plan(plan, runs=False)
     if own is not None and own.instrument.analyzer:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from isorig.rig.options import Output
+from isorig.rig.options import OutputFolder
 
 
-def report(campaign: Path, *, output: Output, history: tuple[Path, ...] = ()) -> None:
+def report(campaign: Path, *, output: OutputFolder, history: tuple[Path, ...] = ()) -> None:
     """Write one page about a recording, for readers who were not present.
 
     It has the runs, transfer functions with coherence, parameters, measured and simulated records, for the wire bonder the

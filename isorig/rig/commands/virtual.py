@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import closing
 from pathlib import Path
 from typing import Literal
 
@@ -146,6 +147,7 @@ def instrument(
     from isorig.rig.acquire.simulated_instruments import far_end
     from isorig.rig.errors import RigError
     from isorig.rig.files.rigfile import read_model
+    from isorig.rig.process.interrupts import ended_by_signals
     from isorig.rig.wire_bonder.description import wire_bonder
     from isorig.rig.wire_bonder.effects import hidden_in
 
@@ -160,7 +162,7 @@ def instrument(
         kind, rig, noise=noise, seed=seed, speed=speed, seconds=min(seconds, 600.0), faults=faults,
         hidden=hidden_in(rig, hide, size, seed),
     )  # fmt: skip
-    wire = TcpWire() if tcp else PtyWire()
-    print(wire.port, flush=True)
-    end = time.monotonic() + seconds
-    exchange(wire, peer, lambda: time.monotonic() > end)
+    with ended_by_signals(), closing(TcpWire() if tcp else PtyWire()) as wire:
+        print(wire.port, flush=True)
+        end = time.monotonic() + seconds
+        exchange(wire, peer, lambda: time.monotonic() > end)

@@ -73,10 +73,14 @@ def _answer(ask: Ask, question: str, use: Callable[[str], T]) -> T:
         try:
             return use(ask(question).strip())
         except EOFError:
-            raise PlanError(f"the answers end before the question {question.strip()!r}; answer all of them") from None
+            raise PlanError(f"the answers end before the question {_first_line(question)}; answer all of them") from None
         except (PlanError, ModelError) as error:
             print(f"  {error}")
-    raise PlanError(f"the question {question.strip()!r} has no usable answer after {TRIES} tries; nothing was written")
+    raise PlanError(f"the question {_first_line(question)} has no usable answer after {TRIES} tries; nothing was written")
+
+
+def _first_line(question: str) -> str:
+    return repr(question.strip().partition("\n")[0])
 
 
 def _bodies(text: str) -> dict[str, Body]:

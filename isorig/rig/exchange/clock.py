@@ -249,7 +249,7 @@ def even_rate(time: FloatArray, here: str, factor: float = 1.0, first: int = 0) 
         _blame_breaks(index, readings, here, first)
         raise RecordingError(
             f"{here} deviates by {stray[worst] / abs(period or 1.0):.2g} samples from an even grid at sample "
-            f"{first + index[worst]}; split the run where samples are missing, or resample it evenly"
+            f"{first + index[worst]}; split the run where rows are missing or repeated, or resample it evenly"
         )
     rate = 1.0 / period
     whole = max(round(rate), 1)

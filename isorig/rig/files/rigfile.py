@@ -16,6 +16,7 @@ from isorig.analysis.campaign import Campaign
 from isorig.analysis.errors import ModelError
 from isorig.analysis.given import given_path
 from isorig.analysis.model.rig_model import RigModel, from_tree, to_tree
+from isorig.analysis.wording import did_you_mean
 from isorig.rig.errors import PlanError
 from isorig.rig.files.inputs import TOML_MOST, content_of
 from isorig.rig.files.output import write_json
@@ -81,10 +82,11 @@ def read_rig(given: str | Path) -> GivenRig:
         return GivenRig(model=BUILT_IN[str(given)]())
     path = SHIPPED.get(str(given)) or given_path(given, "the rig")
     if path.suffix.lower() != ".toml":
-        if path.suffix.lower() != ".json" and not path.exists():
+        if path.suffix.lower() != ".json":
+            names = tuple(dict.fromkeys((*BUILT_IN, *SHIPPED)))
             raise PlanError(
-                f"{path} is not a rig; give {', '.join(dict.fromkeys((*BUILT_IN, *SHIPPED)))}, a .toml "
-                "description or a model.json"
+                f"{path} is not a rig{did_you_mean(str(given), names)}; give a description in .toml, a model.json that rig "
+                f"diagnose wrote, or one of {', '.join(names)}"
             )
         model, origin, fitted = read_model(path)
         return GivenRig(model=with_sensors(model, str(path)), origin=origin, fitted=fitted)

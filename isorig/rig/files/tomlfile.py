@@ -10,6 +10,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin
 
 import msgspec
 
+from isorig.analysis.model.refusals import KINDS
 from isorig.analysis.wording import did_you_mean
 from isorig.rig.errors import PlanError
 from isorig.rig.files.inputs import TOML_MOST, content_of
@@ -68,6 +69,11 @@ def _explained(text: str, parts: Collection[type[msgspec.Struct]]) -> str:
     where = place[1] if place else "the file"
     if unknown := re.match(r"Object contains unknown field (\S+)", text):
         return f"{where} has the key {unknown[1]!r}, which is unknown there{did_you_mean(unknown[1], fields)}"
+    if missing := re.match(r"Object missing required field (\S+)", text):
+        return f"{where} lacks the key {missing[1]!r}"
+    if wrong := re.match(r"Expected (.+), got (\w+)(?: - at|$)", text):
+        wanted, found = ([KINDS[kind][0] if kind in KINDS else kind for kind in kinds.split(" | ")] for kinds in wrong.groups())
+        return f"{where} is {found[0]}, but must be {' or '.join(wanted)}"
     words = _words(fields.get(where.rpartition(".")[2]))
     if words and (wrong := re.match(r"Invalid enum value '(.*)'", text)):
         return f"{where} is {wrong[1]!r}{did_you_mean(wrong[1], words)}; allowed are {', '.join(words)}"

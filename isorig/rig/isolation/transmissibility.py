@@ -18,6 +18,7 @@ from isorig.rig.files.rigfile import rig_of
 from isorig.rig.frf.figures import ratio_figure, save
 from isorig.rig.frf.transfer import Transfer, transfer_functions
 from isorig.rig.model.prediction import Model, measured_and_simulated
+from isorig.rig.report.sections import unit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,8 +82,8 @@ def transmissibility(
         found = transfer_functions(each, reference=reference, responses=[response], resolution=resolution)
         ratios += _ratios(name, found, configurations, campaign.source)
     units = [next(run.channels[name].unit for run in campaign.runs if name in run.channels) for name in (response, reference)]
-    unit = "1" if configurations[1] or units[0] == units[1] else f"{units[0]} per {units[1]}"
-    return Transmitted(reference=reference, response=response, configurations=configurations, unit=unit, ratios=ratios)
+    of = "1" if configurations[1] or units[0] == units[1] else f"{units[0]} per {units[1]}"
+    return Transmitted(reference=reference, response=response, configurations=configurations, unit=of, ratios=ratios)
 
 
 def _ratios(name: str, found: Sequence[Transfer], configurations: tuple[str, str], source: str) -> list[Ratio]:
@@ -119,7 +120,7 @@ def sentences(found: Transmitted) -> list[str]:
     said = [
         f"{r.name.capitalize()}: |{found.response} / {found.reference}|{compared} from {r.frequency[0]:.3g} to "
         f"{r.frequency[-1]:.3g} Hz at gain {r.gain:g} is {with_std(r.mean, r.mean_std)}"
-        f"{'' if found.unit == '1' else f' {found.unit}'} (rms over frequency)."
+        f"{'' if found.unit == '1' else f' {unit(found.unit)}'} (rms over frequency)."
         for r in found.ratios
     ]
     measured = {r.gain: r for r in found.ratios if r.name == "measured"}
@@ -156,5 +157,5 @@ def write_transmissibility(folder: Path, found: Transmitted) -> list[str]:
     write_json(folder / "isolation.json", content)
     curves = {f"{r.name}, gain {r.gain:g}": (r.frequency, r.value, r.std) for r in found.ratios}
     relative = f", {configuration} relative to {relative_to}" if relative_to else ""
-    save(ratio_figure(curves, f"|{found.response} / {found.reference}|{relative}", found.unit), folder / "isolation.png")
+    save(ratio_figure(curves, f"|{found.response} / {found.reference}|{relative}", unit(found.unit)), folder / "isolation.png")
     return said

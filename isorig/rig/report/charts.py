@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -17,6 +18,10 @@ Style = Literal["solid", "dash", "dot", "markers", "dots", "points", "bars"]
 SERIES: tuple[Role, ...] = ("first", "second", "third", "fourth", "fifth", "sixth")
 #: Maximum number of points in a trace: more cannot be displayed.
 MOST_POINTS = 1500
+#: Degrees by which a phase may exceed ±180: close to 180, noise alone makes it wrap again and again.
+BEYOND = 10.0
+#: What a panel of phases shows, degrees.
+PHASE_ENDS = (-180.0 - BEYOND, 180.0 + BEYOND)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,10 +120,18 @@ class Chart:
 
 
 def unjoined(degrees: FloatArray) -> FloatArray:
-    """A phase in degrees for drawing, shape (n,), with NaN where it wraps: no line is drawn there."""
-    wraps = np.flatnonzero(np.abs(np.diff(degrees)) > 180.0)
+    """A phase in degrees for drawing, shape (n,): a part up to `BEYOND` over ±180 continues its line; other wraps are NaN."""
     shown = degrees.copy()
-    shown[wraps] = np.nan
+    starts = np.flatnonzero(np.abs(np.diff(degrees)) > 180.0) + 1
+    turned = 0.0
+    for first, last in pairwise([*starts, len(degrees)]):
+        turned -= 360.0 * np.sign(degrees[first] - degrees[first - 1])
+        continued = degrees[first:last] + turned
+        if np.abs(continued).max() <= 180.0 + BEYOND:
+            shown[first:last] = continued
+        else:
+            shown[first - 1] = np.nan
+            turned = 0.0
     return shown
 
 

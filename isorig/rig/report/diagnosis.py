@@ -15,7 +15,7 @@ from isorig.analysis.diagnose.step import Curve, Step
 from isorig.analysis.equations.system import equations_of
 from isorig.analysis.fitting.score import Score
 from isorig.analysis.model.rig_model import Link, RigModel
-from isorig.analysis.wording import state, with_article
+from isorig.analysis.wording import in_per_cent, state, with_article
 from isorig.rig.files.findings import Findings, HeldValue
 from isorig.rig.report.charts import Chart, ChartTrace, Panel
 from isorig.rig.report.conclusion import KINDS, Conclusion, conclude
@@ -36,7 +36,7 @@ from isorig.rig.report.misfit import (
 )
 from isorig.rig.report.page import First, Report, Section, Table, build_report
 from isorig.rig.report.place import OVER, Over, force_chart, joint_of, marks, place_force
-from isorig.rig.report.sections import HOLD_OUT, number, parameters_table, provenance_section, runs_section, unbroken, words
+from isorig.rig.report.sections import HOLD_OUT, parameters_table, provenance_section, runs_section, unbroken, with_unit, words
 from isorig.rig.report.sketch import sketch
 
 EVIDENCE = (
@@ -198,9 +198,9 @@ def _named(step: Step, share: tuple[float, float, float], held: Mapping[str, Hel
             f"The closest catalogued form is {words(step.closest[0])}; it removes {100 * step.closest[1]:.3g} % of the excess "
             f"error, the free shape {100 * share[0]:.3g} %, so it is not named."
         )
-    values = [(words(name), number(v, 6), number(s, 2), u) for name, (v, s, u) in step.parameters.items()]
-    values += [(words(name), number(row.value, 6), "held", row.unit) for name, row in held.items()]
-    tables = [Table(columns=("parameter", "value", "std", "unit"), rows=values)] if values else []
+    values = [(words(name), with_unit(v, u, s)) for name, (v, s, u) in step.parameters.items()]
+    values += [(words(name), f"{with_unit(row.value, row.unit)} (held)") for name, row in held.items()]
+    tables = [Table(columns=("parameter", "value ± std"), rows=values)] if values else []
     # The form, or the kind if no form comes close to the free shape.
     what = words(step.cause) if step.form else f"{KINDS[step.kind]} of no catalogued form"
     return Section(title=f"Named: {what} ({step.location})", text=notes, tables=tables, charts=charts)
@@ -227,7 +227,7 @@ def curve_chart(place: str, curve: Curve) -> Chart:
 def _considered(diagnosis: Diagnosis) -> Section:
     rows = [
         (
-            words(item.cause), item.location, "" if item.holdout_error is None else number(item.holdout_error, 3),
+            words(item.cause), item.location, "" if item.holdout_error is None else in_per_cent(item.holdout_error),
             "" if item.share is None else f"{100 * max(item.share, 0.0):.3g} %", item.standing, item.why,
         )
         for item in diagnosis.considered

@@ -12,7 +12,7 @@ from isorig.analysis.errors import DataError
 from isorig.analysis.isolation.ratio import MOSTLY_STUCK
 from isorig.rig.acquire.run_check import incoherences
 from isorig.rig.frf.transfer import Transfer, transfer_functions
-from isorig.rig.report.charts import SERIES, Chart, ChartTrace, Panel, Role, Style, spread_over, unjoined
+from isorig.rig.report.charts import PHASE_ENDS, SERIES, Chart, ChartTrace, Panel, Role, Style, spread_over, unjoined
 from isorig.rig.report.page import Report, Section, build_report
 from isorig.rig.report.sections import per
 
@@ -127,7 +127,7 @@ def frf_chart(
         name=f"frf-{about.response}-over-{about.reference}", caption=f"{about.response} over {about.reference}.",
         panels=[
             Panel(label=f"|{about.response} / {about.reference}|\n{ratio}", log=True, height=2.0),
-            Panel(label="phase, °", ends=(-185.0, 185.0), step=90.0),
+            Panel(label="phase, °", ends=PHASE_ENDS, step=90.0),
             Panel(label="coherence", ends=(0.0, 1.02)),
         ],
         traces=traces, link="frequency", peaks=True,

@@ -8,13 +8,11 @@ from datetime import UTC, datetime
 from math import hypot
 from pathlib import Path
 
-import numpy as np
-
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose.estimate_pairs import doubles
 from isorig.analysis.diagnose.misfit import discrepancies
 from isorig.analysis.fitting.uncertainty import CALIBRATION
-from isorig.analysis.parameters.joint_fit import WEIGHED, Characterization, Entry
+from isorig.analysis.parameters.joint_fit import WEIGHED, Characterization
 from isorig.analysis.spectra.quality import fault_sentences
 from isorig.analysis.wording import of_signal, with_std
 from isorig.rig.files.parameter_table import ParameterFile
@@ -22,7 +20,7 @@ from isorig.rig.report.first import advice, first_screen
 from isorig.rig.report.frequency import isolation_of, transfer_section
 from isorig.rig.report.misfit import Named, Simulated, misfit_charts, scores_chart, simulated, time_charts
 from isorig.rig.report.page import Report, Section, Table, build_report
-from isorig.rig.report.sections import entries_table, number, provenance_section, runs_section, words
+from isorig.rig.report.sections import entries_table, number, provenance_section, runs_section, with_unit, words
 from isorig.rig.wire_bonder.description import THESIS
 
 PARAMETERS = (
@@ -110,25 +108,18 @@ def _parameter_table(campaign: Campaign, found: Characterization) -> Table:
     common = next((note for note, count in notes.most_common(1) if count > 1 and note != WEIGHED), "")
     rows = [
         (
-            words(name), number(e.value, _digits(e)), number(e.uncertainty, 2), e.unit, number(campaign.known.get(name), 4),
-            number(THESIS.get(name), 4), e.method,
+            words(name), with_unit(e.value, e.unit, e.uncertainty), with_unit(campaign.known.get(name), e.unit),
+            with_unit(THESIS.get(name), e.unit), e.method,
             "*" if common and e.note == common else e.note,
         )
         for name, e in (({"head_mass": found.head_mass} if found.head_mass else {}) | found.table).items()
     ]  # fmt: skip
-    spread = "std" if found.calibrated else "std (noise alone)"
+    value = "value ± std" if found.calibrated else "value ± std (noise alone)"
     return Table(
-        columns=("parameter", "value", spread, "unit", "known", "thesis", "method", "note"),
+        columns=("parameter", value, "known", "thesis", "method", "note"),
         rows=rows,
         caption=f"* {common[0].upper()}{common[1:]}." if common else "",
     )
-
-
-def _digits(entry: Entry) -> int:
-    # Two digits of the uncertainty are significant.
-    if not entry.value or not entry.std:
-        return 6
-    return int(np.clip(np.floor(np.log10(abs(entry.value))) - np.floor(np.log10(entry.std)) + 2, 2, 6))
 
 
 def _history(found: Characterization, history: Sequence[ParameterFile]) -> Section:

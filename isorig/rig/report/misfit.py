@@ -11,6 +11,7 @@ from isorig.analysis.campaign import FloatArray
 from isorig.analysis.fitting.score import Score
 from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.wording import sized_unit
 from isorig.rig.report.charts import Chart, ChartTrace, Panel, Role, spread_over
 from isorig.rig.report.sections import label, unit, words
 
@@ -88,14 +89,16 @@ def time_charts(trials: Sequence[Trial], models: Mapping[Named, Simulated]) -> l
         rate = trial.sample_rate
         part = slice(trial.samples - round(1.5 * SECONDS * rate), trial.samples - round(0.5 * SECONDS * rate))
         seconds = np.arange(trial.samples)[part] / rate
-        traces = []
+        traces, panels = [], []
         for panel, channel in enumerate(trial.channels):
-            traces.append(ChartTrace(name="measured", x=seconds, y=trial.measured[panel][part], panel=panel))
+            measured = trial.measured[panel][part]
+            scale, unit_name = sized_unit(float(np.abs(measured).max(initial=0.0)), trial.unit_of(channel))
+            panels.append(Panel(label=f"{channel}, {unit_name}"))
+            traces.append(ChartTrace(name="measured", x=seconds, y=measured / scale, panel=panel))
             for (title, role), responses in models.items():
-                y = responses[trial.run.id][channel][part]
+                y = responses[trial.run.id][channel][part] / scale
                 traces.append(ChartTrace(name=title, x=seconds, y=y, role=role, panel=panel, style="dash"))
         about = "." if charts else f": {SECONDS:g} s of held-out data; {trial.prediction}."
-        panels = [Panel(label=f"{channel}, {unit(trial.unit_of(channel))}") for channel in trial.channels]
         charts.append(
             Chart(
                 name=f"time-{trial.run.id}", caption=f"{name}{about}", panels=panels, traces=traces, x_label="time, s",
@@ -174,21 +177,22 @@ def second_chart(record: HeldOutRecord | None) -> Chart | None:
     """The second in which the first model's error is largest, with the residuals below."""
     if record is None:
         return None
-    traces = [ChartTrace(name="measured", x=record.time, y=record.measured)]
+    scale, unit_name = sized_unit(float(np.abs(record.measured).max()), record.unit)
+    traces = [ChartTrace(name="measured", x=record.time, y=record.measured / scale)]
     for (name, role), values in record.models.items():
-        traces.append(ChartTrace(name=name, x=record.time, y=values, role=role, style="dash"))
-        traces.append(ChartTrace(name=name, x=record.time, y=values - record.measured, role=role, panel=1))
+        traces.append(ChartTrace(name=name, x=record.time, y=values / scale, role=role, style="dash"))
+        traces.append(ChartTrace(name=name, x=record.time, y=(values - record.measured) / scale, role=role, panel=1))
     if record.noise > 0.0:
         band = ChartTrace(
-            name="sensor noise, ±2 σ", x=record.time[[0, -1]], y=np.zeros(2), spread=np.full(2, 2.0 * record.noise), role="noise",
-            panel=1, style="dot",
+            name="sensor noise, ±2 σ", x=record.time[[0, -1]], y=np.zeros(2), spread=np.full(2, 2.0 * record.noise / scale),
+            role="noise", panel=1, style="dot",
         )  # fmt: skip
         traces.append(band)
     return Chart(
         name=f"second-{record.run}-{record.channel}",
         caption=f"The second of held-out data with the largest error: {record.channel}, run {record.run}; "
         f"{record.prediction}. Below: the residuals, simulated minus measured.",
-        panels=[Panel(label=f"{what}, {unit(record.unit)}") for what in (record.channel, "residual")],
+        panels=[Panel(label=f"{what}, {unit_name}") for what in (record.channel, "residual")],
         traces=traces, x_label="time, s", x_log=False,
     )  # fmt: skip
 
@@ -203,8 +207,8 @@ def scores_chart(scores: Mapping[Named, Score], trials: Sequence[Trial]) -> Char
     """Held-out error of each run and channel."""
     return bars_chart(
         "held-out-error", "rms(predicted − measured) / rms(measured) of each run and channel on held-out data.",
-        "held-out error, share of the signal", [f"{trial.run.id} {channel}" for trial in trials for channel in trial.channels],
-        {key: score.error.ravel() for key, score in scores.items()},
+        "held-out error, % of the signal", [f"{trial.run.id} {channel}" for trial in trials for channel in trial.channels],
+        {key: 100.0 * score.error.ravel() for key, score in scores.items()},
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from isorig.analysis.spectra.modal import ModalModel, ModeShape
 from isorig.analysis.spectra.operating import OperatingModes
-from isorig.analysis.wording import sized
+from isorig.analysis.wording import capitalized, sized
 from isorig.rig.report.charts import SERIES, Chart, ChartTrace, Panel, Role
 from isorig.rig.report.page import AnimatedShape, Report, Section, Table, build_report
 from isorig.rig.report.sections import per
@@ -69,7 +69,9 @@ def _page(
     ]
     table = Table(columns=("mode", "natural frequency", "damping ratio", "collinearity", column[0]), rows=rows)
     sections = [
-        Section(title="Modes", text=[*about, *found.warnings], tables=[table], shapes=shapes),
+        Section(
+            title="Modes", text=[*about, *(f"{capitalized(said)}." for said in found.warnings)], tables=[table], shapes=shapes
+        ),
         Section(title="Poles and curves", charts=charts),
     ]
     number = f"{len(modes)} modes" if len(modes) > 1 else "One mode"

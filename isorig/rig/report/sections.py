@@ -106,26 +106,28 @@ def runs_section(campaign: Campaign) -> Section:
         "started": ["" if run.started is None else f"{run.started:%Y-%m-%d %H:%M:%S %z}" for run in campaign.runs],
     }
     known = ", ".join(f"{words(name)} {value:.6g}" for name, value in campaign.known.items())
+    shown = {name: column for name, column in columns.items() if any(column)}
     return Section(
         title="Rig and runs",
-        text=[*([] if campaign.description else [SUMMARY]), f"Given values (SI): {known or 'none'}."],
-        tables=[Table(columns=tuple(columns), rows=list(zip(*columns.values(), strict=True)))],
+        text=[*([] if campaign.description else [SUMMARY]), *([f"Given values (SI): {known}."] if known else [])],
+        tables=[Table(columns=tuple(shown), rows=list(zip(*shown.values(), strict=True)))],
     )
 
 
 def parameters_table(parameters: Mapping[str, Value], caption: str) -> Table:
     """Fitted values by path, as in findings.json."""
-    rows = [(name, _sized(row.value, row.unit, row.std)) for name, row in parameters.items()]
-    return Table(columns=("parameter", "value"), rows=rows, caption=caption)
+    rows = [(name, with_unit(row.value, row.unit, row.std)) for name, row in parameters.items()]
+    return Table(columns=("parameter", "value ± std"), rows=rows, caption=caption)
 
 
 def entries_table(entries: Mapping[str, Entry]) -> Table:
     """The parameters of a joint fit by name."""
-    rows = [(name, _sized(e.value, e.unit, e.uncertainty), e.method, e.note) for name, e in entries.items()]
-    return Table(columns=("parameter", "value", "method", "note"), rows=rows)
+    rows = [(name, with_unit(e.value, e.unit, e.uncertainty), e.method, e.note) for name, e in entries.items()]
+    return Table(columns=("parameter", "value ± std", "method", "note"), rows=rows)
 
 
-def _sized(value: float | None, unit: str, std: float | None) -> str:
+def with_unit(value: float | None, unit: str, std: float | None = None) -> str:
+    """A value for a table, with its unit and to the digits that its uncertainty justifies; a dash if there is none."""
     return "–" if value is None or not math.isfinite(value) else sized(value, unit, std, digits=4)
 
 

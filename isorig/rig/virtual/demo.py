@@ -31,7 +31,7 @@ def virtual_instrument(seed: int, *options: str) -> Iterator[str]:
                 raise ConnectionLostError(f"the simulated instrument did not start ({why or 'no output'}); try again")
             yield port
         finally:
-            process.kill()
+            process.terminate()
 
 
 class Clock:

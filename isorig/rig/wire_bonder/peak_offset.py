@@ -155,8 +155,8 @@ def _verdict(pairs: list[PeakPair], loading: float, change: tuple[float, float])
         )
     elif abs(best.offset) <= SIGNIFICANT * best.std:
         said = (
-            f"so there is no mass loading ({loading:+.3f} Hz): the unlocked motor moves with the table like the locked one, "
-            "held by friction, which is a nonlinearity and not an effect of mass"
+            f"so there is no mass loading, which would shift it by {loading:+.3f} Hz: the unlocked motor moves with the table "
+            "like the locked one, held by friction, which is a nonlinearity and not an effect of mass"
         )
     else:
         away = abs(best.offset - loading) / best.std

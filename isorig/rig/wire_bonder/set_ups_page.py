@@ -16,10 +16,10 @@ from isorig.analysis.wording import of_signal, with_std
 from isorig.rig.files.output import write_text
 from isorig.rig.frf.figures import save
 from isorig.rig.model.baseline import baseline_model
-from isorig.rig.report.charts import Chart, ChartTrace, Panel, Role
+from isorig.rig.report.charts import PHASE_ENDS, Chart, ChartTrace, Panel, Role, unjoined
 from isorig.rig.report.misfit import misfit_charts, simulated, time_charts
 from isorig.rig.report.page import Report, Section, Table, build_report
-from isorig.rig.report.sections import number, provenance_section, words
+from isorig.rig.report.sections import provenance_section, with_unit, words
 from isorig.rig.wire_bonder.figures import set_ups_figure, surface_figure
 from isorig.rig.wire_bonder.four_set_ups import ErrorSurface, FourSetUps, SetUp, evaluated_set_ups
 
@@ -112,14 +112,13 @@ def _compared(found: Characterization, read: FourSetUps) -> Table:
         modes = (None, None) if item is None else (item.mode, item.half_power.mode)
         rows.append(
             (
-                words(name), entry.unit, number(entry.value), number(entry.uncertainty, 2),
-                *(number(None if mode is None else getattr(mode, what)) for mode in modes), number(surface.get(name), 4),
+                words(name), with_unit(entry.value, entry.unit, entry.uncertainty),
+                *(with_unit(None if mode is None else getattr(mode, what), entry.unit) for mode in modes),
+                with_unit(surface.get(name), entry.unit),
                 entry.note,
             )
         )  # fmt: skip
-    return Table(
-        columns=("parameter", "unit", "joint fit", "std", "fit of modes", "half-power", "error surface", "note"), rows=rows
-    )
+    return Table(columns=("parameter", "joint fit ± std", "fit of modes", "half-power", "error surface", "note"), rows=rows)
 
 
 def _set_up_section(item: SetUp) -> Section:
@@ -128,13 +127,13 @@ def _set_up_section(item: SetUp) -> Section:
     f, value = frf.frequency[kept], frf.value[kept]
     traces = [
         ChartTrace(name="measured", x=f, y=np.abs(value), spread=frf.magnitude_std[kept]),
-        ChartTrace(name="measured", x=f, y=np.degrees(np.angle(value)), panel=1),
+        ChartTrace(name="measured", x=f, y=unjoined(np.degrees(np.angle(value))), panel=1),
         ChartTrace(name="measured", x=f, y=frf.coherence[kept], panel=2),
     ]
     if item.fit is not None:
         x, fitted = item.fit.frequency, item.fit.fitted
         traces.append(ChartTrace(name="fit", x=x, y=np.abs(fitted), role="simulated"))
-        traces.append(ChartTrace(name="fit", x=x, y=np.degrees(np.angle(fitted)), role="simulated", panel=1))
+        traces.append(ChartTrace(name="fit", x=x, y=unjoined(np.degrees(np.angle(fitted))), role="simulated", panel=1))
     if half.mode is not None:
         points = half.amplitude * np.array([0.5**0.5, 1.0, 0.5**0.5])
         traces.append(
@@ -161,7 +160,7 @@ def _set_up_section(item: SetUp) -> Section:
         name=f"set-up-{item.name}", caption=f"{frf.response} over {frf.reference}.", x_log=False,
         panels=[
             Panel(label=f"|{frf.response} / {frf.reference}|, m/s² per m/s²", log=True, height=2.0),
-            Panel(label="phase, °", ends=(-185.0, 185.0), step=90.0),
+            Panel(label="phase, °", ends=PHASE_ENDS, step=90.0),
             Panel(label="coherence", ends=(0.0, 1.0)),
         ],
         traces=traces,

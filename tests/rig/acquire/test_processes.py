@@ -69,6 +69,12 @@ def appears(path: Path) -> None:
         time.sleep(0.01)
 
 
+def test_a_simulated_instrument_leaves_no_port_behind() -> None:
+    with virtual_instrument(0) as port:
+        assert Path(port).is_symlink()
+    assert not Path(port).parent.exists()
+
+
 def test_a_recording_is_followed_over_tcp_and_stopped_and_resumed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     output = tmp_path / "c.h5"
     with virtual_instrument(0, "--tcp", "--speed", "4") as port:

@@ -316,7 +316,7 @@ def test_empty_cells_are_gaps(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     rows[200] = f"{TIME[200]:.6f},1.0,"
     rows[201] = f"{TIME[201]:.6f},,"
     (run,) = drafted(tmp_path, csv(tmp_path / "a.csv", "t,a,b\n", rows))
-    assert "no value of 3 samples; they are kept as 2 gaps" in capsys.readouterr().out
+    assert "samples without a value in the file: 3, in gaps: 2; they count as lost" in capsys.readouterr().out
     assert [(gap.first_tick, gap.count) for gap in run.gaps] == [(10, 1), (200, 2)]
     assert run.sample_rate == pytest.approx(RATE, rel=1e-6)
     np.testing.assert_allclose(run.read("a"), np.delete(X, [10, 200, 201]), atol=1e-6)

@@ -111,6 +111,7 @@ def test_a_parameter_known_better(tmp_path: Path, capsys: pytest.CaptureFixture[
         (["{damaged}", "-o", "{out}.toml"], "is damaged or of another version"),
         (["-o", "{out}.toml"], "no diagnosis was given"),
         (["{good}", "-o", "{out}.html"], "ends in .toml"),
+        (["{good}", "-o", "{out}"], "ends in .toml"),
         (["{good}", "-o", "{out}.toml", "--seconds", "-1"], "--seconds is -1"),
         (["{good}", "-o", "{out}.toml", "--for", "motor_damping"], "e.g. links.spring.damping=2%"),
         (["{good}", "-o", "{out}.toml", "--for", "nonsense=2%"], "it has table_mass"),
