@@ -18,6 +18,7 @@ from scipy.signal import butter, sosfiltfilt
 
 import isorig as iso
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
+from isorig.analysis.diagnose.observe import swings
 from isorig.analysis.diagnose.suspects import SHOWN
 from isorig.analysis.equations.ranking import ranking
 from isorig.analysis.equations.system import HOLDS, equations_of
@@ -154,6 +155,18 @@ def test_friction_that_falls_with_velocity_shows_near_reversals() -> None:
     best = ranking(equations_of(found, WITH_TACHOMETER)).explanations[0]
     assert (best.what, best.place) == ("friction over velocity", "motor_bearing")
     assert best.score > SHOWN
+
+
+def test_an_attached_body_has_no_recorded_motion() -> None:
+    trials = prepare(campaign(1, lambda angle, speed: 0.0), RIG)
+    attached = msgspec.structs.replace(
+        RIG,
+        bodies=(*RIG.bodies, Body(name="motor_added", mass=1e-3, motion="rotation")),
+        links=(*RIG.links, Link(name="motor_added", a="motor_added", b="motor", stiffness=5.0)),
+    )
+    deflection, speed = swings(attached, trials)
+    assert all(np.isfinite([*deflection.values(), *speed.values()]))
+    assert {"motor_added", "shaft"} <= set(deflection)
 
 
 def test_the_drive_follows_from_the_quietest_group_of_bodies() -> None:
