@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.signal import lsim
 
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
 from isorig.analysis.diagnose.evidence import record_signs
@@ -84,6 +85,39 @@ def test_a_prediction_of_a_run_that_begins_in_motion_is_right_from_its_start() -
 
     assert error(moving=False) > 0.3
     assert error(moving=True) < 0.01
+
+
+def test_the_start_of_many_bodies_with_few_sensors_and_a_high_lowest_mode_is_found() -> None:
+    """A period of the lowest mode has fewer records than the state and the sensors' offsets need."""
+    count, stiffness, damping = 5, 3.1e4, 4.0
+    rig = RigModel(
+        name="chain", bodies=tuple(Body(name=f"m{k}", mass=1.0) for k in range(count)),
+        links=tuple(
+            Link(name=f"l{k}", a=f"m{k}", b=f"m{k - 1}" if k else "ground", stiffness=stiffness, damping=damping)
+            for k in range(count)
+        ),
+        configurations={"free": Configuration()}, drive=Drive(channel="force", pushes={f"m{count - 1}": 1.0}),
+        sensors=tuple(Sensor(channel=f"x{k}", body=f"m{k}", quantity="displacement") for k in (1, 4)),
+    )  # fmt: skip
+    joined = 2.0 * np.eye(count) - np.eye(count, k=1) - np.eye(count, k=-1)
+    joined[-1, -1] = 1.0
+    whole = np.block([[np.zeros((count, count)), np.eye(count)], [-stiffness * joined, -damping * joined]])
+    fine = np.arange(round(12.0 * RATE) * 16) / (16.0 * RATE)
+    push = np.sin(2.0 * np.pi * np.multiply.outer(fine, 4.0 * TONES[0]) + TONES[1]).sum(axis=1)
+    _, states, _ = lsim((whole, np.eye(2 * count)[:, -1:], np.eye(2 * count), np.zeros((2 * count, 1))), push, fine)
+    first = round(CUT * RATE)
+    records = {"force": push, "x1": states[:, 1], "x4": states[:, 4]}
+    channels = {
+        name: Channel(
+            name=name, samples=values[::16][first:], quantity="force" if name == "force" else "displacement",
+            unit="N" if name == "force" else "m",
+        )
+        for name, values in records.items()
+    }  # fmt: skip
+    run = Run(id="r", configuration="free", sample_rate=RATE, gain=1.0, channels=channels)
+    (trial,) = prepare(Campaign(runs=(run,), source="scipy"), rig)
+    left = trial.measured - expected(rig, trial)
+    assert np.all(left.std(axis=1) < 0.01 * trial.measured.std(axis=1))
 
 
 def test_derivatives_of_a_fit_follow_the_state_at_the_start() -> None:

@@ -234,7 +234,8 @@ def moving_start(model: RigModel, run: PreparedRun, allowed: float) -> MovingSta
         return None
     width = free_part(model, run.configuration)[0].shape[1]
     period = run.excitation.sample_rate / modes[0].frequency
-    n = TAPS + int(max(PERIODS * period, SAMPLES * 2 * width))
+    unknowns = 2 * width + len(run.measured)
+    n = TAPS + int(max(PERIODS * period, SAMPLES * unknowns))
     if n > run.measured.shape[1] // 2:
         return None
     linear = msgspec.structs.replace(
