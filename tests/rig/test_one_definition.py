@@ -44,7 +44,7 @@ def test_every_command_states_the_same(calibration: float, tmp_path: Path, capsy
     # A value that was given has no uncertainty rather than one of zero.
     (row,) = re.findall(r"bodies.first.mass +(.*)", printed_table)
     assert tables[0]["bodies.first.mass"]["method"] == "given"
-    assert row.split()[1:3] == ["–", "kg"]
+    assert row.split()[1:3] == ["kg", "given"]
     # The noise floor in a sentence of each.
     floor = 100.0 * found["holdout"]["noise_floor"]
     (told,) = re.findall(r"noise alone is (about [0-9.]+ %)", said)
