@@ -240,11 +240,11 @@ class Suspects:
         return f"No single cause explains the residuals of the equations of motion; the largest contributions: {listed}."
 
     def leaves_another(self, current: Fit, evidence: Evidence) -> bool:
-        """Whether the best explanation is one of several: it shows, or repairs an equation, but leaves one broken.
+        """Whether the best explanation is one of several: it shows, but leaves an equation broken.
 
         Those with its link count by the force that a curve leaves there, where the equations give it.
         """
-        if not (self.shows or self.exact):
+        if not self.shows:
             return False
         best = self.chosen[0]
         left, bare = self._of_curve(best, current, evidence), self._bare(best, current)
