@@ -59,6 +59,11 @@ def test_what_was_tried_on_top_of_an_uncertain_cause_does_not_rule_it_out() -> N
     assert f"Tried in addition, and not certain, with the error then left: {further}" in said
 
 
+def test_what_leaves_more_alone_is_not_ruled_out_beside_another_cause() -> None:
+    both = findings(steps=[named(), named(cause="channel_delay", kind="sensor", form="channel_delay", location="motor")])
+    assert conclude(both).ruled_out.startswith("Ruled out as the only cause, with the error each leaves: hardening stiffness")
+
+
 def test_what_was_tried_on_top_of_the_answer_is_no_rival_of_it() -> None:
     tried = [msgspec.to_builtins(each) for each in findings().candidates]
     tried[1]["holdout_error"] = 0.9 * findings().holdout.extended

@@ -154,7 +154,7 @@ def test_a_file_that_is_no_description(text: str, said: str, tmp_path: Path) -> 
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(PlanError, match="did you mean 'three-mass'.*or one of wire-bonder"):
+    with pytest.raises(PlanError, match=r"did you mean 'three-mass'.*or one of wire-bonder"):
         read_rig("three-masses")
     with pytest.raises(PlanError, match="does not exist"):
         read_rig(tmp_path / "none.toml")

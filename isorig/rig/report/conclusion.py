@@ -190,7 +190,9 @@ def _ruled_out(findings: Findings) -> str:
     if further:
         said.append(f"Tried in addition, and not certain, with the error then left: {_listed(further)}.")
     if out:
-        said.append(f"Ruled out, with the error each leaves: {_listed(out)}.")
+        # What was fitted alone may still be there beside another cause.
+        alone = " as the only cause" if len(findings.steps) > 1 else ""
+        said.append(f"Ruled out{alone}, with the error each leaves: {_listed(out)}.")
     if lost:
         said.append(f"Neither confirmed nor ruled out, because no fit followed the motion: {_listed(lost)}.")
     if alike:
