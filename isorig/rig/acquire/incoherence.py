@@ -63,7 +63,7 @@ def incoherence(
     if reason or _by_level(run, spectra, name, drive, others):
         reason = reason or "its transfer function changes with the drive's level"
         return because(
-            "nonlinear", f", but {reason}: the rig is nonlinear there, and the record is good; rig diagnose finds the cause."
+            "nonlinear", f", but {reason}: the rig is nonlinear there, and the record is good; rig diagnose tells why."
         )
     if what and share >= NOT_REPEATABLE * left:
         return because(
@@ -73,8 +73,8 @@ def incoherence(
         )
     return because(
         "undecided",
-        ", which is more than the sensor's noise: the rig is nonlinear, or something else moves it; a run with the same drive "
-        "(repeat_of) decides it.",
+        ", although its record is above the sensor's noise: the rig is nonlinear, or something else moves it; a run with the "
+        "same drive (repeat_of) decides it.",
     )
 
 

@@ -49,7 +49,8 @@ def add(*folders: Path, rig: str | None = None, catalogue: Where = HERE) -> None
         place = folder.resolve()
         Catalogue(catalogue).add_folder(place, rig)
         found = list(recordings_under({place: rig}))
-        print(f"{folder}: {len(found)} recordings of {len({r.rig for r in found})} rigs")
+        rigs = len({recording.rig for recording in found})
+        print(f"{folder}: {len(found)} recording{'s' * (len(found) != 1)} of {rigs} rig{'s' * (rigs != 1)}")
 
 
 @fleet.command
