@@ -80,6 +80,12 @@ def test_the_page_begins_with_the_answer_and_the_marked_place(answered: Path) ->
     assert "<details open" not in page
 
 
+def test_a_disturbance_counts_as_measured_if_a_drive_was_repeated(answered: Path) -> None:
+    page = (answered / "report.html").read_text()
+    (row,) = re.findall(r"disturbance</td><td[^>]*>([^<]*)", page)
+    assert (row == "not measured") == ("not measured, because no drive was repeated" in page)
+
+
 def test_the_force_of_the_place_is_the_hidden_law(answered: Path) -> None:
     force = charts_of((answered / "report.html").read_text())[0]
     assert force["x_label"] == "deflection, mm"

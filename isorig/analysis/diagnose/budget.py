@@ -35,12 +35,15 @@ class Budget:
         Values alone.
     how
         How each was determined, in a sentence.
+    repeated
+        Whether runs with one drive measure the disturbance; otherwise it is part of what is unassigned.
     """
 
     shares: Mapping[str, tuple[float, float, float]]
     by_channel: Mapping[str, Mapping[str, float]]
     by_configuration: Mapping[str, Mapping[str, float]]
     how: str
+    repeated: bool
 
 
 def budget(model: RigModel, trials: Sequence[Trial], noise: FloatArray) -> Budget:
@@ -63,7 +66,7 @@ def budget(model: RigModel, trials: Sequence[Trial], noise: FloatArray) -> Budge
     parts = _powers(trials, left, noise**2 * signal, shaken) / np.maximum(signal, 1e-300)[:, :, None]
     played = ", ".join(f"{trials[a].run.id} and {trials[b].run.id}" for a, b in pairs)
     return Budget(
-        shares=_intervals(parts),
+        shares=_intervals(parts), repeated=bool(pairs or stated),
         by_channel={
             name: _shares(parts[:, [trials[0].recorded(other) == name for other in trials[0].channels]].reshape(-1, len(NATURES)))
             for name in dict.fromkeys(map(trials[0].recorded, trials[0].channels))

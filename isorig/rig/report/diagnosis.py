@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from isorig.analysis.campaign import Campaign
+from isorig.analysis.diagnose.budget import NATURES, Budget
 from isorig.analysis.diagnose.diagnosis import Diagnosis
 from isorig.analysis.diagnose.estimate_pairs import Doubles
 from isorig.analysis.diagnose.evidence import surfaces
@@ -238,11 +239,13 @@ def _considered(diagnosis: Diagnosis) -> Section:
 
 
 def _budget(diagnosis: Diagnosis) -> Section:
-    before, after = (budget.shares for budget in diagnosis.budgets)
-    rows = [
-        (nature, *(f"{100 * v:.3g} % ({100 * low:.3g} to {100 * high:.3g})" for v, low, high in (before[nature], after[nature])))
-        for nature in before
-    ]
+    def share(budget: Budget, nature: str) -> str:
+        value, low, high = (100.0 * part for part in budget.shares[nature])
+        if nature == "disturbance" and not budget.repeated:
+            return "not measured"
+        return f"{value:.3g} % ({low:.3g} to {high:.3g})"
+
+    rows = [(nature, *(share(budget, nature) for budget in diagnosis.budgets)) for nature in NATURES]
     caption = "Shares of the held-out error power, with 95 % intervals over resampled runs."
     table = Table(columns=("nature", "baseline", "extended model"), rows=rows, caption=caption)
     return Section(title="Composition of the error", text=[diagnosis.budgets[0].how], tables=[table])

@@ -32,6 +32,8 @@ def shares(campaign: Campaign, model: RigModel) -> dict[str, float]:
     assert sum(share for share, _, _ in found.shares.values()) == pytest.approx(1.0)
     assert all((low <= share + 1e-9 and share <= high + 1e-9) or share < 1e-6 for share, low, high in found.shares.values())
     assert tuple(found.shares) == NATURES
+    assert found.repeated == bool(repeated(trials))
+    assert found.repeated != ("not measured, because no drive was repeated" in found.how)
     return {name: share for name, (share, _, _) in found.shares.items()}
 
 
