@@ -78,8 +78,10 @@ def _blame_content(path: Path, named: Format | None) -> None:
 
 def _document_in(path: Path, head: bytes) -> str | None:
     # Spreadsheets are archives, like .npz files.
-    if not head.startswith(ARCHIVE) or not zipfile.is_zipfile(path):
+    if not head.startswith(ARCHIVE):
         return None
+    if not zipfile.is_zipfile(path):
+        return None if path.suffix == ".npz" else "a damaged archive; save or copy it again"
     with zipfile.ZipFile(path) as archive:
         names = archive.namelist()
     if any(name.startswith("xl/") for name in names):

@@ -40,7 +40,13 @@ def written(path: Path, kind: str) -> None:
         with path.open("wb") as file:
             np.save(file, X)
     else:
-        starts = {"document": b"\xd0\xcf\x11\xe0", "Parquet": b"PAR1", "compressed": b"\x1f\x8b", "PDF": b"%PDF"}
+        starts = {
+            "document": b"\xd0\xcf\x11\xe0",
+            "Parquet": b"PAR1",
+            "compressed": b"\x1f\x8b",
+            "PDF": b"%PDF",
+            "cut archive": b"PK\x03\x04",
+        }
         path.write_bytes(starts.get(kind, UNIVERSAL.encode()) + bytes(100))
 
 
@@ -50,6 +56,7 @@ def written(path: Path, kind: str) -> None:
         ("Excel", "is an Excel workbook; save it as CSV"),
         ("OpenDocument", "is an OpenDocument file; save it as CSV"),
         ("archive", "is an archive; unpack it"),
+        ("cut archive", "is a damaged archive; save or copy it again"),
         (".npz file", "contains a .npz file, not {}; rename it to run.npz"),
         ("HDF5", "contains HDF5, not {}; rename it to run.h5"),
         ("HDF5 of MATLAB 7.3", "contains HDF5, not {}; rename it to run.h5"),
