@@ -21,6 +21,7 @@ from isorig.analysis.fitting.score import (
     margin_in_errors,
     share_interval,
     signal_powers,
+    surely_removes,
     units,
     worst,
 )
@@ -129,6 +130,16 @@ def test_the_interval_of_a_share_is_from_the_25th_to_the_975th_permille_of_draws
     assert value == pytest.approx(removed.mean() / 4.0)
     means = removed[np.random.default_rng(0).integers(0, count, (100_000, count))].mean(axis=1)
     np.testing.assert_allclose((low, high), np.quantile(means, (0.025, 0.975)) / 4.0, atol=0.003)
+
+
+@pytest.mark.parametrize(("better", "sure"), [(1, False), (5, True)])
+def test_a_step_is_sure_if_most_runs_err_less_with_it(better: int, sure: bool) -> None:
+    """Of six runs one may decide whether a model is adequate."""
+    before = np.full((6, 1), 0.2)
+    after = np.where(np.arange(6) < better, 0.1, 0.205)[:, None]
+    blocks = np.ones((6, 1, 8))
+    first, then = (scored(error, power=error[:, :, None] ** 2 * blocks, blocks=blocks) for error in (before, after))
+    assert surely_removes(first, then, np.full((6, 1), 0.05)) is sure
 
 
 def test_improvement_is_the_share_of_the_figure_beyond_the_floor() -> None:

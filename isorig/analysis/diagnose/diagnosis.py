@@ -61,6 +61,7 @@ from isorig.analysis.fitting.score import (
     noise_floor,
     score,
     share_interval,
+    surely_removes,
     worst,
 )
 from isorig.analysis.fitting.screen import Progress
@@ -435,6 +436,7 @@ class _Search:
             if not (
                 step_counts(_seen([*stages, stage]), len(stages), floors, enough)
                 and explains_own_channel(now.score.error, best.error, floors, _of_sensors(step, judged[0].channels))
+                and (len(stages) == 1 or surely_removes(now.score, best, floors))
             ):
                 break
             # A cause may make the rig sensitive: then noise on the drive has a larger effect.
