@@ -11,7 +11,7 @@ import pytest
 from isorig.analysis import deadline
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.diagnose import diagnosis
-from isorig.analysis.diagnose.diagnosis import KEPT, diagnose
+from isorig.analysis.diagnose.diagnosis import AFTER_FITS, AFTER_SEARCH, KEPT, diagnose
 from isorig.analysis.fitting.solve import Problem
 from isorig.analysis.model.rig_model import RigModel
 from isorig.rig.cli import main
@@ -63,6 +63,18 @@ def test_a_search_cut_short_leaves_a_partial_answer(
     page = (tmp_path / "out" / "report.html").read_text()
     assert "the time limit ended the search for causes before all were tried" in page
     assert "no cause in the catalogue earns its name" not in page
+
+
+@pytest.mark.usefixtures("clock")
+def test_a_search_that_takes_all_its_time_leaves_that_of_the_evidence(
+    rubbing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept: list[float] = []
+    monkeypatch.setattr(diagnosis, "keep_time", lambda seconds: (kept.append(seconds), deadline.keep_time(seconds)))
+    assert diagnosed(rubbing, tmp_path / "out", "--seconds", BASELINE_ONLY) == 0
+    of_search, of_evidence = kept
+    assert of_evidence == pytest.approx(AFTER_FITS / AFTER_SEARCH * of_search)
+    assert of_search == pytest.approx(KEPT * (BASELINE_ONLY - 1.0))
 
 
 @pytest.mark.usefixtures("clock")

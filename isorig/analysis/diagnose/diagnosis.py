@@ -79,7 +79,7 @@ MAY_STAND_FOR_UNITS = {"sensor", "known_value"}
 #: Time that is kept for what follows the search (uncertainties, evidence, page), and for evidence and page alone, as multiples of
 #: the time in which runs and equations are prepared. Chosen: evidence and page took 0.4 to 2.4 times that time.
 AFTER_SEARCH, AFTER_FITS = 5.0, 2.5
-#: Largest share of the time left that is kept for it. Chosen: a first preparation may compile the simulation.
+#: Largest share of the time left after preparing that is kept for it. Chosen: a first preparation may compile the simulation.
 KEPT = 0.5
 #: Seconds that a ranking of the equations may take if the search did not come to it, even if the limit is shorter. Chosen: short
 #: records are ranked in this time, and without it there is no answer at all.
@@ -236,8 +236,8 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
     progress(f"{len(trials)} runs prepared; fitting the baseline")
     equations = equations_of(campaign, model)
     residuals = equations.residuals()
-    preparing = time_spent() - begun
-    keep_time(min(AFTER_SEARCH * preparing, KEPT * max(time_left(), 0.0)))
+    preparing = min(time_spent() - begun, KEPT * max(time_left(), 0.0) / AFTER_SEARCH)
+    keep_time(AFTER_SEARCH * preparing)
     guess = fit_start(equations)
     try:
         trials, baseline = _baseline((guess, model), trials, misfits=_surely_misfits(equations, residuals))
@@ -261,7 +261,7 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
             found = found if again.verdict == "adequate" else again
         if found.verdict == "adequate":
             search.entries = searched  # errors at the beginnings have another shape
-    keep_time(min(AFTER_FITS * preparing, KEPT * max(time_left(), 0.0)))
+    keep_time(AFTER_FITS * preparing)
     progress("computing the uncertainties")
     found = search.settled(found)
     progress("gathering the evidence")
