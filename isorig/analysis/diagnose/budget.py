@@ -61,12 +61,12 @@ def budget(model: RigModel, trials: Sequence[Trial], noise: FloatArray) -> Budge
     left = [(trial.measured - expected(model, trial))[:, trial.held_out] for trial in trials]
     signal = np.stack([np.mean(trial.measured[:, trial.held_out] ** 2, axis=1) for trial in trials])
     pairs = repeated(trials)
-    stated = any(trial.disturbance is not None for trial in trials)
-    shaken = disturbance(model, trials) ** 2 * signal if pairs or stated else None
+    measured = bool(pairs) or any(trial.disturbance is not None for trial in trials)
+    shaken = disturbance(model, trials) ** 2 * signal if measured else None
     parts = _powers(trials, left, noise**2 * signal, shaken) / np.maximum(signal, 1e-300)[:, :, None]
     played = ", ".join(f"{trials[a].run.id} and {trials[b].run.id}" for a, b in pairs)
     return Budget(
-        shares=_intervals(parts), repeated=bool(pairs or stated),
+        shares=_intervals(parts), repeated=measured,
         by_channel={
             name: _shares(parts[:, [trials[0].recorded(other) == name for other in trials[0].channels]].reshape(-1, len(NATURES)))
             for name in dict.fromkeys(map(trials[0].recorded, trials[0].channels))
@@ -81,7 +81,7 @@ def budget(model: RigModel, trials: Sequence[Trial], noise: FloatArray) -> Budge
             "runs, limited to the part that is not related to the drive. "
             if pairs
             else "what the repeated runs do not share, limited to the part that is not related to the drive. "
-            if stated
+            if measured
             else "not measured, because no drive was repeated; at most the unassigned part. "
         )
         + "Linear: the part removed by one transfer function from the drive, the same at all gains of a configuration (modes "

@@ -384,13 +384,14 @@ class Suspects:
         if explanation is None:
             return _Begun(models=[(None, start) for start in candidate.starts], explanation=None)
         kept = {free.path for free in candidate.parameters(candidate.starts[0], current)} - {f.path for f in candidate.free}
-        values, force = self._solved(explanation)
+        every, force = self._solved(explanation)
+        values = {path: value for path, value in every.items() if path in kept}
         if (kind_of(candidate.cause), explanation.kind) == ("friction_shape", "memory"):
             # The friction that holds a body at rest does not follow from its motion; values fitted without it may be far off.
             starts = [*candidate.starts]
             for start in candidate.starts:
                 with suppress(ModelError):  # values that exclude the candidate's own
-                    starts.append(start.replace({path: value for path, value in values.items() if path in kept}))
+                    starts.append(_with_values(start, values, candidate))
             return _Begun(models=[(None, start) for start in starts], explanation=explanation)
         element = self._element(candidate.location)
         # What acts in a few events has left the fitted values as they are.
@@ -399,7 +400,7 @@ class Suspects:
         for start in candidate.starts:
             ask_time()
             with suppress(ModelError):  # values that exclude the candidate's own
-                model = start if rare else _with_values(start, {p: value for p, value in values.items() if p in kept}, candidate)
+                model = start if rare else _with_values(start, values, candidate)
                 model = model.replace(_own_values(candidate, explanation, model))
                 solved = None
                 if force is not None and element is not None:

@@ -164,8 +164,8 @@ class Sliding:
         First value of the element's stiffness, N/m.
     noise
         Standard deviation of the force's noise, N.
-    of_speed
-        Standard deviation of the velocity's noise, m/s.
+    velocity_noise
+        Standard deviation of the velocity's noise, m/s, if the deflection is measured.
     parts
         Mean square of the channels' parts in the force, N^2: each is accurate to `ACCURACY`.
     edge
@@ -177,7 +177,7 @@ class Sliding:
 
     def __init__(
         self, runs: Sequence[SlidingRun], rate: float, period: float, *, integrated: bool, stiffness: float, noise: float,
-        of_speed: float, parts: float, edge: float, rubs: bool,
+        velocity_noise: float, parts: float, edge: float, rubs: bool,
     ) -> None:  # fmt: skip
         self.runs, self.rate, self.integrated, self.noise, self.parts = tuple(runs), rate, integrated, noise, parts
         self.rubs, self.fewest = rubs, FEWEST if integrated else FEWEST_ALONE
@@ -186,7 +186,7 @@ class Sliding:
         self.taps = _taps(rate, edge)
         self._gains: dict[int, FloatArray] = {}  # of the low-pass, by length of the transform
         self.speed = max((float(np.std(run.velocity)) for run in self.runs if len(run.velocity)), default=1e-2)
-        known = max(SLOW_MEASURED * self.speed, SURE_SPEED * of_speed)
+        known = max(SLOW_MEASURED * self.speed, SURE_SPEED * velocity_noise)
         self.slow = SLOW * self.speed if integrated else min(known, SLOW * self.speed)
         shortest = min(len(run.force) for run in runs)
         self.knot = max(round(KNOT_PERIODS * period * rate), 8)

@@ -381,15 +381,15 @@ class Equations:
             cut = self.cut(balance, element)
             if key[:2] not in self._runs:
                 self._runs[key[:2]] = self._sliding_runs(balance, element, sign, self.records, self.signals, cut)
-            shared, noise, of_speed = self._runs[key[:2]]
+            shared, noise, velocity_noise = self._runs[key[:2]]
             runs = [run.without_slow_part() for run in shared]
             self._in_time[key] = None
             if runs:
                 stiffness = element.link.stiffness if element.link is not None else 0.0
                 found = Sliding(
                     runs, self.rate / self.every, CUT / cut, integrated=self.integrated(element),
-                    stiffness=abs(sign) * stiffness, noise=noise, of_speed=of_speed, parts=self._parts(balance), edge=self.edge,
-                    rubs=rubs,
+                    stiffness=abs(sign) * stiffness, noise=noise, velocity_noise=velocity_noise, parts=self._parts(balance),
+                    edge=self.edge, rubs=rubs,
                 )  # fmt: skip
                 if found.usable:
                     settled = self._settled(found, element, sign)
@@ -501,11 +501,11 @@ class Equations:
         self, balance: Balance, element: Element, sign: float, records: Sequence[Record],
         all_signals: Sequence[Mapping[tuple[str, int], FloatArray]], cut: float,
     ) -> tuple[list[SlidingRun], float, float]:  # fmt: skip
-        # The signals of an equation in all runs, and the noise of its force (N, rms) and of the velocity (m/s, the largest).
+        # The signals of an equation in all runs, and the noise of its force (N, rms) and of a measured velocity (m/s, largest).
         runs: list[SlidingRun] = []
         way = np.sign(sign)
         noise: list[float] = []
-        of_speed: list[float] = []
+        velocity_noise: list[float] = []
         for record, signals in zip(records, all_signals, strict=True):
             if record.configuration not in balance.configurations or len(next(iter(signals.values()))) < SHORTEST:
                 continue
@@ -522,8 +522,9 @@ class Equations:
                     fixed.append(way * other_sign * direction_of(ov, max(float(np.std(ov)), 1e-12)))
             columns = np.column_stack(fixed) if fixed else np.zeros((len(force), 0))
             noise.append(self._force_noise(balance, element, record, len(force)))
-            combo = self.combos.of(element.weights, 0) or {}
-            of_speed.append(self._processed_noise(record, [(name, 1, abs(w)) for name, w in combo.items()], len(force)))
+            if not self.integrated(element):
+                combo = self.combos.of(element.weights, 0) or {}
+                velocity_noise.append(self._processed_noise(record, [(name, 1, abs(w)) for name, w in combo.items()], len(force)))
             force, d, v, columns = self.thinned(low_passed(force, self.rate, self.edge)), *map(self.thinned, (d, v, columns))
             n = len(force)
             usable = np.zeros(n, dtype=bool)
@@ -537,7 +538,7 @@ class Equations:
                     slow_velocity=np.zeros(n),
                 )
             )  # fmt: skip
-        return runs, float(np.sqrt(np.mean(np.square(noise)))) if noise else 0.0, max(of_speed, default=0.0)
+        return runs, float(np.sqrt(np.mean(np.square(noise)))) if noise else 0.0, max(velocity_noise, default=0.0)
 
     def thinned(self, values: FloatArray) -> FloatArray:
         """Records, shape (n, ...), at the samples of sliding equations."""

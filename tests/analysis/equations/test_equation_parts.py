@@ -257,7 +257,7 @@ def test_an_equation_without_unknown_values_leaves_its_known_part() -> None:
     assert (found.residual, len(found.values)) == (2.0, 0)
 
 
-def sliding(integrated: bool, still: float, of_speed: float = 0.0) -> Sliding:
+def sliding(integrated: bool, still: float, velocity_noise: float = 0.0) -> Sliding:
     """A run of 40 s that is at rest for a share of the time."""
     n = 4000
     velocity = np.where(np.arange(n) < still * n, 0.0, np.cos(2.0 * np.pi * 5.0 * np.arange(n) / RATE))
@@ -266,7 +266,16 @@ def sliding(integrated: bool, still: float, of_speed: float = 0.0) -> Sliding:
         time=np.arange(n) / RATE, usable=np.ones(n, dtype=bool), slow=np.zeros(n), slow_velocity=np.zeros(n),
     )  # fmt: skip
     return Sliding(
-        [run], RATE, 0.2, integrated=integrated, stiffness=1.0, noise=0.0, of_speed=of_speed, parts=1.0, edge=np.inf, rubs=True
+        [run],
+        RATE,
+        0.2,
+        integrated=integrated,
+        stiffness=1.0,
+        noise=0.0,
+        velocity_noise=velocity_noise,
+        parts=1.0,
+        edge=np.inf,
+        rubs=True,
     )
 
 

@@ -23,7 +23,7 @@ def turning(pitch: float, noise: float, frequency: float = 0.1) -> Sliding:
         usable=np.ones(N, dtype=bool), slow=np.zeros(N), slow_velocity=np.zeros(N),
     )  # fmt: skip
     return Sliding(
-        [run], RATE, 1.0, integrated=False, stiffness=0.0, noise=noise, of_speed=0.0, parts=1.0, edge=np.inf, rubs=False
+        [run], RATE, 1.0, integrated=False, stiffness=0.0, noise=noise, velocity_noise=0.0, parts=1.0, edge=np.inf, rubs=False
     )
 
 

@@ -26,19 +26,20 @@ class MainsHum(ChannelCause):
 
     def proposed(self, model: RigModel, evidence: Evidence, place: str) -> Iterator[Candidate]:
         """One for this channel alone; for the channel with most of it also one for all that have hum, of the same wiring."""
-        left = [name for name in evidence.mains if chain_of(model, name)[0].mains_frequency is None]
-        if place not in left:
+        humming = [name for name in evidence.mains if chain_of(model, name)[0].mains_frequency is None]
+        if place not in humming:
             return
-        for channels in ([place], left) if place == left[0] and len(left) > 1 else ([place],):
-            begun, free = model, list[Free]()
+        for channels in ([place], humming) if place == humming[0] and len(humming) > 1 else ([place],):
+            start, paths = model, {name: f"{chain_of(model, name)[1]}.mains_frequency" for name in channels}
             for name in channels:
-                frequency = evidence.mains[name]
-                begun = with_chain(begun, name, mains_frequency=frequency)
-                path = f"{chain_of(model, name)[1]}.mains_frequency"
-                free.append(Free(path=path, low=frequency - 0.1, high=frequency + 0.1, log=False, step=1e-4))
+                start = with_chain(start, name, mains_frequency=evidence.mains[name])
             yield Candidate(
-                cause=self.name, location=place, family=self.family, rank=self.rank, starts=(begun,), free=tuple(free),
-                reported=(Reported(name="frequency", path=f"{chain_of(model, place)[1]}.mains_frequency", unit="Hz"),),
+                cause=self.name, location=place, family=self.family, rank=self.rank, starts=(start,),
+                free=tuple(
+                    Free(path=path, low=evidence.mains[name] - 0.1, high=evidence.mains[name] + 0.1, log=False, step=1e-4)
+                    for name, path in paths.items()
+                ),
+                reported=(Reported(name="frequency", path=paths[place], unit="Hz"),),
             )  # fmt: skip
 
     def supposed_places(self, model: RigModel) -> tuple[str, ...]:
