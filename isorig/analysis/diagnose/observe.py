@@ -46,8 +46,8 @@ def observe(
     return Evidence(
         deflection=deflection, speed=speed, sample_rate=rate, end_time=last, peak=peaks,
         flat_tops=flat_tops(campaign, peaks), mains=mains(model, trials), misfit_frequencies=misfit_frequencies(model, trials),
-        forces=forces(model, trials, deflection), push=push_of(model, peaks), described=described, guess=guess,
-        configurations=frozenset(t.run.configuration for t in trials),
+        forces=forces(model, trials, deflection), push=push_of(model, trials, peaks, deflection), described=described,
+        guess=guess, configurations=frozenset(t.run.configuration for t in trials),
     )  # fmt: skip
 
 
@@ -86,11 +86,22 @@ def forces(model: RigModel, trials: Sequence[Trial], swing: Mapping[str, float])
     return found
 
 
-def push_of(model: RigModel, peaks: Mapping[str, float]) -> float:
-    """Largest force in N of the drive on a body."""
+def push_of(
+    model: RigModel, trials: Sequence[Trial], peaks: Mapping[str, float], deflection: Mapping[str, float]
+) -> float:  # fmt: skip
+    """Largest force in N of the drive on a body; of a spring where a motion is imposed, or nothing drives the rig.
+
+    A spring at an imposed motion counts with the measured deflection, though that may be the sensors' calibration error.
+    """
     drive = model.drive
     shares = [abs(share) for share in drive.pushes.values()]
-    return abs(drive.factor) * max(shares, default=0.0) * peaks.get(drive.channel, 0.0)
+    pushes = abs(drive.factor) * max(shares, default=0.0) * peaks.get(drive.channel, 0.0)
+    if pushes > 0.0:
+        return pushes
+    forces = [link.stiffness * deflection[link.name] for link in model.links]
+    shaken = [link for link in model.links if {link.a, link.b} & set(model.imposed)]
+    measured = ((link, _measured_swing(model, link, trial)) for trial in trials for link in shaken)
+    return max(forces + [link.stiffness * found.most[1] for link, found in measured if found is not None], default=0.0)
 
 
 def swings(model: RigModel, trials: Sequence[Trial]) -> tuple[dict[str, float], dict[str, float]]:
@@ -153,10 +164,19 @@ def _measured_swing(model: RigModel, link: Link, trial: Trial) -> _Measured | No
         moves = [(trial.motion.velocity[end], trial.motion.position[end]) for end in ends]
     else:
         sensors = {s.body: s for s in model.sensors if s.relative_to == GROUND}
-        if any(end not in sensors for end in ends):
+        given = {
+            drive.imposes: motion_of(record.recorded, drive.quantity, trial.sample_rate, trial.run.band)
+            for drive, record in zip(model.drives, (trial.excitation, *trial.excitation.others), strict=True)
+            if drive.imposes is not None
+        }
+        if any(end not in sensors and end not in given for end in ends):
             return None
         moves = []
-        for sensor in (sensors[end] for end in ends):
+        for end in ends:
+            if end in given:
+                moves.append(given[end])
+                continue
+            sensor = sensors[end]
             row = trial.channels.index(sensor.channel)
             moves.append(motion_of(trial.measured[row], sensor.quantity, trial.sample_rate, trial.run.band))
             random = np.random.default_rng(row).normal(0.0, trial.noise[row], trial.samples)

@@ -540,6 +540,22 @@ class Equations:
             )  # fmt: skip
         return runs, float(np.sqrt(np.mean(np.square(noise)))) if noise else 0.0, max(velocity_noise, default=0.0)
 
+    def fixed_paths(self, balance: Balance, element: Element) -> list[str]:
+        """Parameters whose values are the coefficients of `SlidingRun.fixed`, by path.
+
+        "-" where the equation does not give one: for an integrated deflection, whose slow part is unknown.
+        """
+        found = [path for path, _, _ in self.unknown_rows(balance)]
+        for other, _ in balance.crossing:
+            if other.name == element.name:
+                continue
+            if other.link is not None and not element.beside(other):
+                known = not self.integrated(other)
+                found += [f"links.{other.link.name}.{name}" if known else "-" for name in ("stiffness", "damping")]
+            if other.contact is not None:
+                found.append("-")
+        return found
+
     def thinned(self, values: FloatArray) -> FloatArray:
         """Records, shape (n, ...), at the samples of sliding equations."""
         if self.every == 1:

@@ -32,6 +32,8 @@ class WrongMass(Cause):
         return tuple(place for place in places if _path(model, place) not in model.free)
 
     def proposed(self, model: RigModel, evidence: Evidence, place: str) -> Iterator[Candidate]:
+        if _scale_is_free(evidence.described):
+            return
         path = _path(model, place)
         given = model.get(path)
         yield Candidate(
@@ -48,6 +50,22 @@ class WrongMass(Cause):
 
 def _path(model: RigModel, place: str) -> str:
     return f"bodies.{place}.mass" if any(body.name == place for body in model.bodies) else "drive.factor"
+
+
+def _scale_is_free(described: RigModel) -> bool:
+    # One body on links that are all fitted, with a given motion and no record of a force: all forces change with its mass, and no
+    # motion does.
+    imposed, free = described.drive.imposes, described.free
+    forces = [(f"links.{link.name}.{name}", getattr(link, name)) for link in described.links for name in ("stiffness", "damping")]
+    return (
+        imposed is not None
+        and len(described.drives) == 1
+        and sum(body.name != imposed for body in described.bodies) == 1
+        and not any(sensor.force_in for sensor in described.sensors)
+        and not any(link.laws for link in described.links)
+        and all(value == 0.0 or path in free for path, value in forces)
+        and all(f"contacts.{contact.name}.law.friction_force" in free for contact in described.contacts)
+    )
 
 
 def _heavier(model: RigModel, path: str, body: str) -> Iterator[RigModel]:

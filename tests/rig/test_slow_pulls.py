@@ -1,0 +1,94 @@
+"""A sled is pulled slowly over a rail by a spring whose other end moves as given: only positions are recorded.
+
+The motion is integrated here, not by the engine. No force is recorded, so all forces are known up to the given mass of the sled.
+"""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+import pytest
+
+from isorig.analysis.campaign import Campaign, Channel, Run
+from isorig.analysis.diagnose.causes.wrong_mass import WrongMass
+from isorig.analysis.diagnose.diagnosis import diagnose
+from isorig.analysis.diagnose.observe import observe
+from isorig.analysis.equations.forms import start_values
+from isorig.analysis.equations.ranking import ranking
+from isorig.analysis.equations.system import equations_of
+from isorig.analysis.fitting.trials import prepare
+from isorig.analysis.model.rig_model import Body, Drive, Link, RigModel, Sensor
+
+#: kg, N/m, N s/m of the spring and of the rail, and the rail's dry friction in N.
+MASS, SPRING, DAMPING, RAIL, FRICTION = 2.0, 600.0, 1.5, 0.8, 5.0
+#: Samples and steps of the integration per second, seconds of a run, and the count of the encoders in m.
+RATE, FINE, SECONDS, COUNT = 500, 20_000, 20, 1e-5
+RIG = RigModel(
+    name="sled on a rail",
+    bodies=(Body(name="carrier", mass=5.0), Body(name="sled", mass=MASS)),
+    drive=Drive(channel="carrier", imposes="carrier", quantity="displacement"),
+    links=(
+        Link(name="spring", a="sled", b="carrier", stiffness=500.0, damping=1.7),
+        Link(name="rail", a="sled", b="ground", damping=0.9),
+    ),
+    sensors=(Sensor(channel="sled", body="sled", quantity="displacement"),),
+    free=("links.spring.stiffness", "links.spring.damping", "links.rail.damping"),
+)
+
+
+def pulled(speeds: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Positions of carrier and sled, counted, while the carrier moves at each of these speeds in m/s for an equal time."""
+    steps, h = SECONDS * FINE, 1.0 / FINE
+    pace = np.repeat(speeds, steps // len(speeds))
+    carrier = np.cumsum(pace) * h
+    sled, x, v = np.empty(steps), 0.0, 0.0
+    for k, (at, speed) in enumerate(zip(carrier.tolist(), pace.tolist(), strict=True)):
+        force = SPRING * (at - x) + DAMPING * (speed - v) - RAIL * v
+        if v == 0.0 and abs(force) <= FRICTION:
+            after = 0.0
+        else:
+            after = v + h * (force - FRICTION * np.copysign(1.0, v if v != 0.0 else force)) / MASS
+            after = 0.0 if v * after < 0.0 else after
+        v, x = after, x + h * after
+        sled[k] = x
+    counted = [np.round(values[:: FINE // RATE] / COUNT) * COUNT for values in (carrier, sled)]
+    return counted[0], counted[1]
+
+
+@pytest.fixture(scope="module")
+def campaign() -> Campaign:
+    runs = []
+    for name, speeds in {"slow": (0.01,), "fast": (0.05,), "back": (0.03, -0.03), "steps": (0.02, 0.04)}.items():
+        channels = {
+            channel: Channel(name=channel, samples=values, quantity="displacement", unit="m")
+            for channel, values in zip(("carrier", "sled"), pulled(speeds), strict=True)
+        }
+        runs.append(Run(id=name, configuration="unlocked", sample_rate=float(RATE), gain=1.0, channels=channels))
+    return Campaign(runs=tuple(runs), source="slow pulls")
+
+
+def test_the_equation_gives_the_spring_beside_the_sliding_rail(campaign: Campaign) -> None:
+    equations = equations_of(campaign, RIG)
+    best = ranking(equations).explanations[0]
+    assert (best.what, best.place) == ("dry friction", "rail")
+    assert start_values(equations, best)["links.spring.stiffness"] == pytest.approx(SPRING, rel=0.06)
+
+
+def test_the_drive_is_as_strong_as_the_spring_at_the_given_motion(campaign: Campaign) -> None:
+    """The sled's friction stretches the spring by 8 mm, a few per cent of both travels."""
+    seen = observe(campaign, RIG, prepare(campaign, RIG), RIG, RIG)
+    assert seen.push > 0.8 * FRICTION
+
+
+def test_dry_friction_is_named_with_its_value(campaign: Campaign) -> None:
+    found = diagnose(campaign, RIG)
+    (step,) = found.steps
+    assert (found.verdict, step.cause, step.location) == ("explained", "coulomb_friction", "rail")
+    assert step.parameters["friction_force"][0] == pytest.approx(FRICTION, rel=0.06)
+
+
+def test_no_motion_shows_the_mass_of_one_body_without_a_known_force(campaign: Campaign) -> None:
+    trials = prepare(campaign, RIG)
+    stiff = msgspec.structs.replace(RIG, free=RIG.free[1:])
+    assert not WrongMass().candidates(RIG, observe(campaign, RIG, trials, RIG, RIG))
+    assert {c.location for c in WrongMass().candidates(stiff, observe(campaign, stiff, trials, stiff, stiff))} >= {"sled"}
