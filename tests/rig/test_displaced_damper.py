@@ -121,3 +121,24 @@ def test_where_an_imposed_speed_began_is_no_error() -> None:
     (trial,) = prepare(Campaign(runs=(run,), source="damper"), true)
     error = (expected(true, trial)[0] - trial.measured[0])[50:-200]
     assert np.abs(error).max() < 0.01 * np.abs(load).max()
+
+
+def test_a_damper_that_is_unlike_in_its_directions() -> None:
+    """A shock absorber: its damping in extension is twice that in compression, and the load cell has an unknown zero."""
+    extension, compression, draw = 2.0 * DAMPING, DAMPING, np.random.default_rng(5)
+    runs = []
+    for k, amplitude in enumerate(AMPLITUDES):
+        x, linear = swept(amplitude)
+        v = np.gradient(x, 1.0 / RATE)
+        force = linear - CUBIC * x**3 - DAMPING * v + np.where(v > 0.0, extension, compression) * v + 3.0
+        stroke, load = (values + draw.normal(0.0, NOISE * values.std(), len(values)) for values in (x, force))
+        channels = {
+            "stroke": Channel(name="stroke", samples=stroke, quantity="displacement", unit="m"),
+            "load": Channel(name="load", samples=load, quantity="force", unit="N"),
+        }
+        runs.append(Run(id=f"r{k}", configuration="unlocked", sample_rate=RATE, gain=1.0, channels=channels, excitation="sweep"))
+    found = iso.diagnose(Campaign(runs=tuple(runs), source="damper"), RIG)
+    (step,) = found.steps
+    assert (found.verdict, step.cause, step.location) == ("explained", "asymmetric_damping", "damper")
+    value, std, _ = step.parameters["damping_difference"]
+    assert abs(value - (extension - compression) / 2.0) <= 3.0 * std <= 0.05 * DAMPING

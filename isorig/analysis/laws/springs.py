@@ -185,6 +185,19 @@ def squared(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
     return p[0] * v * abs(v)
 
 
+class AsymmetricDamping(SpringLaw, frozen=True, kw_only=True, tag="asymmetric_damping"):
+    """Force damping_difference * |v| (N s/m): so much more damping in extension, v > 0, and so much less in compression."""
+
+    damping_difference: Annotated[float, Parameter("N s/m", -20.0, 20.0)]
+
+    def element(self, link: LinkConstants) -> Element:
+        more = self.damping_difference
+        return Element(states=(State(v=more, exits=(Exit(to=1, v=1.0),)), State(v=-more, exits=(Exit(to=0, v=-1.0),))))
+
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
+        return self.damping_difference * np.abs(v)
+
+
 class LinearDrift(SpringLaw, frozen=True, kw_only=True):
     """A constant of a link times drift_rate t, drift_rate in 1/s, t from the campaign's first sample, at most `until` s."""
 
