@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 import pytest
 
@@ -13,8 +15,8 @@ from isorig.rig.wire_bonder.description import wire_bonder
 
 
 class Swings:
-    deflection = {"table": 1e-3, "heatblock": 1e-5, "isolation": 2e-3}
-    speed = {"table": 0.1, "heatblock": 1e-3, "isolation": 0.2}
+    deflection: ClassVar = {"table": 1e-3, "heatblock": 1e-5, "isolation": 2e-3}
+    speed: ClassVar = {"table": 0.1, "heatblock": 1e-3, "isolation": 0.2}
 
 
 def test_its_force_is_that_of_two_dampers() -> None:
