@@ -24,6 +24,7 @@ from isorig.analysis.laws.sliders import ElastoSlip, MaxwellSlip
 from isorig.analysis.laws.springs import (
     AsymmetricDamping,
     Backlash,
+    Bilinear,
     BoundedSoftening,
     Cubic,
     DampingDrift,
@@ -36,10 +37,10 @@ from isorig.analysis.laws.springs import (
 from isorig.analysis.laws.tables import Curve, FrictionCurve
 
 __all__ = [
-    "CONTACT_LAWS", "FORMULAS", "LAWS", "SPRING_LAWS", "Arctan", "Asymmetric", "AsymmetricDamping", "Backlash", "BoucWen",
-    "BoundedSoftening", "ContactLaw", "Coulomb", "Cubic", "Curve", "Dahl", "DampingDrift", "Drift", "ElastoSlip", "EndStop",
-    "FrictionCurve", "FrictionLaw", "Karnopp", "Law", "LinkLaw", "LuGre", "Maxwell", "MaxwellSlip", "Parameter", "Periodic",
-    "Polynomial", "PositionDependent", "QuadraticDamping", "SpringLaw", "Stribeck", "Viscous",
+    "CONTACT_LAWS", "FORMULAS", "LAWS", "SPRING_LAWS", "Arctan", "Asymmetric", "AsymmetricDamping", "Backlash", "Bilinear",
+    "BoucWen", "BoundedSoftening", "ContactLaw", "Coulomb", "Cubic", "Curve", "Dahl", "DampingDrift", "Drift", "ElastoSlip",
+    "EndStop", "FrictionCurve", "FrictionLaw", "Karnopp", "Law", "LinkLaw", "LuGre", "Maxwell", "MaxwellSlip", "Parameter",
+    "Periodic", "Polynomial", "PositionDependent", "QuadraticDamping", "SpringLaw", "Stribeck", "Viscous",
 ]  # fmt: skip
 
 L = TypeVar("L", bound=Law)

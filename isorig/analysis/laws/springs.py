@@ -53,6 +53,19 @@ def squared_and_cubed(p: FloatArray, gate: float, d: float, v: float, t: float) 
     return (p[0] + p[1] * d) * d * d
 
 
+class Bilinear(SpringLaw, frozen=True, kw_only=True, tag="bilinear"):
+    """Force stiffness_difference * |d| (N/m): so much more stiffness in extension, d > 0, and so much less in compression."""
+
+    stiffness_difference: Annotated[float, Parameter("N/m", -500.0, 500.0)]
+
+    def element(self, link: LinkConstants) -> Element:
+        more = self.stiffness_difference
+        return Element(states=(State(d=more, exits=(Exit(to=1, d=1.0),)), State(d=-more, exits=(Exit(to=0, d=-1.0),))))
+
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
+        return self.stiffness_difference * np.abs(d)
+
+
 class BoundedSoftening(SpringLaw, frozen=True, kw_only=True, tag="bounded_softening"):
     """Spring force k ((1 - r) d + r s tanh(d / s)): softening r in [0, 1), scale s in m."""
 
