@@ -341,6 +341,30 @@ def test_steps_before_a_better_fit_are_tested_again(
     assert only.fit is best
 
 
+def test_a_fit_that_a_better_one_replaced_does_not_raise_the_noise_floor(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A model in a local minimum may be far more sensitive to noise on the drive."""
+    campaign, guess = played(stage(), seed=7), guessed(stage(), 7)
+    trials = prepare(campaign, guess)
+    shape = score(guess, ends(trials).judged).error.shape
+    free = base_parameters(guess)
+    poor, better = (
+        Fit(model=model, free=free, covariance=np.eye(len(free)), cost=1.0, evaluations=1)
+        for model in (guess.replace({"links.rail.stiffness": 9e3}), stage())
+    )
+    search = _Search(campaign, guess, guess, equations_of(campaign, guess), trials, lambda text: None, 0.0, MOST_STEPS)
+    step = step_to("sensor_gain", "sensor", 0.4, 0.3).step
+    assert step is not None
+    one = replace(entry("sensor_gain", "x", 0.3), score=scored(0.3, shape), fit=better)
+    answers = iter([Found(step=step, entry=one, entries=(one,)), None])
+    monkeypatch.setattr(diagnosis, "next_step", lambda *given, **options: next(answers))
+    monkeypatch.setattr(diagnosis, "bare_cost", lambda current, rung: np.inf)
+    monkeypatch.setattr(diagnosis, "without", lambda step, current, trials: better)
+    monkeypatch.setattr(diagnosis, "score", lambda model, judged: scored(0.05 if model == better.model else 0.4, shape))
+    monkeypatch.setattr(diagnosis, "widened", lambda done: done)
+    monkeypatch.setattr(search, "floors", lambda models, judged: np.full(shape, 0.2 if poor.model in models else 0.001))
+    assert np.all(search.causes(poor, ends).quiet == 0.001)
+
+
 def test_only_faults_of_sensors_have_own_channels() -> None:
     """A free shape of a link reports no values, and must not be judged by every channel; that of a sensor by its own."""
     step = step_to("friction_shape", "friction_shape", 0.4, 0.2).step
