@@ -105,6 +105,24 @@ def test_a_stop_at_one_end_only_says_which(end: float, said: str) -> None:
     assert said in cause_in_words(step(cause="end_stop", form="end_stop", parameters=parameters))
 
 
+@pytest.mark.parametrize(
+    ("rate", "std", "until", "said"),
+    [
+        (0.07519, 0.00014, 20.0, "by +7.519 ± 0.014 % per second"),
+        (-2e-4, 1e-5, 900.0, "by -1.20 ± 0.06 % per minute"),
+        (1e-5, 2e-6, 7200.0, "by +3.6 ± 0.7 % per hour"),
+        (1e-5, None, None, "by +3.6 % per hour"),
+    ],
+)
+def test_a_drift_is_given_in_per_cent_over_a_time_that_fits_the_session(
+    rate: float, std: float | None, until: float | None, said: str
+) -> None:
+    parameters = {"drift_rate": {"value": rate, "std": std, "unit": "1/s"}}
+    held = {"until": {"value": until, "unit": "s"}} if until else {}
+    words = cause_in_words(step(cause="damping_drift", form="damping_drift", parameters=parameters, held=held))
+    assert words == f"a damping of the coupling that changes {said}"
+
+
 def test_an_error_of_many_times_the_signal_loses_the_motion() -> None:
     first, *others = findings().candidates
     lost = findings(candidates=[msgspec.structs.replace(first, holdout_error=5e11), *others])
