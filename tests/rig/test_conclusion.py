@@ -13,6 +13,7 @@ import pytest
 from some_findings import findings, named
 
 from isorig.analysis.campaign import Campaign, Channel, Run
+from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.simulate.natural import natural_modes
 from isorig.analysis.wording import SIZED, in_per_cent, noise_alone, sized
 from isorig.rig.cli import main
@@ -62,6 +63,33 @@ def test_what_was_tried_on_top_of_an_uncertain_cause_does_not_rule_it_out() -> N
 def test_what_leaves_more_alone_is_not_ruled_out_beside_another_cause() -> None:
     both = findings(steps=[named(), named(cause="channel_delay", kind="sensor", form="channel_delay", location="motor")])
     assert conclude(both).ruled_out.startswith("Ruled out as the only cause, with the error each leaves: hardening stiffness")
+
+
+@pytest.mark.parametrize(("extended", "alone"), [(1.49 * 0.0126, ""), (1.51 * 0.0127, " as the only cause")])
+def test_what_is_ruled_out_may_be_a_further_cause_while_an_error_above_the_noise_is_left(extended: float, alone: str) -> None:
+    """The noise is 1.2 % of the signal, the accuracy of the simulation 0.4 %."""
+    found = findings()
+    found = msgspec.structs.replace(found, holdout=msgspec.structs.replace(found.holdout, extended=extended))
+    assert conclude(found).ruled_out.startswith(f"Ruled out{alone}, with the error each leaves: hardening stiffness")
+
+
+@pytest.mark.parametrize("standing", ["main contributor", "ruled out"])
+def test_what_leaves_as_much_as_the_model_without_it_is_not_listed(standing: str) -> None:
+    useless = msgspec.structs.replace(findings().candidates[0], standing=standing, share=-0.01, holdout_error=0.36)
+    assert conclude(findings(verdict="adequate", steps=[], candidates=[msgspec.to_builtins(useless)])).ruled_out == ""
+
+
+@pytest.mark.parametrize(("factor", "listed"), [(POLICY.matters + 0.01, True), (POLICY.matters - 0.01, False)])
+def test_what_was_tried_in_addition_must_leave_less_than_the_answer(factor: float, listed: bool) -> None:
+    tried = msgspec.structs.replace(findings().candidates[0], holdout_error=findings().holdout.extended / factor)
+    assert bool(conclude(findings(candidates=[msgspec.to_builtins(tried)])).ruled_out) is listed
+
+
+def test_a_fit_elsewhere_is_not_of_the_kind_and_place_that_the_equations_show() -> None:
+    """It left more than the model with the cause before it, though less than the baseline."""
+    elsewhere = msgspec.structs.replace(findings().candidates[0], location="gas", standing="not confirmed", holdout_error=0.15)
+    said = conclude(findings(candidates=[msgspec.to_builtins(elsewhere)])).ruled_out
+    assert said == "Neither confirmed nor ruled out, because no fit followed the motion: end stop at the gas (15 %)."
 
 
 def test_what_was_tried_on_top_of_the_answer_is_no_rival_of_it() -> None:

@@ -7,10 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import inf
+from math import hypot, inf
 
 from isorig.analysis.diagnose.causes import CATALOGUE
 from isorig.analysis.diagnose.causes.base import Kind
+from isorig.analysis.diagnose.policy import POLICY
+from isorig.analysis.fitting.excess import SIMULATION_LIMIT
 from isorig.analysis.wording import MULTIPLE, first_of, in_per_cent, noise_alone, sized, with_article, with_std
 from isorig.rig.files.findings import Findings, HeldValue, NamedCause, TriedCause, Value
 from isorig.rig.report.sections import words
@@ -181,14 +183,15 @@ def _error(findings: Findings) -> str:
 
 
 def _ruled_out(findings: Findings) -> str:
-    unconfirmed, out = (_fitted(findings, standing) for standing in ("not confirmed", "ruled out"))
+    unconfirmed, out = _fitted(findings, "not confirmed"), _removing(_fitted(findings, "ruled out"))
     named = {(step.cause, step.location) for step in findings.steps}
     # Those that the data cannot distinguish from a named cause are listed as such.
     open_ones = ("main contributor",) if findings.steps else ("main contributor", "one of several")
-    unsure = [pair for pair in _fitted(findings, *open_ones) if (pair[1].cause, pair[1].location) not in named]
+    unsure = [pair for pair in _removing(_fitted(findings, *open_ones)) if (pair[1].cause, pair[1].location) not in named]
     alike = [f"{words(c.cause)} at {with_article(c.location)}" for group in findings.indistinguishable for c in group[1:]]
     said = []
-    lost = [pair for pair in unconfirmed if pair[0] > findings.holdout.baseline]
+    there = findings.pointed and (findings.pointed.kind, findings.pointed.location)
+    lost = [pair for pair in unconfirmed if (pair[1].kind, pair[1].location) != there or pair[0] > findings.holdout.baseline]
     unconfirmed = [pair for pair in unconfirmed if pair not in lost]
     if unconfirmed:
         said.append(f"Of this kind and place, not confirmed, with the error each leaves: {_listed(unconfirmed)}.")
@@ -199,17 +202,29 @@ def _ruled_out(findings: Findings) -> str:
     reached = findings.holdout.extended if findings.steps else min((error for error, _ in unsure), default=0.0)
     further = [pair for pair in out if pair[0] < reached]
     out = [pair for pair in out if pair not in further]
+    further = [pair for pair in further if POLICY.matters * pair[0] < reached]
     if further:
         said.append(f"Tried in addition, and not certain, with the error then left: {_listed(further)}.")
     if out:
-        # What was fitted alone may still be there beside another cause.
-        alone = " as the only cause" if len(findings.steps) > 1 else ""
+        # What was fitted alone may still be there beside another cause, found or not.
+        alone = " as the only cause" if len(findings.steps) > 1 or _leaves_more_than_noise(findings) else ""
         said.append(f"Ruled out{alone}, with the error each leaves: {_listed(out)}.")
     if lost:
         said.append(f"Neither confirmed nor ruled out, because no fit followed the motion: {_listed(lost)}.")
     if alike:
         said.append(f"Not distinguishable from it by these runs: {', '.join(alike)}.")
     return " ".join(said)
+
+
+def _leaves_more_than_noise(findings: Findings) -> bool:
+    # Whether the last model's error is clearly above the noise, so that there may be another cause.
+    threshold = findings.adequacy.threshold or POLICY.enough
+    return findings.holdout.extended > threshold * hypot(findings.holdout.noise_floor, SIMULATION_LIMIT)
+
+
+def _removing(fitted: Sequence[tuple[float, TriedCause]]) -> list[tuple[float, TriedCause]]:
+    # Those that leave less than the model without them.
+    return [pair for pair in fitted if pair[1].share is not None and pair[1].share > 0.0]
 
 
 def _fitted(findings: Findings, *standings: str) -> list[tuple[float, TriedCause]]:

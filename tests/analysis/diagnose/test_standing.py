@@ -57,6 +57,18 @@ def reported(*, elsewhere: float) -> set[tuple[str, str]]:
     return {(found.step.cause, found.step.location), *found.step.indistinguishable}
 
 
+@pytest.mark.parametrize(("share", "closest"), [(POLICY.main + 0.01, "sensor_gain"), (POLICY.main - 0.01, None), (-0.2, None)])
+def test_a_form_that_removes_little_of_the_error_is_not_the_closest_to_a_curve(share: float, closest: str | None) -> None:
+    campaign, guess = played(stage(), seed=7), guessed(stage(), 7)
+    trials = prepare(campaign, guess)
+    form = entry("sensor_gain", "x", float(np.sqrt(0.004**2 + (1.0 - share) * (0.1**2 - 0.004**2))))
+    shape = entry("sensor", "x", 0.005, points=5)
+    found = best_kind([form], [shape], scored(0.1), FLOORS, observe(campaign, guess, trials, guess, guess))
+    assert found is not None
+    assert found.step.form is None
+    assert (found.step.closest and found.step.closest[0]) == closest
+
+
 def test_a_form_elsewhere_that_is_as_good_is_reported_by_its_name() -> None:
     assert reported(elsewhere=0.0101) == {("sensor_gain", "x"), ("sensor_gain", "a")}
 
