@@ -6,9 +6,10 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
+import msgspec
 import numpy as np
 import pytest
-from small_rigs import stage
+from small_rigs import rubbing, stage, with_law
 
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
 from isorig.analysis.diagnose import search
@@ -18,6 +19,8 @@ from isorig.analysis.fitting import solve, uncertainty
 from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.solve import Fit, Free, fit
 from isorig.analysis.fitting.trials import decays, fit_samples
+from isorig.analysis.laws import BoucWen, ElastoSlip
+from isorig.analysis.model.rig_model import Contact
 from isorig.analysis.spectra.noise import noise_level
 from isorig.analysis.spectra.quality import faults
 
@@ -182,6 +185,41 @@ def test_a_form_replaces_the_curve_of_a_pair_up_to_one_and_a_half_times_its_erro
         assert (found is not None) is kept
         assert found is None or (found[0], found[1][0]) == ([form], other)
     assert one._forms_for((other, fitted), (other, (), stage())) is None, "no curve"
+
+
+def test_a_form_for_the_curve_of_a_pair_has_no_part_of_the_curve_and_leaves_the_other_cause(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The curve is a row of sliders in a link, the other cause dry friction beside it; hysteresis would replace that."""
+    slid = with_law(stage(), "rail", ElastoSlip(slip_force=8.0, spring_stiffness=3e3))
+    slips, dry, built = (
+        Free(path=path)
+        for path in (
+            "links.rail.laws.0.slip_force", "contacts.rail.law.friction_force", "contacts.rail.law.initial_stiffness"
+        )
+    )  # fmt: skip
+    both = Fit(model=rubbing(slid, "rail", 5.0), free=(slips, dry), covariance=np.eye(2), cost=4.0, evaluations=1)
+    shape = Candidate(
+        cause="memory", location="rail", family="", starts=(slid,), free=(slips,), reported=(), shape=cast(Any, object())
+    )
+    other = Candidate(cause="coulomb_friction", location="rail", family="", starts=(both.model,), free=(dry,), reported=())
+    law = BoucWen(friction_force=5.0, initial_stiffness=7e3)
+    bent = msgspec.structs.replace(stage(), contacts=(Contact(name="rail", a="table", law=law),))
+    hysteresis = Candidate(cause="hysteresis", location="rail", family="", starts=(bent,), free=(dry, built), reported=())
+    elsewhere = replace(hysteresis, free=(built,))
+    alone = Fit(model=bent, free=(dry, built), covariance=np.eye(2), cost=1.0, evaluations=1)
+    begun: list[Any] = []
+    monkeypatch.setattr(Suspected, "_after", lambda self, start, **_: (begun.append(start) or [], None))
+    monkeypatch.setattr(Suspected, "forms", [(hysteresis, alone), (elsewhere, alone)])
+    monkeypatch.setattr(search, "verified", lambda starts, *_: [(start[0], alone) for start in starts])
+    current = replace(alone, model=stage(), free=())
+    found = suspected(current=current)._forms_for((other, both), (shape, (slips,), slid))
+    assert found is not None
+    assert [candidate for candidate, _ in found[0]] == [elsewhere]
+    ((candidate, free, model),) = begun
+    assert (candidate, free) == (other, (dry,))
+    assert model.link("rail").laws == ()
+    assert model.get(dry.path) == 5.0
 
 
 def test_noise_is_the_level_of_the_calmest_quarter_of_the_time() -> None:

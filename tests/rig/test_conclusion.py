@@ -13,6 +13,7 @@ import pytest
 from some_findings import findings, named
 
 from isorig.analysis.campaign import Campaign, Channel, Run
+from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.simulate.natural import natural_modes
 from isorig.analysis.wording import SIZED, in_per_cent, noise_alone, sized
 from isorig.rig.cli import main
@@ -64,6 +65,33 @@ def test_what_leaves_more_alone_is_not_ruled_out_beside_another_cause() -> None:
     assert conclude(both).ruled_out.startswith("Ruled out as the only cause, with the error each leaves: hardening stiffness")
 
 
+@pytest.mark.parametrize(("extended", "alone"), [(1.49 * 0.0126, ""), (1.51 * 0.0127, " as the only cause")])
+def test_what_is_ruled_out_may_be_a_further_cause_while_an_error_above_the_noise_is_left(extended: float, alone: str) -> None:
+    """The noise is 1.2 % of the signal, the accuracy of the simulation 0.4 %."""
+    found = findings()
+    found = msgspec.structs.replace(found, holdout=msgspec.structs.replace(found.holdout, extended=extended))
+    assert conclude(found).ruled_out.startswith(f"Ruled out{alone}, with the error each leaves: hardening stiffness")
+
+
+@pytest.mark.parametrize("standing", ["main contributor", "ruled out"])
+def test_what_leaves_as_much_as_the_model_without_it_is_not_listed(standing: str) -> None:
+    useless = msgspec.structs.replace(findings().candidates[0], standing=standing, share=-0.01, holdout_error=0.36)
+    assert conclude(findings(verdict="adequate", steps=[], candidates=[msgspec.to_builtins(useless)])).ruled_out == ""
+
+
+@pytest.mark.parametrize(("factor", "listed"), [(POLICY.matters + 0.01, True), (POLICY.matters - 0.01, False)])
+def test_what_was_tried_in_addition_must_leave_less_than_the_answer(factor: float, listed: bool) -> None:
+    tried = msgspec.structs.replace(findings().candidates[0], holdout_error=findings().holdout.extended / factor)
+    assert bool(conclude(findings(candidates=[msgspec.to_builtins(tried)])).ruled_out) is listed
+
+
+def test_a_fit_elsewhere_is_not_of_the_kind_and_place_that_the_equations_show() -> None:
+    """It left more than the model with the cause before it, though less than the baseline."""
+    elsewhere = msgspec.structs.replace(findings().candidates[0], location="gas", standing="not confirmed", holdout_error=0.15)
+    said = conclude(findings(candidates=[msgspec.to_builtins(elsewhere)])).ruled_out
+    assert said == "Neither confirmed nor ruled out, because no fit followed the motion: end stop at the gas (15 %)."
+
+
 def test_what_was_tried_on_top_of_the_answer_is_no_rival_of_it() -> None:
     tried = [msgspec.to_builtins(each) for each in findings().candidates]
     tried[1]["holdout_error"] = 0.9 * findings().holdout.extended
@@ -103,6 +131,24 @@ def test_a_stop_at_one_end_only_says_which(end: float, said: str) -> None:
     values = {"stroke": (0.02, 1e-4, "m"), "contact_stiffness": (9e4, 1e3, "N/m"), "end": (end, 0.0, "1")}
     parameters = {name: {"value": value, "std": std, "unit": unit} for name, (value, std, unit) in values.items()}
     assert said in cause_in_words(step(cause="end_stop", form="end_stop", parameters=parameters))
+
+
+@pytest.mark.parametrize(
+    ("rate", "std", "until", "said"),
+    [
+        (0.07519, 0.00014, 20.0, "by +7.519 ± 0.014 % per second"),
+        (-2e-4, 1e-5, 900.0, "by -1.20 ± 0.06 % per minute"),
+        (1e-5, 2e-6, 7200.0, "by +3.6 ± 0.7 % per hour"),
+        (1e-5, None, None, "by +3.6 % per hour"),
+    ],
+)
+def test_a_drift_is_given_in_per_cent_over_a_time_that_fits_the_session(
+    rate: float, std: float | None, until: float | None, said: str
+) -> None:
+    parameters = {"drift_rate": {"value": rate, "std": std, "unit": "1/s"}}
+    held = {"until": {"value": until, "unit": "s"}} if until else {}
+    words = cause_in_words(step(cause="damping_drift", form="damping_drift", parameters=parameters, held=held))
+    assert words == f"a damping of the coupling that changes {said}"
 
 
 def test_an_error_of_many_times_the_signal_loses_the_motion() -> None:

@@ -52,7 +52,7 @@ def all_considered(
 ) -> tuple[ConsideredCandidate, ...]:  # fmt: skip
     """All candidates of all searches, the largest contribution first, followed by the untested causes.
 
-    `replaced` are the causes and places of steps that a more general friction at the same place replaced, `exchanged` of those
+    `replaced` are the causes and places of steps that a later law at the same place replaced, `exchanged` of those
     whose place another cause took once later ones were found; `pointed` is the kind and place to which the equations of motion
     point where no simulation confirms any cause.
     """
@@ -68,15 +68,17 @@ def all_considered(
             if whole <= 0.0:
                 found[key] = _needless(entry)
                 continue
-            share = (excess(before.error, floors) - excess(entry.score.error, floors)) / whole
+            # The baseline may have been fitted better since this search.
+            share = (min(excess(before.error, floors), whole) - excess(entry.score.error, floors)) / whole
             if key in named:  # with the share of the step that it replaced
-                share += sum(found[gone].share or 0.0 for gone in replaced if gone in found and gone != key and gone[1] == key[1])
+                gone = (found[one].share or 0.0 for one in replaced if one in found and one != key and one[1] == key[1])
+                share += sum(max(part, 0.0) for part in gone)
             # A named cause that is fitted again with itself in place removes hardly anything then.
             if key not in found or (key in named and share > (found[key].share or 0.0)):
                 alike = any(key in one for one in sets)
                 found[key] = _considered(entry, share, best, floors, key in named, alike, len(close) > 1)
             if key in replaced and key not in named:
-                why = f"It removes {_percent(share)}; a more general friction at the same place replaces it."
+                why = f"It removes {_percent(share)}; a later law at the same place replaces it."
                 found[key] = replace(found[key], standing="ruled out", why=why)
             if key in exchanged and key not in named:
                 why = f"It removes {_percent(share)}; {' at '.join(exchanged[key])} explains more together with the later causes."

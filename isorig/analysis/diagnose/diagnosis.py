@@ -394,8 +394,7 @@ class _Search:
         division = divide(self._trials)
         judged = division.judged
         stages = [SearchStage(fit=baseline, score=score(baseline.model, judged))]
-        models = [baseline.model]
-        quiet = self.floors(models, judged)
+        quiet = self._quiet(stages, judged)
         calibration = self._calibration(stages[0], divide, quiet)
         enough = adequacy_threshold(calibration)
         tries, repeated = 0, False
@@ -419,6 +418,7 @@ class _Search:
             moved = 0.0
             with self.until_the_time_ends():
                 stages, moved = self._compared(stages, step, better, division, floors)
+                quiet = self._quiet(stages, judged)
             now = stages[-1]
             fall = log_excess(now.score.error, floors) - log_excess(best.error, floors)
             if moved > max(POLICY.refitted, fall) and tries < MOST_STEPS:
@@ -428,8 +428,7 @@ class _Search:
             if found.then is not None:
                 stages += [stage_of(now.score, found), stage_of(found.entry.score, found.then)]
                 self.entries.append((found.entry.score, found.then.entries))
-                models.append(better.model)
-                quiet = self.floors(models, judged)
+                quiet = self._quiet(stages, judged)
                 continue
             repeated = False
             stage = stage_of(now.score, found)
@@ -440,9 +439,8 @@ class _Search:
             ):
                 break
             # A cause may make the rig sensitive: then noise on the drive has a larger effect.
-            models.append(better.model)
-            quiet = self.floors(models, judged)
             stages.append(stage)
+            quiet = self._quiet(stages, judged)
         if len(stages) > 1 and self._adequate(stages[0].score, _allowed(quiet), enough):
             # Where a cause makes the rig sensitive, noise on the drive may be as large as the baseline's error: that is no noise
             # of the baseline.
@@ -564,6 +562,10 @@ class _Search:
 
     def _adequate(self, found: Score, floors: FloatArray, enough: float) -> bool:
         return is_adequate(found.error, floors, enough, self._tolerance)
+
+    def _quiet(self, stages: Sequence[SearchStage], judged: Sequence[Trial]) -> FloatArray:
+        # The noise floor of the stages' models; the first of two causes is no model without the second.
+        return self.floors([stage.fit.model for stage in stages if not stage.paired], judged)
 
     def floors(self, models: Sequence[RigModel], judged: Sequence[Trial]) -> FloatArray:
         """The noise floor of models in held-out data, shape (runs, channels).

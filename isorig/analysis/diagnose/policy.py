@@ -33,7 +33,7 @@ class Policy:
         Share of it that certain steps must remove for "partly explained". More than half: no other single cause can then remove
         as much. (Findings, version 2, call a cause a main contributor from 0.3 on; this is its status.)
     main
-        Share from which a candidate is a main contributor (findings, version 2).
+        Share from which a candidate is a main contributor (findings, version 2): less makes no form the closest to a curve.
     certain
         Share of resampled runs in which a cause must beat its rivals: 1.96 standard errors.
     matters

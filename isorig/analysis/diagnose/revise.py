@@ -2,8 +2,8 @@
 
 A cause that was chosen while a later one was missing may have stood for some of that. With the later causes in place, it is left
 out if it explains nothing any more, or exchanged for a rival of its search that explains more, or for a simpler one at its place
-that explains as much. A contact has one friction law, so
-that a more general one there takes the earlier one's place.
+that explains as much. A law that replaces that of an earlier
+cause takes the place of its step.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from isorig.analysis.diagnose.cause_in_model import with_cause, without_cause
 from isorig.analysis.diagnose.causes.base import Evidence
 from isorig.analysis.diagnose.policy import POLICY, explains_better, is_superfluous
 from isorig.analysis.diagnose.step import Entry, Found, Step, found_step, rescored
-from isorig.analysis.errors import FitError
+from isorig.analysis.errors import FitError, ModelError
 from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.division import Division
 from isorig.analysis.fitting.excess import ratio
@@ -26,6 +26,7 @@ from isorig.analysis.fitting.score import Score, confidence, score
 from isorig.analysis.fitting.screen import Progress
 from isorig.analysis.fitting.solve import Fit
 from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.wording import in_per_cent
 
 #: Maximum number of rivals with which a cause is exchanged. Chosen: one or two were as near in the sealed campaigns.
 RIVALS = 2
@@ -197,23 +198,43 @@ def _simpler(entry: Entry, stage: SearchStage) -> bool:
 
 
 def merged(stages: Sequence[SearchStage], floors: FloatArray) -> tuple[list[SearchStage], frozenset[tuple[str, str]]]:
-    """The stages of a search without steps that the next one makes superfluous, and the causes and places of those steps.
+    """The stages of a search without steps whose law a later one replaces, and the causes and places of those steps.
 
-    A contact has one friction law: a friction that generalizes the one before it there replaces that step, unless the earlier one
-    is nearly as good (`Policy.form_close`) and the later one a refinement.
+    The later cause takes the place of the earlier one in the order of the steps, too, and counts from the error before that.
     """
     found: list[SearchStage] = []
-    replaced: set[tuple[str, str]] = set()
+    gone: set[tuple[str, str]] = set()
     for stage in stages:
-        step, earlier = stage.step, found[-1].step if found else None
-        alike = step and earlier and step.kind == earlier.kind == "friction_shape" and step.location == earlier.location
-        if step and earlier and alike and ratio(found[-1].score.error, stage.score.error, floors) > POLICY.form_close:
-            replaced.add((earlier.cause, earlier.location))
-            sentence = (
-                f"It replaces {earlier.cause} at {earlier.location}, which alone reduces the error from {earlier.before:.3g} to "
-                f"{earlier.after:.3g}."
-            )
-            found[-1] = replace(stage, step=replace(step, before=earlier.before, evidence=(*step.evidence, sentence)))
-        else:
+        k = next((k for k, earlier in enumerate(found) if _replaces(stage, earlier, floors)), None)
+        if k is None:
             found.append(stage)
-    return found, frozenset(replaced)
+            continue
+        step, earlier, others = stage.step, found[k].step, found[k + 1 :]
+        assert step is not None
+        assert earlier is not None
+        gone.add((earlier.cause, earlier.location))
+        sentence = f"It replaces {earlier.cause} at {earlier.location}, with which the error is {in_per_cent(earlier.after)}."
+        after = earlier.after if others else step.after
+        step = rescored(step, (earlier.before, after), (stage.fit.model, stage.fit.model))
+        found[k] = replace(stage, fit=found[k].fit, score=found[k].score, step=replace(step, evidence=(*step.evidence, sentence)))
+        found[-1] = replace(found[-1], fit=stage.fit, score=stage.score, paired=stage.paired)
+    return found, frozenset(gone)
+
+
+def _replaces(stage: SearchStage, before: SearchStage, floors: FloatArray) -> bool:
+    # Whether the law of a stage's cause takes the place of that of an earlier one: the values of that are now its own, or gone. A
+    # friction that generalizes another one there may be a refinement of it; if that alone is nearly as good, it counts, too.
+    step, earlier = stage.step, before.step
+    if step is None or earlier is None:
+        return False
+    if step.kind == earlier.kind == "friction_shape" and step.location == earlier.location:
+        return ratio(before.score.error, stage.score.error, floors) > POLICY.form_close
+    if stage.candidate is None or before.candidate is None:
+        return False
+    paths = [free.path for free in before.candidate.free]
+    try:
+        for path in paths:
+            stage.fit.model.get(path)
+    except ModelError:
+        return True
+    return not {free.path for free in stage.candidate.free}.isdisjoint(paths)

@@ -17,6 +17,7 @@ import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray
 from isorig.analysis.deadline import out_of_time
+from isorig.analysis.diagnose.cause_in_model import without_cause
 from isorig.analysis.diagnose.causes import GENERALIZED, proposed, same_form
 from isorig.analysis.diagnose.causes.base import Evidence, Kind
 from isorig.analysis.diagnose.forms_of_curves import starts_from_curve
@@ -551,23 +552,23 @@ class Suspected:
         # fitted with the curve: what the equations show then, and, of kinds that they do not see, the forms that were fitted
         # alone at the curve's place. None without a curve, or without such a form.
         (second, both), (first, _, _), current = pair, begun, self.job.current
-        shape, other = (second, first) if second.shape is not None else (first, second)
-        if shape.shape is None or other.shape is not None:
+        alone = replace(current, model=begun[2], free=begun[1])
+        shape, other, before, after = (second, first, alone, both) if second.shape else (first, second, current, alone)
+        if shape.shape is None or other.shape is not None or not _paths(other) <= {f.path for f in both.free}:
             return None
-        free = other.parameters(current.model, current.free)
-        try:
-            model = other.starts[0].replace(_values_at(both.model, [f.path for f in free]))
-        except ModelError:  # the curve has taken the place of a law
+        rest = without_cause(before, after, both)
+        if rest is None:
             return None
-        found: Start = (other, free, model)
+        found: Start = (other, rest[1], rest[0])
         forms, _ = self._after(found, curves=False)
         if kind_of(shape.cause) in UNSEEN:
-            own = _values_at(both.model, [f.path for f in other.free])
-            for form, alone in self.forms:
+            own = _values_at(both.model, sorted(_paths(other)))
+            for form, single in self.forms:
                 if form.location == shape.location and kind_of(form.cause) in UNSEEN:
                     with suppress(ModelError):  # the other cause is in a law that its model lacks
-                        start = alone.model.replace(own)
+                        start = single.model.replace(own)
                         forms.append((form, form.parameters(start, (*current.free, *other.free)), start))
+            forms = [each for each in forms if _beside(other, each)]
         run = verified(forms, self.job.rungs[-1], self.job.progress) if forms else []
         close = [one for one in run if one[1].cost <= max(AGREES, POLICY.form_close**2 * both.cost)]
         return (close, found) if close else None
@@ -584,10 +585,9 @@ class Suspected:
         evidence = job.evidence if len(model.links) == len(job.current.model.links) else job.evidence_of(model)
         others = (c for c in then.candidates(extended, evidence) if c.cause not in ALWAYS)
         candidates = [c for c in others if not then.alike(c.key, first.key)]
-        own = {f.path for f in first.free}
         starts = _started(candidates, then, extended)
         starts = _with_curve(starts, then, extended, evidence) if curves else starts
-        return [start for start in starts if start[0].key != first.key and own <= {f.path for f in start[1]}], then
+        return [start for start in starts if start[0].key != first.key and _beside(first, start)], then
 
     def _alone(self, starts: Starts, then: Suspects, place: str) -> Starts:
         # Second causes alone, at another place than the first: the equations gave the values of the first as if there were no
@@ -828,9 +828,14 @@ def shape_starts(forms: Sequence[Entry], current: Fit, evidence: Evidence) -> St
     return begun
 
 
-def _paths(candidate: Candidate) -> list[str]:
+def _paths(candidate: Candidate) -> set[str]:
     # Next to a form that the shape does not replace, its parameters have other places in the rig.
-    return [free.path for free in candidate.free]
+    return {free.path for free in candidate.free}
+
+
+def _beside(first: Candidate, start: Start) -> bool:
+    # Whether a cause leaves the first one in the rig: its law does not take the place of the law of that.
+    return _paths(first) <= {free.path for free in start[1]} - _paths(start[0])
 
 
 def contenders(shapes: Running, forms: Running, nearly: Entry | None) -> Running:

@@ -83,7 +83,7 @@ class Step:
     form
         The catalogued cause, or None if none comes close to the free shape.
     closest
-        The closest form and its share of the excess, if none is named.
+        The closest form and its share of the excess, if none is named and it is a main contributor (`Policy.main`).
     parameters
         (value, standard deviation, unit) by name.
     confidence
@@ -267,7 +267,8 @@ def best_kind(
             if other is not chosen and form is not None and ratio(form.score.error, carried.score.error, floors) < POLICY.matters:
                 twins = twins - {other.candidate.key} | {form.candidate.key}
         return found_step(carried, entries, now, twins, sureness)
-    closest = (mates[0].candidate.cause, share_removed(now.error, mates[0].score.error, floors)) if mates else None
+    shares = ((mate.candidate.cause, share_removed(now.error, mate.score.error, floors)) for mate in mates)
+    closest = next((pair for pair in shares if pair[1] >= POLICY.main), None)
     return found_step(chosen, entries, now, twins, sureness, closest, curve_of(chosen.candidate, chosen.fit, evidence))
 
 

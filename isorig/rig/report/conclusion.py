@@ -7,11 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import hypot, inf
 
 from isorig.analysis.diagnose.causes import CATALOGUE
 from isorig.analysis.diagnose.causes.base import Kind
-from isorig.analysis.wording import MULTIPLE, first_of, in_per_cent, noise_alone, sized, with_article
-from isorig.rig.files.findings import Findings, NamedCause, TriedCause, Value
+from isorig.analysis.diagnose.policy import POLICY
+from isorig.analysis.fitting.excess import SIMULATION_LIMIT
+from isorig.analysis.wording import MULTIPLE, first_of, in_per_cent, noise_alone, sized, with_article, with_std
+from isorig.rig.files.findings import Findings, HeldValue, NamedCause, TriedCause, Value
 from isorig.rig.report.sections import words
 
 #: What a cause is, by its name in the findings: {place}, and its parameters by name, as value with uncertainty.
@@ -38,7 +41,8 @@ NATURES: Mapping[str, str] = {
 MOST = 0.5
 #: Number of ruled-out causes that are named.
 NAMED = 3
-HOUR = 3600.0
+#: Units of time of a drift, the longest first: the first one that is no longer than the session counts.
+TIMES: Mapping[str, float] = {"hour": 3600.0, "minute": 60.0, "second": 1.0}
 NOT_AVAILABLE = "not available"
 
 
@@ -88,6 +92,8 @@ def cause_in_words(step: NamedCause) -> str:
         near = f", closest to {words(step.closest_form.cause)}" if step.closest_form else ", of no catalogued form"
         return f"{KINDS[step.kind]} at {place}{near}"
     shown = {name: _size(row) for name, row in values.items()} | _derived(values)
+    if "drift_rate" in values:
+        shown["change"] = _change(values["drift_rate"], step.held.get("until"))
     try:
         phrase = PHRASES[step.cause] if step.kind == "sensor" else PHRASES[step.cause].replace("the {place}", "{place}")
         return phrase.format(place=words(step.location) if step.kind == "sensor" else place, **shown)
@@ -96,10 +102,20 @@ def cause_in_words(step: NamedCause) -> str:
         return f"{words(step.cause)} at {place}" + (f", {listed}" if listed else "")
 
 
-def _size(row: Value, factor: float = 1.0, unit: str | None = None) -> str:
+def _size(row: Value, factor: float = 1.0) -> str:
     if row.value is None:
         return NOT_AVAILABLE
-    return sized(factor * row.value, unit or row.unit, None if row.std is None else factor * row.std)
+    return sized(factor * row.value, row.unit, None if row.std is None else factor * row.std)
+
+
+def _change(rate: Value, session: HeldValue | None) -> str:
+    # A drift's rate in 1/s in per cent of the constant, over a unit of time that fits the session's length in s.
+    if rate.value is None:
+        return NOT_AVAILABLE
+    length = session.value if session is not None and session.value is not None else inf
+    name, unit = next(((name, unit) for name, unit in TIMES.items() if unit <= length), ("second", 1.0))
+    value, std = 100.0 * unit * rate.value, 100.0 * unit * (rate.std or 0.0)
+    return f"{with_std(value, std, sign=True) if std else f'{value:+.3g}'} % per {name}"
 
 
 def _derived(values: Mapping[str, Value]) -> dict[str, str]:
@@ -111,8 +127,6 @@ def _derived(values: Mapping[str, Value]) -> dict[str, str]:
     if "stroke" in values:
         end = values["end"].value if "end" in values else None
         found["at_end"] = {1.0: " (only of positive deflection)", -1.0: " (only of negative deflection)"}.get(end or 0.0, "")
-    if "drift_rate" in values:
-        found["per_hour"] = _size(values["drift_rate"], HOUR, "1")
     if "delay" in values and (delay := values["delay"]).value is not None:
         # A drive that acts later than its record tells is ahead of what it moves.
         size = _size(Value(value=abs(delay.value), std=delay.std, unit=delay.unit))
@@ -169,14 +183,15 @@ def _error(findings: Findings) -> str:
 
 
 def _ruled_out(findings: Findings) -> str:
-    unconfirmed, out = (_fitted(findings, standing) for standing in ("not confirmed", "ruled out"))
+    unconfirmed, out = _fitted(findings, "not confirmed"), _removing(_fitted(findings, "ruled out"))
     named = {(step.cause, step.location) for step in findings.steps}
     # Those that the data cannot distinguish from a named cause are listed as such.
     open_ones = ("main contributor",) if findings.steps else ("main contributor", "one of several")
-    unsure = [pair for pair in _fitted(findings, *open_ones) if (pair[1].cause, pair[1].location) not in named]
+    unsure = [pair for pair in _removing(_fitted(findings, *open_ones)) if (pair[1].cause, pair[1].location) not in named]
     alike = [f"{words(c.cause)} at {with_article(c.location)}" for group in findings.indistinguishable for c in group[1:]]
     said = []
-    lost = [pair for pair in unconfirmed if pair[0] > findings.holdout.baseline]
+    there = findings.pointed and (findings.pointed.kind, findings.pointed.location)
+    lost = [pair for pair in unconfirmed if (pair[1].kind, pair[1].location) != there or pair[0] > findings.holdout.baseline]
     unconfirmed = [pair for pair in unconfirmed if pair not in lost]
     if unconfirmed:
         said.append(f"Of this kind and place, not confirmed, with the error each leaves: {_listed(unconfirmed)}.")
@@ -187,17 +202,29 @@ def _ruled_out(findings: Findings) -> str:
     reached = findings.holdout.extended if findings.steps else min((error for error, _ in unsure), default=0.0)
     further = [pair for pair in out if pair[0] < reached]
     out = [pair for pair in out if pair not in further]
+    further = [pair for pair in further if POLICY.matters * pair[0] < reached]
     if further:
         said.append(f"Tried in addition, and not certain, with the error then left: {_listed(further)}.")
     if out:
-        # What was fitted alone may still be there beside another cause.
-        alone = " as the only cause" if len(findings.steps) > 1 else ""
+        # What was fitted alone may still be there beside another cause, found or not.
+        alone = " as the only cause" if len(findings.steps) > 1 or _leaves_more_than_noise(findings) else ""
         said.append(f"Ruled out{alone}, with the error each leaves: {_listed(out)}.")
     if lost:
         said.append(f"Neither confirmed nor ruled out, because no fit followed the motion: {_listed(lost)}.")
     if alike:
         said.append(f"Not distinguishable from it by these runs: {', '.join(alike)}.")
     return " ".join(said)
+
+
+def _leaves_more_than_noise(findings: Findings) -> bool:
+    # Whether the last model's error is clearly above the noise, so that there may be another cause.
+    threshold = findings.adequacy.threshold or POLICY.enough
+    return findings.holdout.extended > threshold * hypot(findings.holdout.noise_floor, SIMULATION_LIMIT)
+
+
+def _removing(fitted: Sequence[tuple[float, TriedCause]]) -> list[tuple[float, TriedCause]]:
+    # Those that leave less than the model without them.
+    return [pair for pair in fitted if pair[1].share is not None and pair[1].share > 0.0]
 
 
 def _fitted(findings: Findings, *standings: str) -> list[tuple[float, TriedCause]]:

@@ -83,7 +83,7 @@ def test_a_candidates_parameters_exist_in_its_models(cause: Cause) -> None:
 
 @every_cause
 def test_a_report_says_its_parameters_in_words(cause: Cause) -> None:
-    derived = {"place", "play", "clearance_alone", "per_hour", "shifted", "at_end"}
+    derived = {"place", "play", "clearance_alone", "change", "shifted", "at_end"}
     reported = {r.name for candidate in cause.candidates(rig_without(cause), EVIDENCE) for r in candidate.reported}
     assert set(re.findall(r"\{(\w+)\}", cause.phrase)) <= reported | derived
 

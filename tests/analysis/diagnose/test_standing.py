@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from types import SimpleNamespace
 
+import msgspec
 import numpy as np
 import pytest
 from small_rigs import guessed, played, stage
@@ -24,6 +25,8 @@ from isorig.analysis.fitting.division import ends
 from isorig.analysis.fitting.score import BLOCKS, Score, score
 from isorig.analysis.fitting.solve import Fit, Free, base_parameters
 from isorig.analysis.fitting.trials import prepare
+from isorig.analysis.laws import BoucWen, ContactLaw, Coulomb
+from isorig.analysis.model.rig_model import Contact
 
 FLOORS = np.full((4, 2), 0.004)
 
@@ -52,6 +55,18 @@ def reported(*, elsewhere: float) -> set[tuple[str, str]]:
     assert found is not None
     assert found.step.form == "sensor_gain"
     return {(found.step.cause, found.step.location), *found.step.indistinguishable}
+
+
+@pytest.mark.parametrize(("share", "closest"), [(POLICY.main + 0.01, "sensor_gain"), (POLICY.main - 0.01, None), (-0.2, None)])
+def test_a_form_that_removes_little_of_the_error_is_not_the_closest_to_a_curve(share: float, closest: str | None) -> None:
+    campaign, guess = played(stage(), seed=7), guessed(stage(), 7)
+    trials = prepare(campaign, guess)
+    form = entry("sensor_gain", "x", float(np.sqrt(0.004**2 + (1.0 - share) * (0.1**2 - 0.004**2))))
+    shape = entry("sensor", "x", 0.005, points=5)
+    found = best_kind([form], [shape], scored(0.1), FLOORS, observe(campaign, guess, trials, guess, guess))
+    assert found is not None
+    assert found.step.form is None
+    assert (found.step.closest and found.step.closest[0]) == closest
 
 
 def test_a_form_elsewhere_that_is_as_good_is_reported_by_its_name() -> None:
@@ -123,6 +138,23 @@ def step_to(cause: str, kind: Kind, before: float, after: float, location: str =
     return SearchStage(fit=entry("sensor_gain", "x", after).fit, score=scored(after), step=step)
 
 
+def test_a_cause_that_leaves_more_than_the_better_baseline_of_a_later_fit_removes_nothing() -> None:
+    searches = [(scored(0.1), [entry("sensor_gain", "x", 0.0077)])]
+    found, *_ = all_considered(searches, [], (), {}, scored(0.0073), FLOORS, stage(), (), None)
+    assert found.standing == "ruled out"
+    assert found.share is not None
+    assert found.share < 0.0
+
+
+def test_a_replaced_cause_that_left_more_does_not_reduce_the_share_of_the_one_in_its_place() -> None:
+    last = step_to("hysteresis", "memory", 0.15, 0.009, "x").step
+    assert last is not None
+    searches = [(scored(0.15), [entry("coulomb_friction", "x", 0.25)]), (scored(0.25), [entry("hysteresis", "x", 0.009)])]
+    found, *_ = all_considered(searches, [last], {("coulomb_friction", "x")}, {}, scored(0.15), FLOORS, stage(), (), None)
+    assert (found.cause, found.standing) == ("hysteresis", "established")
+    assert found.share == pytest.approx(1.0, abs=0.01)
+
+
 def test_a_named_cause_keeps_its_share_when_a_later_search_fits_it_again() -> None:
     first, again = scored(0.1), scored(0.05)
     named = step_to("sensor_gain", "sensor", 0.1, 0.05, "x").step
@@ -158,6 +190,42 @@ def test_steps_at_other_places_of_other_kinds_and_refinements_both_count(last: S
     assert (len(stages), gone) == (3, frozenset())
 
 
+def rubbing(law: ContactLaw, *names: str, step: SearchStage) -> SearchStage:
+    """A stage whose step is a law at the contact "rail" with these parameters."""
+    model = msgspec.structs.replace(stage(), contacts=(Contact(name="rail", a="table", law=law),))
+    free = tuple(Free(path=f"contacts.rail.law.{name}") for name in names)
+    candidate = replace(entry("sensor_gain", "x", 0.1).candidate, free=free)
+    return replace(step, candidate=candidate, fit=replace(step.fit, model=model))
+
+
+def test_a_law_that_replaces_that_of_an_earlier_cause_takes_the_place_of_its_step() -> None:
+    """However many steps are between them, and although the earlier cause alone leaves more than the model without it."""
+    dry = rubbing(Coulomb(friction_force=59.0), "friction_force", step=step_to("coulomb_friction", "friction_shape", 0.15, 0.25))
+    law = BoucWen(friction_force=59.0, initial_stiffness=7e3)
+    last = rubbing(law, "friction_force", "initial_stiffness", step=step_to("hysteresis", "memory", 0.25, 0.009))
+    baseline = replace(dry, step=None, candidate=None)
+    stages, gone = merged([baseline, replace(dry, paired=True), last], FLOORS)
+    assert gone == {("coulomb_friction", "rail")}
+    assert [s.step and (s.step.cause, s.step.before, s.step.after) for s in stages] == [None, ("hysteresis", 0.15, 0.009)]
+    assert stages[-1].step is not None
+    assert "falls from 15 % to 0.90 %" in stages[-1].step.evidence[0]
+    assert "coulomb_friction at rail" in stages[-1].step.evidence[-1]
+    between = rubbing(Coulomb(friction_force=9.0), step=step_to("hardening_stiffness", "spring_shape", 0.25, 0.1))
+    stages, gone = merged([baseline, dry, between, last], FLOORS)
+    assert gone == {("coulomb_friction", "rail")}
+    assert [s.step and s.step.cause for s in stages] == [None, "hysteresis", "hardening_stiffness"]
+    assert [s.score.figure for s in stages] == [dry.score.figure, dry.score.figure, last.score.figure]
+    assert stages[-1].fit is last.fit
+
+
+def test_a_cause_that_the_last_model_lacks_is_not_named() -> None:
+    dry = rubbing(Coulomb(friction_force=9.0), "friction_force", step=step_to("coulomb_friction", "friction_shape", 0.4, 0.2))
+    last = replace(step_to("play_and_friction", "memory", 0.2, 0.01), candidate=entry("sensor_gain", "x", 0.1).candidate)
+    stages, gone = merged([replace(dry, step=None, candidate=None), dry, last], FLOORS)
+    assert gone == {("coulomb_friction", "rail")}
+    assert [s.step and s.step.cause for s in stages] == [None, "play_and_friction"]
+
+
 @pytest.mark.parametrize(("alone", "steps"), [(0.004, 1), (0.04, 2)])
 def test_the_second_of_two_causes_is_left_out_if_the_first_suffices(
     alone: float, steps: int, monkeypatch: pytest.MonkeyPatch
@@ -174,7 +242,8 @@ def test_the_second_of_two_causes_is_left_out_if_the_first_suffices(
     def found(cause: str, error: float, then: Found | None = None) -> Found:
         step = step_to(cause, "sensor", 0.3, error).step
         assert step is not None
-        one = replace(entry("sensor_gain", "x", error), score=scored(error, shape), fit=replace(baseline, model=stage()))
+        one = entry("sensor_gain", "x" if then else "a", error)
+        one = replace(one, score=scored(error, shape), fit=replace(baseline, model=stage()))
         return Found(step=step, entry=one, entries=(one,), then=then)
 
     answers = iter([found("sensor_gain", alone, found("crosstalk", 0.004)), None, None, None])
@@ -339,6 +408,30 @@ def test_steps_before_a_better_fit_are_tested_again(
     monkeypatch.setattr(revise, "widened", lambda done: done)
     (only,) = search.causes(poor, ends).stages
     assert only.fit is best
+
+
+def test_a_fit_that_a_better_one_replaced_does_not_raise_the_noise_floor(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A model in a local minimum may be far more sensitive to noise on the drive."""
+    campaign, guess = played(stage(), seed=7), guessed(stage(), 7)
+    trials = prepare(campaign, guess)
+    shape = score(guess, ends(trials).judged).error.shape
+    free = base_parameters(guess)
+    poor, better = (
+        Fit(model=model, free=free, covariance=np.eye(len(free)), cost=1.0, evaluations=1)
+        for model in (guess.replace({"links.rail.stiffness": 9e3}), stage())
+    )
+    search = _Search(campaign, guess, guess, equations_of(campaign, guess), trials, lambda text: None, 0.0, MOST_STEPS)
+    step = step_to("sensor_gain", "sensor", 0.4, 0.3).step
+    assert step is not None
+    one = replace(entry("sensor_gain", "x", 0.3), score=scored(0.3, shape), fit=better)
+    answers = iter([Found(step=step, entry=one, entries=(one,)), None])
+    monkeypatch.setattr(diagnosis, "next_step", lambda *given, **options: next(answers))
+    monkeypatch.setattr(diagnosis, "bare_cost", lambda current, rung: np.inf)
+    monkeypatch.setattr(diagnosis, "without", lambda step, current, trials: better)
+    monkeypatch.setattr(diagnosis, "score", lambda model, judged: scored(0.05 if model == better.model else 0.4, shape))
+    monkeypatch.setattr(diagnosis, "widened", lambda done: done)
+    monkeypatch.setattr(search, "floors", lambda models, judged: np.full(shape, 0.2 if poor.model in models else 0.001))
+    assert np.all(search.causes(poor, ends).quiet == 0.001)
 
 
 def test_only_faults_of_sensors_have_own_channels() -> None:

@@ -16,7 +16,7 @@ class DampingDrift(DriftCause):
 
     kind = "drift"
     law = DampingDriftLaw
-    phrase = "a damping of the {place} that changes by {per_hour} per hour"
+    phrase = "a damping of the {place} that changes by {change}"
     found_as = frozenset({"drift of damping"})
 
     def can_be_at(self, model: RigModel, link: Link) -> bool:

@@ -55,7 +55,7 @@ class StiffnessDrift(DriftCause):
 
     kind = "drift"
     law = Drift
-    phrase = "a stiffness of the {place} that changes by {per_hour} per hour"
+    phrase = "a stiffness of the {place} that changes by {change}"
     found_as = frozenset({"drift of stiffness"})
 
     def changed(self, size: float, sizes: Sizes) -> float:
