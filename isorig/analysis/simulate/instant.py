@@ -45,9 +45,10 @@ def along(direction: FloatArray, y: FloatArray, n: int, step: float) -> tuple[fl
 def stop(settle: FloatArray, y: FloatArray, n: int, work: FloatArray) -> None:
     """Set the speeds of sticking contacts to zero."""
     for i in range(n):
-        work[i] = 0.0
+        speed = 0.0
         for j in range(n):
-            work[i] += settle[i, j] * y[n + j]
+            speed += settle[i, j] * y[n + j]
+        work[i] = speed
     for i in range(n):
         y[n + i] = work[i]
 

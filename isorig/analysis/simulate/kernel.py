@@ -12,7 +12,7 @@ from isorig.analysis.jit import allocating_kernel, inlined, kernel
 from isorig.analysis.simulate.curves import MEMORY, advance, remember, resist, step_on, to_kink
 from isorig.analysis.simulate.instant import CLEAR, along, begins, follow
 from isorig.analysis.simulate.step import first_exit, point
-from isorig.analysis.simulate.workspace import LEAP, Motion, Record, Rig, first_margin, force_at, room
+from isorig.analysis.simulate.workspace import END, LEAP, MIDDLE, QUARTER, Motion, Record, Rig, first_margin, force_at, room
 
 #: Number of steps that may need more than one parabola before the limit on their share applies.
 PATIENCE = 64
@@ -84,19 +84,13 @@ def ahead(columns: FloatArray, blocks: int, y: FloatArray, first: int, last: int
 
 
 @inlined
-def read_sensors(record: Record, y: FloatArray, at: int) -> None:
-    """Record the sensors' values at a grid point."""
+def read_out(record: Record, y: FloatArray, n: int, at: int, mode: int) -> None:
+    """Record the sensors' values, and if requested the curved forces and the mode, at a grid point."""
     for r in range(len(record.filled)):
         acc = record.weights[r, 0] * y[np.uint64(record.places[r, 0])]
         for k in range(1, record.filled[r]):
             acc += record.weights[r, k] * y[record.places[r, k]]
         record.out[np.uint64(r), np.uint64(at)] = acc
-
-
-@kernel
-def read_out(record: Record, y: FloatArray, n: int, at: int, mode: int) -> None:
-    """Record the sensors' values, and if requested the curved forces and the mode, at a grid point."""
-    read_sensors(record, y, at)
     if len(record.modes) > 0:
         record.modes[at] = mode
         for c in range(len(record.curved)):
@@ -173,14 +167,10 @@ def march(
         d0[c], v0[c] = along(rig.directions[c], y, n, step)
     while at < len(u) - 1:
         if cut == 0:
-            # The first part of `read_out`, inlined: a call takes as long as the step.
-            read_sensors(record, y, at)
-            if len(record.modes) > 0:
-                read_out(record, y, n, at, mode)
+            read_out(record, y, n, at, mode)
         slope = (u[at + 1] - u[at]) * share
         y[m + 1], y[m + 2] = u[at] + slope * cut, slope
-        if len(more) > 0:
-            further(more, at, cut, share, y)
+        further(more, at, cut, share, y)
         if curves == 0:
             ahead(columns, blocks, y, 0, size, base, after8)
         else:
@@ -235,7 +225,7 @@ def march(
     return at * cuts
 
 
-@kernel
+@inlined
 def further(more: FloatArray, at: int, cut: int, share: float, y: FloatArray) -> None:
     """Set the further drives and their rates, the last entries of the vector, at the start of a step."""
     first = len(y) - 2 * len(more)
@@ -266,8 +256,8 @@ def settle_forces(rig: Rig, motion: Motion, mode: int, part: float, now: float) 
         ahead(rows, len(rows), y, drive, size, known, motion.taylor)
     before = 0.0
     for attempt in range(PASSES if curves > 0 else 0):
-        point(motion.columns, 0.5 * part, curve_blocks, middle)
-        point(motion.columns, part, curve_blocks, end)
+        point(motion.taylor, 0.5 * part, curve_blocks, motion.points, MIDDLE)
+        point(motion.taylor, part, curve_blocks, motion.points, END)
         worst = 0.0
         for c in range(curves):
             f = force_at(n, c)
@@ -285,7 +275,7 @@ def settle_forces(rig: Rig, motion: Motion, mode: int, part: float, now: float) 
         before = worst
         if worst * ratio[0] <= SETTLED:
             break
-    point(motion.columns, part, len(rows) // rig.terms, end)
+    point(motion.taylor, part, motion.points.shape[1], motion.points, END)
 
 
 @inlined
@@ -294,8 +284,8 @@ def missed(rig: Rig, motion: Motion, part: float, now: float) -> float:
     curves, middle, quarter = len(rig.codes), motion.middle, motion.quarter
     curve_blocks, worst = -(-2 * curves // 8), 0.0
     if curves > 0:
-        point(motion.columns, 0.5 * part, curve_blocks, middle)
-        point(motion.columns, 0.25 * part, curve_blocks, quarter)
+        point(motion.taylor, 0.5 * part, curve_blocks, motion.points, MIDDLE)
+        point(motion.taylor, 0.25 * part, curve_blocks, motion.points, QUARTER)
     for c in range(curves):
         f = force_at(rig.n, c)
         # The parabola does not interpolate this point.
@@ -451,7 +441,7 @@ def from_event_to_event(
             passed = -1
             tau = part if which < 0 else min(best, part)
             if which >= 0:
-                point(motion.columns, tau, len(rig.series[mode]) // rig.terms, motion.end)
+                point(motion.taylor, tau, motion.points.shape[1], motion.points, END)
             for i in range(m):
                 y[i] = motion.end[bent + i]
             y[m + 1] += tau * y[m + 2]
@@ -468,7 +458,7 @@ def from_event_to_event(
                 part, kinks = 1.0 if kinks > 0 else 2.0 * part, 0
                 continue
             if curves > 0:
-                point(motion.columns, 0.5 * tau, -(-2 * curves // 8), motion.middle)
+                point(motion.taylor, 0.5 * tau, -(-2 * curves // 8), motion.points, MIDDLE)
             for c in range(curves):
                 step_on(
                     rig.codes[c], rig.params[c], motion.gate[c], motion.inner, motion.half, motion.spare, c, motion.d0[c],

@@ -9,22 +9,28 @@ from isorig.analysis.jit import kernel
 
 
 @kernel
-def point(coefficients: FloatArray, x: float, groups: int, out: FloatArray) -> None:
-    """Evaluate the rows at the share x of a step from their Taylor coefficients (terms, 8 * groups), by Horner's method."""
-    last = len(coefficients) - 1
-    for b in range(0, 8 * groups, 8):
-        a0, a1, a2, a3, a4, a5, a6, a7 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for k in range(last, -1, -1):
-            a0 = a0 * x + coefficients[k, b]
-            a1 = a1 * x + coefficients[k, b + 1]
-            a2 = a2 * x + coefficients[k, b + 2]
-            a3 = a3 * x + coefficients[k, b + 3]
-            a4 = a4 * x + coefficients[k, b + 4]
-            a5 = a5 * x + coefficients[k, b + 5]
-            a6 = a6 * x + coefficients[k, b + 6]
-            a7 = a7 * x + coefficients[k, b + 7]
-        out[b], out[b + 1], out[b + 2], out[b + 3] = a0, a1, a2, a3
-        out[b + 4], out[b + 5], out[b + 6], out[b + 7] = a4, a5, a6, a7
+def point(taylor: FloatArray, x: float, groups: int, points: FloatArray, which: int) -> None:
+    """Evaluate the first groups of eight rows at the share x of a step, by Horner's method; store them in points[which].
+
+    `taylor` are their Taylor coefficients, term by term, (terms * groups, 8). The index is unsigned for the reason in `ahead`.
+    """
+    term = np.uint64(points.shape[1])
+    for b in range(groups):
+        at = np.uint64(len(taylor) + b) - term
+        a0, a1, a2, a3 = taylor[at, 0], taylor[at, 1], taylor[at, 2], taylor[at, 3]
+        a4, a5, a6, a7 = taylor[at, 4], taylor[at, 5], taylor[at, 6], taylor[at, 7]
+        while at >= term:
+            at -= term
+            a0 = a0 * x + taylor[at, 0]
+            a1 = a1 * x + taylor[at, 1]
+            a2 = a2 * x + taylor[at, 2]
+            a3 = a3 * x + taylor[at, 3]
+            a4 = a4 * x + taylor[at, 4]
+            a5 = a5 * x + taylor[at, 5]
+            a6 = a6 * x + taylor[at, 6]
+            a7 = a7 * x + taylor[at, 7]
+        points[which, b, 0], points[which, b, 1], points[which, b, 2], points[which, b, 3] = a0, a1, a2, a3
+        points[which, b, 4], points[which, b, 5], points[which, b, 6], points[which, b, 7] = a4, a5, a6, a7
 
 
 @kernel
@@ -38,7 +44,7 @@ def polynomial(p: FloatArray, x: float) -> float:
 
 @kernel
 def falls(p: FloatArray, high: float, below: float) -> float:
-    """Zero of a polynomial that is positive at zero and has the negative value `below` at `high`, by bracketed Newton."""
+    """Zero of a polynomial that is positive at zero and has the negative value `below` at `high`, by bracketed Halley."""
     low = 0.0
     # Start at the zero of the parabola through both values with the slope at zero; its coefficients are those of x / high.
     rise = p[1] * high
@@ -47,17 +53,19 @@ def falls(p: FloatArray, high: float, below: float) -> float:
     if not low < x < high:
         x = 0.5 * (low + high)
     for _ in range(80):
-        value, slope = 0.0, 0.0
+        # Value, slope and half the second derivative.
+        value, slope, bend = 0.0, 0.0, 0.0
         for k in range(len(p) - 1, -1, -1):
+            bend = bend * x + slope
             slope = slope * x + value
             value = value * x + p[k]
         if value > 0.0:
             low = x
         else:
             high = x
-        new = x - value / slope if slope != 0.0 else -1.0
-        # Newton converges quadratically: the next correction would be below rounding.
-        if abs(new - x) <= 1e-9 * high:
+        new = x - value * slope / (slope * slope - value * bend) if slope != 0.0 else -1.0
+        # Halley's method triples the number of correct digits: the next correction would be below rounding.
+        if abs(new - x) <= 1e-8 * high:
             return max(new, 0.0)
         if not low <= new <= high:
             new = 0.5 * (low + high)

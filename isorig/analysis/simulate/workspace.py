@@ -11,6 +11,8 @@ from isorig.analysis.jit import allocating_kernel, inlined, kernel
 
 #: Number of steps that a rig without curved forces takes at once; `leaps` in the kernel records so many by name.
 LEAP = 4
+#: Places within a part of a step at which rows are evaluated, see `Motion.points`.
+END, MIDDLE, QUARTER = 0, 1, 2
 
 
 class Rig(NamedTuple):
@@ -104,8 +106,8 @@ class Motion(NamedTuple):
     still, known, taylor, columns
         Taylor coefficients in groups of eight rows: zeros, the part without the curved forces, the total; `columns` is the view
         of `taylor` by term, shape (terms, rows).
-    end, middle, quarter
-        The rows at the end, the middle and a quarter of a part of a step.
+    points, end, middle, quarter
+        The rows at the end, the middle and a quarter of a part of a step in groups of eight, and the flat view of each.
     p
         Taylor coefficients of a margin.
     speeds
@@ -137,6 +139,7 @@ class Motion(NamedTuple):
     known: FloatArray
     taylor: FloatArray
     columns: FloatArray
+    points: FloatArray
     end: FloatArray
     middle: FloatArray
     quarter: FloatArray
@@ -164,20 +167,31 @@ class Record(NamedTuple):
 
 
 @allocating_kernel
+def cache_lines(groups: int) -> FloatArray:
+    """Zeros in groups of eight, each in one line of the processor's cache, shape (groups, 8).
+
+    Other arrays are aligned to 16 bytes only: with each group in two lines, a simulation takes up to 10 % longer.
+    """
+    memory = np.zeros(8 * groups + 8)
+    first = -(memory.ctypes.data // 8) % 8
+    return memory[first : first + 8 * groups].reshape((groups, 8))
+
+
+@allocating_kernel
 def room(rig: Rig, memories: int) -> Motion:
     """Allocate the motion of a rig whose laws have up to `memories` state variables; all zeros."""
     curves, blocks, groups = len(rig.codes), rig.whole.shape[1], rig.series.shape[1]
-    rows = 8 * (groups // rig.terms)
-    taylor, ahead, leaped = np.zeros((groups, 8)), np.zeros((blocks, 8)), np.zeros((rig.leap.shape[1], 8))
+    taylor, ahead, leaped = cache_lines(groups), cache_lines(blocks), cache_lines(rig.leap.shape[1])
+    points = cache_lines(3 * (groups // rig.terms)).reshape((3, groups // rig.terms, 8))
     return Motion(
         y=np.zeros(rig.whole.shape[2]), gate=np.zeros(curves), largest=np.zeros(curves), floor=np.zeros(curves),
         d0=np.zeros(curves), v0=np.zeros(curves), ends=np.zeros(curves), inner=np.zeros((curves, memories)),
         half=np.zeros(memories), after=np.zeros((curves, memories)), spare=np.zeros((curves, memories)), ratio=np.zeros(1),
-        base=np.zeros((blocks, 8)), ahead=ahead, reached=ahead.reshape(-1), known_drives=np.zeros(rig.leap.shape[2]),
-        leaped=leaped, landed=leaped.reshape(-1), nothing=np.zeros((rig.leap.shape[1], 8)), still=np.zeros((groups, 8)),
-        known=np.zeros((groups, 8)), taylor=taylor, columns=taylor.reshape(rig.terms, rows), end=np.zeros(rows),
-        middle=np.zeros(rows), quarter=np.zeros(rows), p=np.zeros(rig.terms), speeds=np.zeros(rig.n),
-        rests=np.zeros(len(rig.kinds), dtype=np.int64),
+        base=cache_lines(blocks), ahead=ahead, reached=ahead.reshape(-1), known_drives=np.zeros(rig.leap.shape[2]),
+        leaped=leaped, landed=leaped.reshape(-1), nothing=cache_lines(rig.leap.shape[1]), still=cache_lines(groups),
+        known=cache_lines(groups), taylor=taylor, columns=taylor.reshape(rig.terms, -1), points=points,
+        end=points[END].reshape(-1), middle=points[MIDDLE].reshape(-1), quarter=points[QUARTER].reshape(-1),
+        p=np.zeros(rig.terms), speeds=np.zeros(rig.n), rests=np.zeros(len(rig.kinds), dtype=np.int64),
     )  # fmt: skip
 
 

@@ -12,6 +12,7 @@ from small_rigs import stage
 from isorig.analysis.laws import ElastoSlip
 from isorig.analysis.simulate.free_run import run_rig
 from isorig.analysis.simulate.step import falls, polynomial
+from isorig.analysis.simulate.workspace import cache_lines
 
 
 @settings(deadline=None)  # the first call may compile
@@ -53,6 +54,14 @@ def test_a_parabola_that_cannot_be_computed_is_replaced_by_halving(
     p: list[float], high: float, below: float, zero: float
 ) -> None:  # fmt: skip
     assert falls(np.array(p), high, below) == pytest.approx(zero, rel=1e-9, abs=1e-14 * high)
+
+
+def test_groups_of_eight_are_in_one_cache_line_each() -> None:
+    for groups in range(1, 20):
+        rows = cache_lines(groups)
+        assert rows.shape == (groups, 8)
+        assert rows.ctypes.data % 64 == 0
+        assert not rows.any()
 
 
 def test_corners_of_a_force_refine_no_step() -> None:
