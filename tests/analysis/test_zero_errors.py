@@ -54,6 +54,18 @@ def test_an_offset_is_reported(offset: float, campaign: Campaign, tmp_path: Path
     assert any("Channel 'table' has a mean of" in sentence for sentence in shortcomings(with_offset(campaign, offset)))
 
 
+def test_an_offset_of_an_angular_acceleration_is_reported(campaign: Campaign) -> None:
+    def turned(run: Run) -> Run:
+        channel = replace(run.channels["table"], quantity="angular_acceleration", unit="rad/s^2")
+        return replace(run, channels={**run.channels, "table": channel})
+
+    turning = replace(campaign, runs=tuple(map(turned, with_offset(campaign, 3.0).runs)))
+    (said,) = zero_errors(turning).values()
+    assert "has a mean of 3 rad/s^2 in run" in said
+    assert "gravity" not in said
+    assert list(wandering_zeros(turning, iso.wire_bonder())) == ["table"]
+
+
 def test_the_mean_of_an_acceleration_of_a_rig_on_springs_does_not_count(campaign: Campaign) -> None:
     rig = iso.wire_bonder()
     for trial in prepare(with_offset(campaign, 0.3), rig):

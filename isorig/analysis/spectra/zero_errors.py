@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from isorig.analysis.campaign import Campaign, FloatArray, once
+from isorig.analysis.campaign import MOTION, ROTARY, Campaign, FloatArray, once
 from isorig.analysis.wording import of_signal
 
 #: A mean acceleration is no motion if it changes the velocity within the run by more than this factor of the vibration's largest
@@ -21,13 +21,13 @@ WANDERS = 0.02
 
 
 def zero_errors(campaign: Campaign) -> dict[str, str]:
-    """A sentence for each channel of acceleration with such a mean, by name: in the run in which it is largest compared with the
-    vibration."""
+    """A sentence for each channel of straight or angular acceleration with such a mean, by name: in the run in which it is
+    largest compared with the vibration."""
     found = {}
     for name in dict.fromkeys(name for run in campaign.runs for name in run.sensors):
         means, largest = [], 0.0
         for run in campaign.runs:
-            if name not in run.channels or run.channels[name].quantity != "acceleration":
+            if name not in run.channels or MOTION.get(run.channels[name].quantity) != 2:
                 continue
             values = run.read(name)
             mean = float(values.mean())
@@ -38,10 +38,11 @@ def zero_errors(campaign: Campaign) -> dict[str, str]:
         means = [one for one in means if abs(one[1]) > MATTERS * largest]
         if means:
             times, mean, run = max(means, key=lambda one: one[0])
+            cause = "zero error," if run.channels[name].quantity in ROTARY else "zero error, or gravity,"
             where = f"run {run.id!r}" + (f", and in {len(means) - 1} more," if len(means) > 1 else "")
             found[name] = (
                 f"Channel {name!r} has a mean of {mean:.3g} {run.channels[name].unit} in {where} which would change the velocity "
-                f"{float(f'{times:.2g}'):g} times as much as the vibration does: it is the sensor's zero error, or gravity, "
+                f"{float(f'{times:.2g}'):g} times as much as the vibration does: it is the sensor's {cause} "
                 "and no simulation contains it, so remove it by offset in the mapping."
             )
     return found
@@ -67,7 +68,7 @@ def wandering(campaign: Campaign, drive: str, lowest: float) -> dict[str, str]:
     for run in campaign.runs:
         of_drive, _ = _slow(run.read(drive), run.sample_rate, SLOW * lowest)
         for name in run.sensors:
-            if name == drive or run.channels[name].quantity != "acceleration" or len(run) < 2:
+            if name == drive or MOTION.get(run.channels[name].quantity) != 2 or len(run) < 2:
                 continue
             share, travel = _slow(run.read(name), run.sample_rate, SLOW * lowest)
             if share > max(WANDERS, EXCEEDS * SLOW**2 * of_drive) and travel > UNMOVED:
