@@ -84,13 +84,19 @@ def ahead(columns: FloatArray, blocks: int, y: FloatArray, first: int, last: int
 
 
 @inlined
-def read_out(record: Record, y: FloatArray, n: int, at: int, mode: int) -> None:
-    """Record the sensors' values, and if requested the curved forces and the mode, at a grid point."""
+def read_sensors(record: Record, y: FloatArray, at: int) -> None:
+    """Record the sensors' values at a grid point."""
     for r in range(len(record.filled)):
         acc = record.weights[r, 0] * y[np.uint64(record.places[r, 0])]
         for k in range(1, record.filled[r]):
             acc += record.weights[r, k] * y[record.places[r, k]]
         record.out[np.uint64(r), np.uint64(at)] = acc
+
+
+@kernel
+def read_out(record: Record, y: FloatArray, n: int, at: int, mode: int) -> None:
+    """Record the sensors' values, and if requested the curved forces and the mode, at a grid point."""
+    read_sensors(record, y, at)
     if len(record.modes) > 0:
         record.modes[at] = mode
         for c in range(len(record.curved)):
@@ -167,10 +173,14 @@ def march(
         d0[c], v0[c] = along(rig.directions[c], y, n, step)
     while at < len(u) - 1:
         if cut == 0:
-            read_out(record, y, n, at, mode)
+            # The first part of `read_out`, inlined: a call takes as long as the step.
+            read_sensors(record, y, at)
+            if len(record.modes) > 0:
+                read_out(record, y, n, at, mode)
         slope = (u[at + 1] - u[at]) * share
         y[m + 1], y[m + 2] = u[at] + slope * cut, slope
-        further(more, at, cut, share, y)
+        if len(more) > 0:
+            further(more, at, cut, share, y)
         if curves == 0:
             ahead(columns, blocks, y, 0, size, base, after8)
         else:
@@ -225,7 +235,7 @@ def march(
     return at * cuts
 
 
-@inlined
+@kernel
 def further(more: FloatArray, at: int, cut: int, share: float, y: FloatArray) -> None:
     """Set the further drives and their rates, the last entries of the vector, at the start of a step."""
     first = len(y) - 2 * len(more)
@@ -424,7 +434,8 @@ def from_event_to_event(
             return events
         slope = (u[at + 1] - u[at]) * share
         y[m + 1], y[m + 2] = u[at] + slope * cut, slope
-        further(more, at, cut, share, y)
+        if len(more) > 0:
+            further(more, at, cut, share, y)
         now, left, part, trips, split, passed, kinks = t0 + q * rig.step, 1.0, 1.0, 0, False, -1, 0
         while left > 1e-13:
             part = min(part, left)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.jit import kernel
+from isorig.analysis.jit import inlined, kernel
 
 
-@kernel
+@inlined
 def point(taylor: FloatArray, x: float, groups: int, points: FloatArray, which: int) -> None:
     """Evaluate the first groups of eight rows at the share x of a step, by Horner's method; store them in points[which].
 
