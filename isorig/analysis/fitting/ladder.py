@@ -273,7 +273,7 @@ def verified(
 
     Of one candidate the `EACH` closest are tried. Those whose simulation leaves the data from the start are only tried if no
     other stays with them, but if the first candidate is `sure` to be in the rig, always its closest. None with a misfit above the
-    limit is tried, and none far from the data once another one agrees with them.
+    limit is tried; with a limit, none far from the data once another one agrees with them.
     """
     costs = [misfit(model, rung.problem) for _, _, model in starts]
     begun = sorted(((cost, k) for k, cost in enumerate(costs) if np.isfinite(cost) and cost <= limit), key=lambda item: item[0])
@@ -290,7 +290,7 @@ def verified(
             continue  # the same starting point
         if any(one is candidate and done.cost <= AGREES for one, done in climbed):
             continue  # another starting point of it cannot fit better than the data allow
-        if any(done.cost <= min(AGREES, cost / LEAVES) for _, done in climbed):
+        if np.isfinite(limit) and any(done.cost <= min(AGREES, cost / LEAVES) for _, done in climbed):
             continue  # it begins far from data with which another candidate agrees
         progress(f"fitting {candidate.cause} ({candidate.location})")
         try:

@@ -41,8 +41,8 @@ def zero_errors(campaign: Campaign) -> dict[str, str]:
             cause = "zero error," if run.channels[name].quantity in ROTARY else "zero error, or gravity,"
             where = f"run {run.id!r}" + (f", and in {len(means) - 1} more" if len(means) > 1 else "")
             found[name] = (
-                f"Channel {name!r} has a mean of {mean:.3g} {run.channels[name].unit} in {where}, which would change the velocity "
-                f"{float(f'{times:.2g}'):g} times as much as the vibration does: it is the sensor's {cause} "
+                f"Channel {name!r} has a mean of {mean:.3g} {run.channels[name].unit} in {where}, which would change the "
+                f"velocity {float(f'{times:.2g}'):g} times as much as the vibration does: it is the sensor's {cause} "
                 "and no simulation contains it, so remove it by offset in the mapping."
             )
     return found

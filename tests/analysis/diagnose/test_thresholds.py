@@ -303,6 +303,6 @@ def test_a_mass_or_gain_within_calibrations_is_no_fault(factor: float, named: bo
     assert beyond_calibration("bodies.heatblock.mass", 6.0)(model.replace({"bodies.heatblock.mass": factor * 6.0})) == named
     assert CALIBRATION == 0.01
     for cause in (WrongMass(), SensorGain()):
-        for candidate in cause.candidates(model, cast(Any, SimpleNamespace(is_silent=lambda channel: False))):
+        for candidate in cause.candidates(model, cast(Any, SimpleNamespace(is_silent=lambda channel: False, described=model))):
             path = candidate.free[0].path
             assert candidate.plausible(model.replace({path: factor * model.get(path)})) == named
