@@ -28,12 +28,16 @@ def test_its_force_is_that_of_two_dampers() -> None:
 @pytest.mark.parametrize(("share", "damps"), [(-1.06, False), (-1.04, True), (1.04, True), (1.06, False)])
 def test_one_that_pushes_is_no_damper(share: float, damps: bool) -> None:
     model = wire_bonder()
-    (found,) = (c for c in AsymmetricDamping().candidates(model, Swings()) if c.location == "isolation")
-    fitted = found.starts[0].replace({found.free[0].path: share * model.link("isolation").damping})
+    (found,) = (c for c in AsymmetricDamping().candidates(model, Swings()) if c.location == "table")
+    fitted = found.starts[0].replace({found.free[0].path: share * model.link("table").damping})
     assert found.plausible(fitted) == damps
 
 
+def test_asymmetric_friction_has_a_viscosity_for_each_direction_where_dry_friction_acts() -> None:
+    assert {c.location for c in AsymmetricDamping().candidates(wire_bonder(), Swings())} == {"table", "heatblock"}
+
+
 def test_the_weakest_differs_by_three_tenths_of_the_damping() -> None:
-    damping = wire_bonder().link("isolation").damping
-    found = AsymmetricDamping().sized(wire_bonder(), Swings(), "isolation", 1.0, WeakestSizes())
+    damping = wire_bonder().link("table").damping
+    found = AsymmetricDamping().sized(wire_bonder(), Swings(), "table", 1.0, WeakestSizes())
     assert abs(found.parameters["damping_difference"]) == pytest.approx(0.3 * damping)

@@ -32,7 +32,8 @@ class AsymmetricDamping(LinkCause):
     signs = frozenset({"independent of amplitude", "uneven directions"})
 
     def can_be_at(self, model: RigModel, link: Link) -> bool:
-        return link.damping > 0.0
+        # Where dry friction acts, asymmetric friction has a viscosity for each direction.
+        return link.damping > 0.0 and all(contact.name != link.name for contact in model.contacts)
 
     def starts(self, link: LinkInRuns, evidence: Evidence) -> Iterable[RigModel]:
         return (link.having(AsymmetricDampingLaw(damping_difference=share * link.link.damping)) for share in STARTS)
