@@ -86,9 +86,7 @@ def forces(model: RigModel, trials: Sequence[Trial], swing: Mapping[str, float])
     return found
 
 
-def push_of(
-    model: RigModel, trials: Sequence[Trial], peaks: Mapping[str, float], deflection: Mapping[str, float]
-) -> float:  # fmt: skip
+def push_of(model: RigModel, trials: Sequence[Trial], peaks: Mapping[str, float], deflection: Mapping[str, float]) -> float:
     """Largest force in N of the drive on a body; of a spring where a motion is imposed, or nothing drives the rig.
 
     A spring at an imposed motion counts with the measured deflection, though that may be the sensors' calibration error.

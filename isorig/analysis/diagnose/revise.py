@@ -2,8 +2,7 @@
 
 A cause that was chosen while a later one was missing may have stood for some of that. With the later causes in place, it is left
 out if it explains nothing any more, or exchanged for a rival of its search that explains more, or for a simpler one at its place
-that explains as much. A law that replaces that of an earlier
-cause takes the place of its step.
+that explains as much. A law that replaces that of an earlier cause takes the place of its step.
 """
 
 from __future__ import annotations

@@ -108,6 +108,10 @@ class Balance:
         """Whether the element's force is in the equation."""
         return any(other.name == element.name for other, _ in self.crossing)
 
+    def others(self, element: Element) -> tuple[tuple[Element, float], ...]:
+        """The elements besides one, with their signs."""
+        return tuple((other, sign) for other, sign in self.crossing if other.name != element.name)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Lock:

@@ -512,9 +512,7 @@ class Equations:
             force = way * self.combined(signals, self.force_row(balance))
             d, v = self.elongation(signals, element, SURE * cut)
             fixed = [way * self.combined(signals, row) for _, row, _ in self.unknown_rows(balance)]
-            for other, other_sign in balance.crossing:
-                if other.name == element.name:
-                    continue
+            for other, other_sign in balance.others(element):
                 od, ov = self.elongation(signals, other, CUT * self.lowest)
                 if other.link is not None and not element.beside(other):
                     fixed += [way * other_sign * od, way * other_sign * ov]
@@ -546,9 +544,7 @@ class Equations:
         "-" where the equation does not give one: for an integrated deflection, whose slow part is unknown.
         """
         found = [path for path, _, _ in self.unknown_rows(balance)]
-        for other, _ in balance.crossing:
-            if other.name == element.name:
-                continue
+        for other, _ in balance.others(element):
             if other.link is not None and not element.beside(other):
                 known = not self.integrated(other)
                 found += [f"links.{other.link.name}.{name}" if known else "-" for name in ("stiffness", "damping")]
