@@ -19,6 +19,9 @@ DWELL, JUMPS = 20.0, 0.9
 STEPS_PER_SAMPLE = 0.25
 #: Share of the largest step by which two steps of the same number of counts may differ, as text has a few digits only.
 SAME = 1e-6
+#: Noise of a record as a multiple of its rounding up to which it is nothing else. Chosen: other noise of the same size makes the
+#: steps irregular, and both together have 1.4 times the standard deviation of each.
+IS_ROUNDING = 1.3
 #: Samples of a long record that are looked at first.
 SOME = 20_000
 
@@ -51,3 +54,37 @@ def rounding(values: FloatArray) -> float:
     if len(sizes) > STEPS_PER_SAMPLE * len(steps):
         return 0.0
     return float(steps[np.argmax(rounded == sizes[sizes > 0.0][0])]) / sqrt(12.0)
+
+
+def is_rounded(values: FloatArray, level: float) -> bool:
+    """Whether the noise of a record, shape (n,), with this standard deviation is its rounding to counts."""
+    return 0.0 < level <= IS_ROUNDING * rounding(values)
+
+
+def sensor_noise(values: FloatArray, level: float, generator: np.random.Generator) -> FloatArray:
+    """Further noise for a record, shape (n,), as that which it contains.
+
+    White, unless it is the rounding of a motion slower than a count per sample: that makes steps, and at rest no noise at all. It
+    is then the rounding of the same motion with the steps in the middle between those recorded.
+
+    Parameters
+    ----------
+    values
+        The record, shape (n,).
+    level
+        Standard deviation of its noise.
+    generator
+        For the white noise.
+    """
+    white = generator.normal(0.0, level, len(values))
+    if not is_rounded(values, level):
+        return white
+    step = rounding(values) * sqrt(12.0)
+    change = np.diff(values)
+    at = np.flatnonzero(change)
+    motion = np.interp(np.arange(len(values)), at + 0.5, values[at] + 0.5 * change[at])
+    motion = np.clip(motion, values - 0.5 * step, values + 0.5 * step)
+    # Between these steps lies half a count, three times the power of rounding.
+    other = (values[0] + step * (np.floor((motion - values[0]) / step) + 0.5) - values) / sqrt(3.0)
+    fast = np.abs(np.convolve(change, [0.5, 0.5])) > step
+    return np.asarray(np.where(fast, white, other))

@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from scipy.signal import butter, sosfiltfilt
+from scipy.signal import butter, lfilter, lsim, sosfiltfilt
 
 import isorig as iso
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
@@ -25,6 +25,7 @@ from isorig.analysis.equations.system import HOLDS, equations_of
 from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.laws import Coulomb
 from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel, Sensor
+from isorig.analysis.rounding import sensor_noise
 from isorig.rig.cli import main
 from isorig.rig.files.rigfile import description_text
 
@@ -181,3 +182,77 @@ def test_the_drive_follows_from_the_quietest_group_of_bodies() -> None:
     assert both.channels == ("torque", "torque of motor + load")
     assert both.unit_of("torque of motor + load") == "N m"
     assert both.recorded("torque of motor + load") == "torque"
+
+
+#: kg m^2 of both, N m/rad and N m s/rad of a shaft that twists by some counts, and bearings, as described; counts of a turn.
+SOFT = msgspec.structs.replace(
+    RIG,
+    bodies=(Body(name="motor", mass=0.012, motion="rotation"), Body(name="load", mass=0.0085, motion="rotation")),
+    links=(
+        Link(name="shaft", a="load", b="motor", stiffness=160.0, damping=0.032),
+        Link(name="motor_bearing", a="motor", b="ground", damping=0.0175),
+        Link(name="load_bearing", a="load", b="ground", damping=0.0105),
+    ),
+)
+TRUE = {"bodies.load.mass": 0.01, "links.shaft.stiffness": 173.0, "links.shaft.damping": 0.048}
+
+
+def coasting(seed: int, *, rest: int) -> Campaign:
+    """Three runs of 20 s of smoothed torque steps without any effect, the last `rest` seconds of which the rig coasts to rest."""
+    rate, finer, seconds = 1000, 10, 20
+    draw, model = np.random.default_rng(seed), SOFT.replace(TRUE)
+    masses = np.array([model.body(name).mass for name in ("motor", "load")])
+    k, c = model.links[0].stiffness, model.links[0].damping
+    apart = np.array([[1.0, -1.0], [-1.0, 1.0]])
+    lost = np.diag([link.damping for link in model.links[1:]]) + c * apart
+    system = np.block([[np.zeros((2, 2)), np.eye(2)], [-k * apart / masses[:, None], -lost / masses[:, None]]])
+    runs = []
+    for each in range(3):
+        at = np.cumsum(draw.uniform(0.1, 0.6, 80))
+        time = np.arange(seconds * rate * finer) / (rate * finer)
+        torque = draw.uniform(-1.0, 1.0, 81)[np.searchsorted(at, time)] * (time < seconds - rest)
+        for _ in range(2):
+            torque = lfilter([0.025], [1.0, -0.975], torque)
+        force = np.array([0.0, 0.0, 1.0 / masses[0], 0.0])[:, None]
+        _, angles, _ = lsim((system, force, np.eye(2, 4), np.zeros((2, 1))), torque, time)
+        count = 2.0 * np.pi / 8192
+        recorded = torque[::finer] + draw.normal(0.0, 0.001, seconds * rate)
+        channels = {"torque": Channel(name="torque", samples=recorded, quantity="torque", unit="N m")}
+        for name, values in zip(("motor_angle", "load_angle"), angles.T, strict=True):
+            channels[name] = Channel(name=name, samples=np.round(values[::finer] / count) * count, quantity="angle", unit="rad")
+        runs.append(
+            Run(
+                id=f"r{each}", configuration="unlocked", sample_rate=float(rate), gain=1.0, channels=channels,
+                excitation="moves",
+            )
+        )  # fmt: skip
+    return Campaign(runs=tuple(runs), source="a drive that coasts to rest")
+
+
+def test_noise_does_not_determine_the_coefficients_of_an_equation() -> None:
+    """The shaft's own equation is a combination of the columns of that of both bodies: only noise would determine its share."""
+    assert max(equations_of(coasting(6, rest=6), SOFT).residuals().values()) < 1.2
+
+
+def test_counts_of_a_motion_that_comes_to_rest_break_no_model() -> None:
+    """Rounding of a slow motion makes steps, whose spectrum is low and not white."""
+    found = iso.diagnose(coasting(7, rest=6), SOFT)
+    assert found.verdict == "adequate"
+
+
+def test_the_noise_of_counts_has_the_spectrum_of_their_rounding() -> None:
+    """At rest there is none, and a slow motion has more of it at low frequencies than white noise of the same power."""
+    draw = np.random.default_rng(8)
+    motion = 40.0 * np.sin(2.0 * np.pi * 0.1 * np.arange(20_000) / 1000) * (np.arange(20_000) > 8000)
+    counted = np.round(motion)
+    noise = sensor_noise(counted, 1.0 / np.sqrt(12.0), draw)
+    assert np.ptp(noise[:7990]) == 0.0
+
+    def low(values: FloatArray) -> float:
+        power = np.abs(np.fft.rfft(values[8100:] * np.hanning(11_900))) ** 2
+        return float(power[np.fft.rfftfreq(11_900, 1e-3) < 60.0].sum())
+
+    error = counted - motion
+    assert low(noise) == pytest.approx(low(error), rel=0.3)
+    assert low(noise) > 4.0 * low(draw.normal(0.0, error.std(), 20_000))
+    assert sensor_noise(motion, 0.01, draw).std() == pytest.approx(0.01, rel=0.05)

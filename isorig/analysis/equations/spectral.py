@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from isorig.analysis.campaign import ComplexArray, FloatArray
+from isorig.analysis.rounding import is_rounded, sensor_noise
 
 #: Relative accuracy of each channel's part in each term of an equation, rms, and of its largest values. Chosen: calibrations of
 #: sensors agree to half a per cent, so the elongation of a stiff link, a small difference of two large motions, is known only to
@@ -31,6 +32,10 @@ LOUD = 1.5
 #: Weights of the penalty on a curve's second differences: the one that leaves least of the other segments counts. Chosen: a
 #: strongly bent curve costs as much as many frequency bins tell, and a straight one needs the full weight.
 TIES = (1.0, 0.03, 1e-3)
+
+#: Power of a combination of columns over that of its noise, from which on its coefficient is determined; and over the largest
+#: power of any combination, below which it is zero. Chosen: noise is known to about a fifth; two thirds of double precision.
+DETERMINED, SINGULAR = 0.2, 1e-10
 
 #: A row of an equation: coefficients of signals, each a number or one value per frequency bin.
 Row = Mapping[tuple[str, int], "complex | ComplexArray"]
@@ -113,9 +118,8 @@ class Prepared:
             ]
             if not len(values) or again == rounds:
                 break
-            total = sum(np.einsum("f,fpq->pq", *item) for item in zip(weights, map(np.subtract, grams, noises), strict=True))
-            assert not isinstance(total, int)
-            values = _scaled(total[1:, 1:], total[1:, 0])
+            totals = [np.asarray(sum(map(_weighted, weights, parts))) for parts in (grams, noises)]
+            values = _corrected(*totals)
         self.weights = dict(zip((item.run for item in chosen), weights, strict=True))
         count = len(chosen)
         self.size = sum(item.segments.shape[1] for item in chosen) * len(spectra.bins)
@@ -268,18 +272,16 @@ class Prepared:
         test = sum(gram for part, gram in grams if part == 1 or not held_out)
         assert not isinstance(fit, int)
         assert not isinstance(test, int)
-        noise = self._own[1] * self.count
-        normal = fit.copy()
-        share = 0.5 if held_out else 1.0
-        normal[:p, :p] -= share * noise
-        bare = np.concatenate([[1.0], -_scaled(normal[1:p, 1:p], normal[1:p, 0])])
+        noise = np.zeros_like(fit)
+        noise[:p, :p] = self._own[1] * self.count * (0.5 if held_out else 1.0)
+        bare = np.concatenate([[1.0], -_corrected(fit[:p, :p], noise[:p, :p])])
         before = max(float(bare @ test[:p, :p] @ bare), 1e-300)
 
         def solved(weight: float) -> Solved:
-            tied = normal.copy()
+            tied = fit.copy()
             if penalty is not None:
                 tied[p:, p:] += weight * self.count / self.size * penalty
-            values = _scaled(tied[1:, 1:], tied[1:, 0])
+            values = _corrected(tied, noise)
             row = np.concatenate([[1.0], -values])
             return Solved(residual=self.solved.residual * float(row @ test @ row) / before, values=values)
 
@@ -350,6 +352,11 @@ class Spectra:
             power = np.einsum("isf,jsf->fij", segments.conj(), segments, optimize=True) / count
             window = float((np.hanning(self._own(len(signals[self.names[0]]))) ** 2).sum())
             of_noise = {name: np.full(len(self.bins), level**2 * window) for name, level in noise.items()}
+            for name, order in self.orders.items():
+                values, level = signals[name, order], noise.get(name, 0.0)
+                if is_rounded(values, level):
+                    error = self.segments(sensor_noise(values, level, np.random.default_rng(run)), run)
+                    of_noise[name] = np.mean(np.abs(error) ** 2, axis=0)
             bent = {}
             for name, order in self.orders.items():
                 values = signals[name, order]
@@ -411,25 +418,33 @@ def _between(one: ComplexArray, other: ComplexArray, power: ComplexArray) -> Com
     return np.asarray(one.conj() @ power @ other.transpose(0, 2, 1))
 
 
-def _scaled(matrix: FloatArray, side: FloatArray) -> FloatArray:
-    # Least squares with columns of unit size.
-    size = 1.0 / np.sqrt(np.abs(np.diag(matrix)) + 1e-300)
-    return np.asarray(size * np.linalg.lstsq(matrix * size[:, None] * size, side * size, rcond=1e-10)[0])
+def _weighted(weight: FloatArray, power: FloatArray) -> FloatArray:
+    return np.asarray(np.einsum("f,fpq->pq", weight, power))
+
+
+def _corrected(gram: FloatArray, noise: FloatArray) -> FloatArray:
+    # Coefficients of the unknown rows, from the matrix of the known row and the unknown ones without that of the noise: the
+    # smallest among those that the noise does not tell apart. Columns of unit size.
+    clean = (gram - noise)[1:, 1:]
+    size = 1.0 / np.sqrt(np.abs(np.diag(clean)) + 1e-300)
+    power, axes = np.linalg.eigh(clean * size[:, None] * size)
+    own = np.einsum("ki,kl,li->i", axes, noise[1:, 1:] * size[:, None] * size, axes)
+    kept = power > np.maximum(DETERMINED * own, SINGULAR * np.max(power, initial=0.0))
+    chosen = axes[:, kept]
+    return np.asarray(size * (chosen @ (chosen.T @ (size * (gram - noise)[1:, 0]) / power[kept])))
 
 
 def _solve(gram: FloatArray, noise: FloatArray) -> Solved:
-    clean = gram - noise
-    values = _scaled(clean[1:, 1:], clean[1:, 0]) if len(gram) > 1 else np.zeros(0)
+    values = _corrected(gram, noise)
     row = np.concatenate([[1.0], -values])
     return Solved(residual=float(row @ gram @ row), values=values)
 
 
 def _parabola(gram: FloatArray, noise: FloatArray) -> FloatArray:
     # Residual over the last coefficient, with the others solved for.
-    clean = gram - noise
-    inner = clean[1:-1, 1:-1]
-    here = _scaled(inner, clean[1:-1, 0]) if len(inner) else np.zeros(0)
-    there = _scaled(inner, clean[1:-1, -1]) if len(inner) else np.zeros(0)
+    last = [-1, *range(1, len(gram) - 1)]
+    here = _corrected(gram[:-1, :-1], noise[:-1, :-1])
+    there = _corrected(gram[np.ix_(last, last)], noise[np.ix_(last, last)])
     first = np.concatenate([[1.0], -here, [0.0]])
     slope = np.concatenate([[0.0], there, [-1.0]])
     return np.array([first @ gram @ first, 2.0 * (first @ gram @ slope), slope @ gram @ slope])

@@ -24,7 +24,7 @@ from isorig.analysis.fitting.initial_state import (
 from isorig.analysis.lowpass import fast_length
 from isorig.analysis.model.linear import drifts, floats
 from isorig.analysis.model.rig_model import GROUND, RigModel, Sensor
-from isorig.analysis.rounding import is_command
+from isorig.analysis.rounding import is_command, sensor_noise
 from isorig.analysis.simulate import Excitation, record, simulate
 from isorig.analysis.simulate.free_run import NOWHERE, excitation_of, true_drives
 from isorig.analysis.simulate.inverse import (
@@ -602,7 +602,7 @@ def _motions(
     for body, sensor in sensors.items():
         values = run.channel(sensor.channel).read(0, stop)
         clean[body] = position(sensor, values)
-        shaken[body] = position(sensor, values + generator.normal(0.0, noise.get(sensor.channel, 0.0), stop))
+        shaken[body] = position(sensor, values + sensor_noise(values, noise.get(sensor.channel, 0.0), generator))
     drive = run.channel(model.drive.channel).read(0, stop)
     drive = as_held(drive, 1) if is_command(drive) else drive
     # A velocity has less noise than the acceleration. Its own low-pass is as wide as that allows: a dry contact follows the sign
