@@ -13,7 +13,7 @@ from isorig.analysis.campaign import Campaign, Quantity
 from isorig.analysis.diagnose.causes.base import Evidence
 from isorig.analysis.diagnose.link_force import LinkForce, link_force
 from isorig.analysis.fitting.trials import Trial, expected, true_motion
-from isorig.analysis.model.rig_model import GROUND, Link, RigModel, Sensor
+from isorig.analysis.model.rig_model import GROUND, Link, RigModel, Sensor, direction
 from isorig.analysis.simulate import simulate
 from isorig.analysis.spectra.hum import hum, mains_in
 from isorig.analysis.spectra.motion import motion_of
@@ -46,8 +46,8 @@ def observe(
     return Evidence(
         deflection=deflection, speed=speed, sample_rate=rate, end_time=last, peak=peaks,
         flat_tops=flat_tops(campaign, peaks), mains=mains(model, trials), misfit_frequencies=misfit_frequencies(model, trials),
-        forces=forces(model, trials, deflection), push=push_of(model, trials, peaks, deflection), described=described,
-        guess=guess, configurations=frozenset(t.run.configuration for t in trials),
+        forces=forces(model, trials, deflection), push=push_of([model, described, guess], trials, peaks, deflection),
+        described=described, guess=guess, configurations=frozenset(t.run.configuration for t in trials),
     )  # fmt: skip
 
 
@@ -86,20 +86,37 @@ def forces(model: RigModel, trials: Sequence[Trial], swing: Mapping[str, float])
     return found
 
 
-def push_of(model: RigModel, trials: Sequence[Trial], peaks: Mapping[str, float], deflection: Mapping[str, float]) -> float:
+def push_of(
+    models: Sequence[RigModel], trials: Sequence[Trial], peaks: Mapping[str, float], deflection: Mapping[str, float]
+) -> float:
     """Largest force in N of the drive on a body; of a spring where a motion is imposed, or nothing drives the rig.
 
-    A spring at an imposed motion counts with the measured deflection, though that may be the sensors' calibration error.
+    A spring at an imposed motion counts with the measured deflection, though that may be the sensors' calibration error, and with
+    its largest stiffness: one that was fitted without the force that strains it is too soft.
+
+    Parameters
+    ----------
+    models
+        The rig as fitted, and others with the values of its springs.
+    trials
+        The runs.
+    peaks
+        Largest value of each channel.
+    deflection
+        Largest relative displacement of each link of the first model, m.
     """
+    model = models[0]
     drive = model.drive
     shares = [abs(share) for share in drive.pushes.values()]
     pushes = abs(drive.factor) * max(shares, default=0.0) * peaks.get(drive.channel, 0.0)
     if pushes > 0.0:
         return pushes
     forces = [link.stiffness * deflection[link.name] for link in model.links]
-    shaken = [link for link in model.links if {link.a, link.b} & set(model.imposed)]
-    measured = ((link, _measured_swing(model, link, trial)) for trial in trials for link in shaken)
-    return max(forces + [link.stiffness * found.most[1] for link, found in measured if found is not None], default=0.0)
+    for link in (link for link in model.links if {link.a, link.b} & set(model.imposed)):
+        stiffness = max(other.stiffness for one in models for other in one.links if other.name == link.name)
+        found = (_measured_swing(model, link, trial) for trial in trials)
+        forces += [stiffness * swing.most[1] for swing in found if swing is not None]
+    return max(forces, default=0.0)
 
 
 def swings(model: RigModel, trials: Sequence[Trial]) -> tuple[dict[str, float], dict[str, float]]:
@@ -132,9 +149,8 @@ def _simulated_swings(model: RigModel, trial: Trial) -> dict[str, tuple[float, f
         return {link.name: (np.inf, np.inf) for link in free}
     quantities: tuple[Quantity, ...] = ("velocity", "displacement")
     gauges = tuple(
-        Sensor(channel=f"{quantity} {link.name}", body=ends[0], relative_to=ends[1], quantity=quantity)
+        Sensor(channel=f"{quantity} {link.name}", body=link.a, relative_to=link.b, arms=link.arms, quantity=quantity)
         for link in free
-        for ends in [(link.a, link.b) if link.a != GROUND else (link.b, link.a)]
         for quantity in quantities
     )
     seen = simulate(
@@ -153,13 +169,14 @@ class _Measured:
 
 
 def _measured_swing(model: RigModel, link: Link, trial: Trial) -> _Measured | None:
-    # From the motion at the link's ends; None if one is not measured.
-    ends = [end for end in (link.a, link.b) if end != GROUND]
+    # From the motion at the link's ends and arms; None if one is not measured.
+    along = direction(model, link.a, link.b, link.arms).tolist()
+    weights = {body.name: w for body, w in zip(model.bodies, along, strict=True) if w}
     noise = 0.0
     if trial.motion is not None:
-        if any(end not in trial.motion.velocity for end in ends):
+        if any(body not in trial.motion.velocity for body in weights):
             return None
-        moves = [(trial.motion.velocity[end], trial.motion.position[end]) for end in ends]
+        moves = [(w * trial.motion.velocity[body], w * trial.motion.position[body]) for body, w in weights.items()]
     else:
         sensors = {s.body: s for s in model.sensors if s.relative_to == GROUND}
         given = {
@@ -167,19 +184,19 @@ def _measured_swing(model: RigModel, link: Link, trial: Trial) -> _Measured | No
             for drive, record in zip(model.drives, (trial.excitation, *trial.excitation.others), strict=True)
             if drive.imposes is not None
         }
-        if any(end not in sensors and end not in given for end in ends):
+        if any(body not in sensors and body not in given for body in weights):
             return None
         moves = []
-        for end in ends:
-            if end in given:
-                moves.append(given[end])
+        for body, w in weights.items():
+            if body in given:
+                moves.append((w * given[body][0], w * given[body][1]))
                 continue
-            sensor = sensors[end]
+            sensor = sensors[body]
             row = trial.channels.index(sensor.channel)
-            moves.append(motion_of(trial.measured[row], sensor.quantity, trial.sample_rate, trial.run.band))
-            random = np.random.default_rng(row).normal(0.0, trial.noise[row], trial.samples)
+            moves.append(motion_of(w * trial.measured[row], sensor.quantity, trial.sample_rate, trial.run.band))
+            random = np.random.default_rng(row).normal(0.0, abs(w) * trial.noise[row], trial.samples)
             noise += float(np.abs(motion_of(random, sensor.quantity, trial.sample_rate, trial.run.band)[1]).max())
-    v, d = (a - b for a, b in zip(*moves, strict=True)) if len(moves) == 2 else moves[0]
+    v, d = (np.sum(parts, axis=0) for parts in zip(*moves, strict=True))
     swing, largest = float(np.abs(d).max()), max(float(np.abs(move[1]).max()) for move in moves)
     return _Measured((float(np.abs(v).max()), swing), clear=swing > CLEAR_OF_NOISE * noise and swing > OWN * largest)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.equations.motion import Combinations, estimate_of
-from isorig.analysis.model.linear import floats
+from isorig.analysis.model.linear import ROUNDED, floats, moving_together
 from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel, direction
 
 #: Up to this number of bodies all sets of bodies are considered, above it the single bodies and what lies beyond each link.
@@ -76,8 +76,8 @@ class Balance:
 
     Parameters
     ----------
-    bodies
-        The set.
+    weights
+        The set: each body with the weight of its inertia, one unless a gear or a lever joins it to the others.
     crossing
         The elements whose forces act on the set, with the sign of the force (weight of the element's force in the equation).
     pushes
@@ -88,11 +88,16 @@ class Balance:
         The configurations in which it holds.
     """
 
-    bodies: tuple[str, ...]
+    weights: Mapping[str, float]
     crossing: tuple[tuple[Element, float], ...]
     pushes: Mapping[str, float]
     configurations: tuple[str, ...]
     forces: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """The set."""
+        return tuple(self.weights)
 
     @property
     def name(self) -> str:
@@ -151,11 +156,11 @@ def balances(model: RigModel, combos: Combinations | None = None) -> tuple[Balan
     known = [body for body in combos.measured if body not in model.imposed]
     index = {body.name: k for k, body in enumerate(model.bodies)}
     measured = {part.name: combos.of(part.weights, 0) is not None for part in parts}
+    pushed = {body for drive in model.drives for body in drive.pushes}
     found: list[Balance] = []
     for bodies in _sets(known):
-        y = np.zeros(len(index))
-        y[[index[name] for name in bodies]] = 1.0
-        crossing = tuple((part, float(y @ part.weights)) for part in parts if y @ part.weights != 0.0)
+        y = moving_together(model, bodies, next((name for name in bodies if name in pushed), bodies[0]))
+        crossing = tuple((part, sign) for part in parts if abs(sign := float(y @ part.weights)) > ROUNDED)
         if not crossing or any(not measured[part.name] for part, _ in crossing) or set(bodies) <= set(combos.estimated):
             continue
         if not _connected(model, bodies):
@@ -168,11 +173,11 @@ def balances(model: RigModel, combos: Combinations | None = None) -> tuple[Balan
         if not valid:
             continue
         pushes = {
-            drive.channel: float(sum(weight for body, weight in drive.pushes.items() if body in bodies)) for drive in model.drives
+            drive.channel: float(sum(weight * y[index[body]] for body, weight in drive.pushes.items())) for drive in model.drives
         }
         found.append(
             Balance(
-                bodies=bodies, crossing=crossing, configurations=valid,
+                weights={name: float(y[index[name]]) for name in bodies}, crossing=crossing, configurations=valid,
                 pushes={channel: weight for channel, weight in pushes.items() if weight != 0.0},
             )
         )  # fmt: skip
@@ -200,7 +205,10 @@ def _gauged(model: RigModel, parts: Sequence[Element], measured: Mapping[str, bo
             if not any(part.link is not None and part.link.name in setup.rigid for part, _ in crossing)
         )
         if crossing and free and all(measured[part.name] for part, _ in crossing):
-            found.append(Balance(bodies=bodies, crossing=crossing, pushes={}, configurations=free, forces={sensor.channel: 1.0}))
+            weights = dict.fromkeys(bodies, 1.0)
+            found.append(
+                Balance(weights=weights, crossing=crossing, pushes={}, configurations=free, forces={sensor.channel: 1.0})
+            )
     return found
 
 

@@ -342,7 +342,7 @@ def _solved(equations: Equations, balance: Balance, explanation: Explanation | N
         source = explanation.source or None
         fault = equations.fault(explanation.what, explanation.place, np.array([values["value"]]), source)
         return prepared.without_fault(*fault)[0].values
-    if explanation.what in ("mass", "resonator") and explanation.place in balance.bodies:
+    if explanation.what in ("mass", "resonator") and balance.weights.get(explanation.place) == 1.0:
         row, mass = equations.body_row(explanation.place), values["mass"]
         if explanation.what == "resonator":
             gain = resonator(spectra.omega, values["frequency"], values["damping"])

@@ -267,7 +267,7 @@ class Regressions:
         if body in self.on.model.imposed or body in self.on.hidden:
             return
         row, mass = self.on.body_row(body), self.on.model.body(body).mass
-        inside = [b for b in self._balances if body in b.bodies]
+        inside = [b for b in self._balances if b.weights.get(body) == 1.0]
         if all(before.get(b.name, 0.0) < self.least for b in inside):
             return
         inside = sorted(inside, key=self.on.unknown_scale)

@@ -292,10 +292,10 @@ class Equations:
     def inertia_row(self, balance: Balance) -> Row:
         """The inertia of the given masses of a balance."""
         row: dict[tuple[str, int], complex | ComplexArray] = {}
-        for body in balance.bodies:
+        for body, share in balance.weights.items():
             if body not in self.unknown_masses(balance):
                 for name, weight in self.body_row(body).items():
-                    row[name] = row.get(name, 0.0) + self.model.body(body).mass * weight
+                    row[name] = row.get(name, 0.0) + share * self.model.body(body).mass * weight
         return row
 
     @cached_property
@@ -333,7 +333,8 @@ class Equations:
         """Masses that are solved for, alone or as a scale of all given ones: path (empty for the scale), row and given value."""
         found: list[tuple[str, Row, float]] = []
         for body in self.unknown_masses(balance):
-            found.append((f"bodies.{body}.mass", self.body_row(body), self.model.body(body).mass))
+            row = {name: balance.weights[body] * weight for name, weight in self.body_row(body).items()}
+            found.append((f"bodies.{body}.mass", row, self.model.body(body).mass))
         if self.unknown_scale(balance):
             found.append(("", self.inertia_row(balance), 1.0))
         return found
@@ -742,7 +743,7 @@ class Equations:
 
     def own_frequency(self, element: Element, balance: Balance) -> float:
         """Frequency of an element's stiffness with the mass that it holds, Hz."""
-        mass = sum(self.model.body(body).mass for body in balance.bodies)
+        mass = sum(share**2 * self.model.body(body).mass for body, share in balance.weights.items())
         stiffness = element.link.stiffness if element.link is not None else 0.0
         return max(float(np.sqrt(stiffness / mass)) / (2.0 * np.pi) if mass > 0.0 else 0.0, self.lowest)
 

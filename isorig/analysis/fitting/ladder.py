@@ -89,8 +89,9 @@ def baseline_fit(starts: Sequence[RigModel], trials: Sequence[Trial], *, misfits
     """
     first, *longer = ladder(trials)
     free = base_parameters(starts[0])
-    # Values from the equations of motion are usually close: then nothing diverges.
-    quick = tried(starts[0], free, (first, *longer)[-1])
+    # Values from the equations of motion are usually close: then nothing diverges. The given ones may be closer.
+    last = (first, *longer)[-1]
+    quick = tried(min(starts, key=lambda start: np.nan_to_num(misfit(start, last.problem), nan=np.inf)), free, last)
     if quick is not None and quick.cost < ((STAYS / SIGNAL_SHARE) ** 2 if misfits else TELLING):
         return finished(quick, trials)
     fits = [done for start in starts if (done := tried(start, free, first))]

@@ -48,7 +48,7 @@ def related(model: RigModel, trials: Sequence[Trial]) -> bool:
     if any(trial.motion is not None for trial in trials):
         return True
     sensors = tuple(
-        Sensor(channel=f"{PREFIX}{motion} {link.name}", body=link.a, relative_to=link.b, quantity=motion)
+        Sensor(channel=f"{PREFIX}{motion} {link.name}", body=link.a, relative_to=link.b, arms=link.arms, quantity=motion)
         for link in model.links
         for motion in MOTIONS
     )

@@ -66,7 +66,7 @@ def signal_powers(trials: Sequence[Trial]) -> FloatArray:
 
     A body that friction holds for a whole run has no signal to compare an error with. Shape (runs, channels).
     """
-    powers = np.stack([np.mean(trial.measured[:, trial.held_out] ** 2, axis=1) for trial in trials])
+    powers = np.stack([np.mean(trial.signal[:, trial.held_out] ** 2, axis=1) for trial in trials])
     return np.asarray(np.maximum(powers, np.maximum(QUIET**2 * powers.max(axis=0), 1e-60)))
 
 

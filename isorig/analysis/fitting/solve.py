@@ -160,7 +160,7 @@ class Waveform:
         n = trial.fitted
         self._lines = int(min(trial.ceiling, trial.usable) / trial.sample_rate * n) + 1
         measured = trial.measured[:, :n]
-        sigma = np.maximum(np.sqrt(trial.noise**2 + (share * measured.std(axis=1)) ** 2), least)[:, None]
+        sigma = np.maximum(np.sqrt(trial.noise**2 + (share * trial.signal[:, :n].std(axis=1)) ** 2), least)[:, None]
         if trial.disturbance is not None:
             sigma = np.hypot(sigma, trial.disturbance.at(np.arange(self._lines) * trial.sample_rate / n))
         self._weights = np.sqrt(2.0 / n) / sigma
@@ -196,7 +196,7 @@ class Problem:
             raise FitError("every run is held out, so there is nothing to fit; mark at least one run for fitting")
         self.trials = tuple(fitted)
         # A body held by friction may have a record without any noise.
-        sizes = np.max([trial.measured.std(axis=1) for trial in among or trials], axis=0)
+        sizes = np.max([trial.signal.std(axis=1) for trial in among or trials], axis=0)
         least = np.where(sizes > 0.0, QUIET * sizes, 1.0)
         self._gauges = [Waveform(trial, share, least) for trial in self.trials]
         self.sizes = tuple(gauge.size for gauge in self._gauges)

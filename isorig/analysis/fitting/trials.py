@@ -23,7 +23,7 @@ from isorig.analysis.fitting.initial_state import (
 )
 from isorig.analysis.lowpass import fast_length
 from isorig.analysis.model.linear import drifts, floats
-from isorig.analysis.model.rig_model import GROUND, RigModel, Sensor
+from isorig.analysis.model.rig_model import GROUND, RigModel, Sensor, direction
 from isorig.analysis.rounding import is_command, sensor_noise
 from isorig.analysis.simulate import Excitation, record, simulate
 from isorig.analysis.simulate.free_run import NOWHERE, excitation_of, true_drives
@@ -145,6 +145,8 @@ class Trial:
         Their names.
     without_zero
         Names of channels whose mean says nothing of the rig: `without_zero`.
+    relative
+        The records relative to an imposed motion, shape (channels, n); None without one.
     """
 
     run: Run
@@ -165,6 +167,12 @@ class Trial:
     lowest: float = 0.0
     wandering: frozenset[str] = frozenset()
     without_zero: frozenset[str] = frozenset()
+    relative: FloatArray | None = None
+
+    @property
+    def signal(self) -> FloatArray:
+        """The records with which errors are compared, shape (channels, n)."""
+        return self.measured if self.relative is None else self.relative
 
     @property
     def sample_rate(self) -> float:
@@ -327,6 +335,27 @@ def _quick(error: FloatArray, lowest: float, rate: float) -> FloatArray:
     return np.asarray(error - sosfiltfilt(butter(2, lowest, fs=rate, output="sos"), error, padtype="even"))
 
 
+def relative(model: RigModel, measured: FloatArray, drive: FloatArray) -> FloatArray | None:
+    """Records relative to the motion that the drive imposes, where that is less of them; None without an imposed motion.
+
+    A body that moves nearly as its base shows little of what is between them, and errors are compared with that.
+
+    Parameters
+    ----------
+    model
+        The rig.
+    measured
+        Shape (channels, n).
+    drive
+        Shape (n,).
+    """
+    if model.drive.imposes is None:
+        return None
+    absolute = [s.force_in is None and s.relative_to == GROUND and s.quantity == model.drive.quantity for s in model.sensors]
+    pairs = zip(measured - drive * np.array(absolute)[:, None], measured, strict=True)
+    return np.stack([min(pair, key=np.std) for pair in pairs])
+
+
 def without_zero(model: RigModel, *, released: bool) -> frozenset[str]:
     """The channels whose mean in a run says nothing of the rig.
 
@@ -448,6 +477,7 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
                 lowest=lowest,
                 wandering=wrong,
                 without_zero=without_zero(model, released=still),
+                relative=relative(model, measured, drive),
             )
         )
     if by_drive:
@@ -625,7 +655,8 @@ def _unknown(model: RigModel, integrated: Collection[str]) -> dict[str, float]:
     found = {}
     for link in model.links:
         if {link.a, link.b} <= set(integrated) and link.stiffness > 0.0:
-            of_both = sum(1.0 / model.body(body).mass for body in (link.a, link.b))
+            weights = direction(model, link.a, link.b, link.arms)
+            of_both = sum(w**2 / body.mass for w, body in zip(weights.tolist(), model.bodies, strict=True))
             found[link.name] = UNKNOWN * float(np.sqrt(link.stiffness * of_both)) / (2.0 * np.pi)
     return found
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
 from isorig.analysis.campaign import MOTION, ComplexArray, FloatArray
 from isorig.analysis.errors import ModelError
-from isorig.analysis.model.rig_model import Drive, Link, RigModel, direction, matrices
+from isorig.analysis.model.rig_model import Contact, Drive, Link, RigModel, direction, matrices
 
 #: Normalised eigenvalue of the stiffness matrix below which a motion counts as held by no spring (rounding).
 SLACK = 1e-12
+#: Weight of a force in a sum of equations of motion below which it cancels, up to rounding.
+ROUNDED = 1e-9
 #: Time constants of the slowest speed in a run from which on a simulation of speeds does not drift. Chosen: an error of the first
 #: speed has fallen below a hundredth.
 SETTLED = 5.0
@@ -34,6 +36,35 @@ def linear_part(model: RigModel, configuration: str) -> tuple[FloatArray, FloatA
             stiffness = stiffness + setup.lock_stiffness * np.outer(w, w)
             damping = damping + setup.lock_damping * np.outer(w, w)
     return constraint_basis(model, rigid if setup.lock_stiffness is None else []), mass, damping, stiffness
+
+
+def moving_together(model: RigModel, group: Collection[str], first: str) -> FloatArray:
+    """How far the bodies of a group move when one of them moves by one and nothing between them is strained, shape (bodies,).
+
+    The sum of their equations of motion with these weights contains no force between them. With links at arms that strain in any
+    common motion each weight is one.
+
+    Parameters
+    ----------
+    model
+        The rig.
+    group
+        Bodies that links or contacts join.
+    first
+        The one that moves by one.
+    """
+    index = {body.name: k for k, body in enumerate(model.bodies)}
+    others = [index[name] for name in group if name != first]
+    found = np.zeros(len(index))
+    found[[index[first], *others]] = 1.0
+    parts: list[Link | Contact] = [*model.links, *model.contacts]
+    rows = np.array([direction(model, part.a, part.b, part.arms) for part in parts if {part.a, part.b, *part.arms} <= set(group)])
+    if len(rows) and np.any(rows @ found):
+        strained = -rows[:, index[first]]
+        moved, *_ = np.linalg.lstsq(rows[:, others], strained, rcond=None)
+        if np.allclose(rows[:, others] @ moved, strained):
+            found[others] = moved
+    return found
 
 
 def imposed_coordinates(model: RigModel, basis: FloatArray) -> dict[str, int]:

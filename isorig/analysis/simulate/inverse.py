@@ -5,7 +5,8 @@ equations of motion: positions through a zero-phase low-pass, differentiated, th
 (Gautier, Janot and Vandanjon 2013, IEEE Trans. Control Syst. Technol. 21, 428). Where a velocity is not resolved, a dry contact
 may stick: it transmits any force between those of slow sliding in both directions, so the drive is only known within their range.
 
-The drive follows from the momentum of the pushed body, and also from that of the pushed body with those joined to it: the smaller
+The drive follows from the momentum of the pushed body, and also from that of the pushed body with those joined to it, each by as
+much as it moves with it (a gear): the smaller
 the group, the more of the joints between the bodies it shows; the larger, the less of their deflections' noise it contains. The
 deflection between two recorded velocities is the small difference of two integrals, of which any error of a zero or of a gain is
 a large part. Its slow part is therefore taken as the one with which the slow part of the drive agrees.
@@ -24,7 +25,8 @@ from isorig.analysis.derivative import derivative
 from isorig.analysis.errors import SimulationError
 from isorig.analysis.laws.base import NO_LINK
 from isorig.analysis.lowpass import low_passed
-from isorig.analysis.model.rig_model import GROUND, Chain, Contact, Link, RigModel, single_drive
+from isorig.analysis.model.linear import ROUNDED, moving_together
+from isorig.analysis.model.rig_model import Chain, Contact, Link, RigModel, direction, single_drive
 from isorig.analysis.simulate.sampling import shift
 
 #: Corner frequency of the low-pass in multiples of the sample rate after decimation, its order, and the decimation factors, of
@@ -125,7 +127,8 @@ def driven_groups(model: RigModel) -> tuple[tuple[str, ...], ...]:
     found = []
     while group:
         found.append(tuple(name for name in names if name in group))
-        joined = {end for part in parts if {part.a, part.b} & group for end in (part.a, part.b)} & set(names)
+        ends = [{part.a, part.b, *part.arms} for part in parts]
+        joined = {name for each in ends if each & group for name in each} & set(names)
         group = group | joined if joined - group else set()
     return tuple(found)
 
@@ -156,21 +159,27 @@ def required_drive(model: RigModel, motion: Motion) -> FloatArray:
     return decimated(np.stack(drives), motion.decimation)
 
 
+def _pushed(model: RigModel) -> str:
+    return next(name for name, weight in model.drive.pushes.items() if weight)
+
+
 def _balanced(model: RigModel, motion: Motion, group: Sequence[str], acting: FloatArray) -> tuple[FloatArray, FloatArray]:
     # Least and largest force that moves a group of bodies as recorded; where the records do not tell the slow part of the
     # deflection of the link that joins it to the others, that part is as the acting force requires it.
     needed = _needed(model, motion, group, {})
-    joining = [link for link in model.links if link.name in motion.unknown and (link.a in group) != (link.b in group)]
-    if len(joining) != 1 or joining[0].stiffness <= 0.0:
+    weights = moving_together(model, group, _pushed(model))
+    signs = [(link, float(weights @ direction(model, link.a, link.b, link.arms))) for link in model.links]
+    joining = [(link, sign) for link, sign in signs if link.name in motion.unknown and abs(sign) > ROUNDED]
+    if len(joining) != 1 or joining[0][0].stiffness <= 0.0:
         return needed
-    (link,), slow, least = joining, np.zeros(len(acting)), np.inf
+    ((link, sign),), slow, least = joining, np.zeros(len(acting)), np.inf
     for _ in range(CORRECTIONS):
         left = low_passed(acting - np.clip(acting, *needed), motion.sample_rate, motion.unknown[link.name])
         power = float(np.mean(left**2))
         if power >= least:
             break
         least, best = power, needed
-        slow = slow + (left if link.a in group else -left) / link.stiffness
+        slow = slow + left / (sign * link.stiffness)
         needed = _needed(model, motion, group, {link.name: slow})
     return best
 
@@ -179,13 +188,15 @@ def _needed(
     model: RigModel, motion: Motion, group: Sequence[str], slow: Mapping[str, FloatArray]
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     # Least and largest force that moves a group of bodies as recorded; `slow` parts are added to the deflections of these links.
-    least = np.sum([model.body(name).mass * motion.acceleration[name] for name in group], axis=0)
+    weights = moving_together(model, group, _pushed(model))
+    inertia = [w * body.mass * motion.acceleration[body.name] for body, w in zip(model.bodies, weights, strict=True) if w]
+    least = np.sum(inertia, axis=0)
     most = least.copy()
     parts: list[Link | Contact] = [*model.links, *model.contacts]
     for part in parts:
-        if (part.a in group) == (part.b in group):
+        sign = float(weights @ direction(model, part.a, part.b, part.arms))
+        if abs(sign) < ROUNDED:
             continue  # its forces on both ends cancel, or act elsewhere
-        sign = 1.0 if part.a in group else -1.0
         ends = [sign * resistance for resistance in _resistances(model, motion, part, slow.get(part.name, 0.0))]
         least += np.minimum(*ends)
         most += np.maximum(*ends)
@@ -213,9 +224,11 @@ def _resistances(
     model: RigModel, motion: Motion, part: Link | Contact, slow: FloatArray | float
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     # Force against the motion, and where the velocity is not resolved, that of slow sliding backward and forward.
-    d, v = (of[part.a] - (0.0 if part.b == GROUND else of[part.b]) for of in (motion.position, motion.velocity))
+    along = direction(model, part.a, part.b, part.arms).tolist()
+    weights = {body.name: w for body, w in zip(model.bodies, along, strict=True) if w}
+    d, v = (np.sum([w * of[name] for name, w in weights.items()], axis=0) for of in (motion.position, motion.velocity))
     elongation = d + slow
-    blur = RESOLVED * float(np.hypot(motion.blur.get(part.a, 0.0), motion.blur.get(part.b, 0.0)))
+    blur = RESOLVED * float(np.linalg.norm([w * motion.blur.get(name, 0.0) for name, w in weights.items()]))
     unresolved = np.abs(v) < blur
     laws = part.laws if isinstance(part, Link) else (part.law,)
     constants = model.constants_of(part) if isinstance(part, Link) else NO_LINK
