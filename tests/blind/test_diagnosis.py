@@ -15,9 +15,9 @@ from isorig.rig.cli import main
 from isorig.rig.files.recording import write
 from isorig.rig.wire_bonder.session import SESSION, VirtualRun
 
-#: Kind, size and seed; what is hidden where is drawn. Twenty seconds of five runs do for these.
+#: Kind, size and seed; what is hidden where is drawn. Fifteen seconds of three runs do for these.
 DRAWN = (("none", 1.0, 16), ("asymmetric_friction", 0.33, 12))
-SHORT = tuple(replace(take, seconds=20.0) for take in SESSION if take.id in ("u70a", "u35", "u7", "l70", "l7"))
+SHORT = tuple(replace(take, seconds=15.0) for take in SESSION if take.id in ("u70a", "u35", "l7"))
 #: Sensors, and an effect outside the catalogue, for which every free shape is fitted in vain: that takes minutes.
 MORE = (("sensor_gain", 0.33, 13), ("channel_delay", 0.33, 14), ("outside: hose", 1.0, 15))
 

@@ -80,7 +80,9 @@ def test_a_page_says_where_the_recording_of_its_commands_comes_from(page: Path) 
     assert first is None or "`campaign.h5`" in text[:first] or "rig virtual campaign" in text[:first]
 
 
-def called(call: list[str], folder: Path, environment: dict[str, str], limit: float = 200.0) -> tuple[int | str, str, bool]:
+def called(
+    call: list[str], folder: Path, environment: dict[str, str], limit: float = 200.0, grace: float = GRACE
+) -> tuple[int | str, str, bool]:
     """How a call ended, what it said, and whether it left processes behind; none of them outlives this.
 
     The output goes to a file, because a pipe ends only with the last process that holds it.
@@ -91,7 +93,7 @@ def called(call: list[str], folder: Path, environment: dict[str, str], limit: fl
             status: int | str = process.wait(limit)
         except subprocess.TimeoutExpired:
             status = f"no end in {limit:g} s"
-        end = time.monotonic() + GRACE
+        end = time.monotonic() + grace
         while (left := alive(process.pid)) and isinstance(status, int) and time.monotonic() < end:
             time.sleep(0.1)
         for child in left:
@@ -112,7 +114,7 @@ def alive(group: int) -> list[psutil.Process]:
 
 
 def test_a_block_that_leaves_a_process_running_is_found(folder: Path) -> None:
-    status, said, left = called(["bash", "-c", "sleep 60 & echo begun"], folder, dict(os.environ))
+    status, said, left = called(["bash", "-c", "sleep 60 & echo begun"], folder, dict(os.environ), grace=0.2)
     assert (status, said, left) == (0, "begun\n", True)
     status, said, left = called(["bash", "-c", "echo begun; sleep 60"], folder, dict(os.environ), limit=1.0)
     assert (status, said, left) == ("no end in 1 s", "begun\n", True)

@@ -472,9 +472,13 @@ class CsvFar(Far):
         self.say(self.spoil(tick, ",".join(self.columns(tick)).encode()))
 
 
+#: How many times as long as on an idle computer the same may take on a busy one.
+BUSY = 4.0
+
+
 @contextmanager
 def within(seconds: float) -> Iterator[None]:
-    """Fails where the block takes longer."""
+    """Fails where the block takes longer than so many seconds of an idle computer."""
     began = time.monotonic()
     yield
-    assert time.monotonic() - began < seconds, f"it took {time.monotonic() - began:.1f} s"
+    assert (took := time.monotonic() - began) < BUSY * seconds, f"it took {took:.1f} s"

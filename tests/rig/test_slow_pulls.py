@@ -22,7 +22,7 @@ from isorig.analysis.model.rig_model import Body, Drive, Link, RigModel, Sensor
 #: kg, N/m, N s/m of the spring and of the rail, and the rail's dry friction in N.
 MASS, SPRING, DAMPING, RAIL, FRICTION = 2.0, 600.0, 1.5, 0.8, 5.0
 #: Samples and steps of the integration per second, seconds of a run, and the count of the encoders in m.
-RATE, FINE, SECONDS, COUNT = 500, 20_000, 20, 1e-5
+RATE, FINE, SECONDS, COUNT = 500, 10_000, 10, 1e-5
 RIG = RigModel(
     name="sled on a rail",
     bodies=(Body(name="carrier", mass=5.0), Body(name="sled", mass=MASS)),

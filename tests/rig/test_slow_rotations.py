@@ -33,7 +33,7 @@ from isorig.rig.files.rigfile import description_text
 MOTOR, LOAD, SHAFT, DAMPING, BEARINGS = 0.006, 0.04, 250.0, 0.1, (0.015, 0.03)
 DESCRIBED = {"load": 0.047, "shaft": 210.0, "damping": 0.12, "motor_bearing": 0.018, "load_bearing": 0.025}
 #: Steps of the integration and of the record per second, seconds of a run, and counts of a turn.
-FINE, RATE, SECONDS, COUNTS = 10_000, 200, 30, 10_000
+FINE, RATE, SECONDS, COUNTS = 10_000, 200, 15, 10_000
 RIG = RigModel(
     name="motor and inertia",
     bodies=(
@@ -54,9 +54,11 @@ RIG = RigModel(
 )  # fmt: skip
 
 
-def turned(draw: np.random.Generator, hidden: Callable[[float, float], float]) -> tuple[FloatArray, FloatArray, FloatArray]:
+def turned(
+    draw: np.random.Generator, hidden: Callable[[float, float], float], seconds: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:  # fmt: skip
     """Torque and both angles of a run: a controller turns the motor at drawn speeds, against a force of its angle and speed."""
-    steps, h = SECONDS * FINE, 1.0 / FINE
+    steps, h = seconds * FINE, 1.0 / FINE
     knots = np.cumsum(draw.uniform(0.4, 2.0, 40))
     reference = np.interp(np.arange(steps) * h, knots, np.repeat(draw.uniform(-2.5, 2.5, 20), 2)).tolist()
     gain = 6.0 * (MOTOR + LOAD)
@@ -75,12 +77,12 @@ def turned(draw: np.random.Generator, hidden: Callable[[float, float], float]) -
 
 
 def campaign(seed: int, hidden: Callable[[float, float], float], *, tachometer: bool = False) -> Campaign:
-    """Two runs: a filtered torque with noise, and counted angles, or of the load a speed with noise."""
+    """Two runs: a filtered torque with noise, and counted angles, or of the load a speed with noise, for twice as long."""
     draw = np.random.default_rng(seed)
     sections = butter(6, 0.4 * RATE, fs=FINE, output="sos")
     runs = []
     for k in range(2):
-        torque, *angles = turned(draw, hidden)
+        torque, *angles = turned(draw, hidden, 2 * SECONDS if tachometer else SECONDS)
         torque = sosfiltfilt(sections, torque)[:: FINE // RATE]
         torque = torque + draw.normal(0.0, 0.003 * torque.std(), len(torque))
         channels = {"torque": Channel(name="torque", samples=torque, quantity="torque", unit="N m")}
@@ -108,8 +110,14 @@ def diagnosed(found: Campaign, folder: Path) -> dict[str, Any]:
     return answer
 
 
-def test_a_sound_rig_is_adequate_and_its_inertia_found(tmp_path: Path) -> None:
-    answer = diagnosed(campaign(1, lambda angle, speed: 0.0), tmp_path)
+@pytest.fixture(scope="module")
+def sound() -> Campaign:
+    """A campaign without a hidden force."""
+    return campaign(1, lambda angle, speed: 0.0)
+
+
+def test_a_sound_rig_is_adequate_and_its_inertia_found(sound: Campaign, tmp_path: Path) -> None:
+    answer = diagnosed(sound, tmp_path)
     assert answer["verdict"] == "adequate"
     load = iso.read_rig(tmp_path / "d" / "model.json").model.body("load")
     assert load.mass == pytest.approx(LOAD, rel=0.01)
@@ -127,7 +135,7 @@ def test_a_hidden_cogging_is_named(tmp_path: Path) -> None:
 
 
 def test_a_hidden_friction_is_named(tmp_path: Path) -> None:
-    answer = diagnosed(campaign(3, lambda angle, speed: 0.05 * np.tanh(speed / 1e-3)), tmp_path)
+    answer = diagnosed(campaign(6, lambda angle, speed: 0.05 * np.tanh(speed / 1e-3)), tmp_path)
     assert answer["verdict"] in ("explained", "partly explained")
     assert answer["steps"][0]["kind"] == "friction_shape"
     assert {item["channel"] for item in answer["discrepancies"]} <= {"torque"}
@@ -158,8 +166,8 @@ def test_friction_that_falls_with_velocity_shows_near_reversals() -> None:
     assert best.score > SHOWN
 
 
-def test_an_attached_body_has_no_recorded_motion() -> None:
-    trials = prepare(campaign(1, lambda angle, speed: 0.0), RIG)
+def test_an_attached_body_has_no_recorded_motion(sound: Campaign) -> None:
+    trials = prepare(sound, RIG)
     attached = msgspec.structs.replace(
         RIG,
         bodies=(*RIG.bodies, Body(name="motor_added", mass=1e-3, motion="rotation")),
@@ -170,9 +178,9 @@ def test_an_attached_body_has_no_recorded_motion() -> None:
     assert {"motor_added", "shaft"} <= set(deflection)
 
 
-def test_the_drive_follows_from_the_quietest_group_of_bodies() -> None:
+def test_the_drive_follows_from_the_quietest_group_of_bodies(sound: Campaign) -> None:
     """A stiff shaft makes a large torque of the encoders' noise, so the motor alone shows nothing."""
-    found = replace(campaign(1, lambda angle, speed: 0.0), description=description_text(RIG, {}))
+    found = replace(sound, description=description_text(RIG, {}))
     (one, _) = prepare(found, RIG)
     assert one.motion is not None
     assert one.motion.groups == (("motor", "load"),)

@@ -81,7 +81,7 @@ def test_no_cause_is_searched_for_in_wrong_units(tmp_path: Path, capsys: pytest.
         masses=(2.0, 3.0), joints=((0, -1, 6e3, 15.0), (1, 0, 9e3, 14.0)), laws={1: play(9e3, 4e-4)},
         sensors=(("a", 0, "acceleration"), ("b", 1, "acceleration")),
     )  # fmt: skip
-    measured = campaign(rig, (25.0,), seconds=8.0)
+    measured = campaign(rig, (25.0,), seconds=5.0)
     (run,) = measured.runs
     force = run.channels["force"]
     wrong = replace(run, channels={**run.channels, "force": replace(force, scale=1e-3 * force.scale)})
@@ -107,7 +107,7 @@ def test_a_velocity_read_as_an_acceleration(
         masses=(2.0, 3.0), joints=((0, -1, 6e3, 15.0), (1, 0, 9e3, 14.0)), laws={1: dry(friction, 1e-3)},
         sensors=(("a", 0, "acceleration"), ("b", 1, "velocity")),
     )  # fmt: skip
-    measured = campaign(rig, (25.0,), seconds=8.0)
+    measured = campaign(rig, (25.0,), seconds=5.0)
     text = description_text(rig.description({"links.l0.stiffness": 1.2, "links.l1.stiffness": 0.85}), {})
     assert text.count('"velocity"') == 1
     (run,) = measured.runs
@@ -145,7 +145,7 @@ def test_what_is_exchanged_is_said_first(
         masses=(2.0, 6.0), joints=((0, -1, 6e3, 15.0), (1, 0, 9e3, 14.0)), laws={1: dry(4.0, 1e-3)},
         sensors=(("a", 0, "acceleration"), ("b", 1, "acceleration")),
     )  # fmt: skip
-    measured = campaign(rig, (25.0,), seconds=8.0)
+    measured = campaign(rig, (25.0,), seconds=5.0)
     # Of two wrong masses and the friction the search for causes takes half a minute.
     off = {} if "none" in wrong else {"bodies.m0.mass": 0.95, "bodies.m1.mass": 1.1}
     model = rig.description({"links.l0.stiffness": 1.2, **off})

@@ -70,7 +70,7 @@ def test_friction_that_holds_a_body_most_of_the_time_is_found() -> None:
 def test_friction_of_a_belt_acts_on_its_elongation() -> None:
     """The pulleys have different radii: the velocity of one relative to the other is not what rubs."""
     rig = replace(chain(), links=tuple(replace(x, arms={"m0": 0.5}) if x.name == "l1" else x for x in chain().links))
-    diagnosis = found(rig, rubbing(rig, "l1", 3.0), SEED + 9)
+    diagnosis = found(rig, rubbing(rig, "l1", 3.0), SEED + 9, takes=TAKES[::2])
     assert named(diagnosis) == {("coulomb_friction", "friction_shape", "l1")}
     assert diagnosis.steps[0].parameters["friction_force"][0] == pytest.approx(3.0, rel=0.01)
 
@@ -107,7 +107,7 @@ def test_a_further_cause_that_repairs_no_equation_is_found_where_both_fit() -> N
 
 def test_an_accelerometer_that_loses_slow_motion_is_found_with_its_corner_frequency() -> None:
     # By a filter that is not the program's: of second-order sections, from scipy.
-    campaign, corner = played(chain(), seed=SEED + 11), 1.6
+    campaign, corner = played(chain(), seed=SEED + 11, takes=TAKES[::2]), 1.6
     sections = butter(1, corner, "highpass", fs=campaign.runs[0].sample_rate, output="sos")
 
     def coupled(run: Run) -> Run:
@@ -200,7 +200,7 @@ def geared() -> RigModel:
 
 def test_a_mass_that_no_equation_tests_is_found_by_simulation() -> None:
     given = geared().replace({"bodies.load.mass": 2.5})
-    campaign = played(geared(), seed=SEED + 20)
+    campaign = played(geared(), seed=SEED + 20, takes=TAKES[::2])
     assert equations_of(campaign, given).unscaled == {"load"}
     assert max(equations_of(campaign, given).residuals().values()) < HOLDS
     diagnosis = diagnose(campaign, given)

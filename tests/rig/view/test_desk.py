@@ -268,8 +268,11 @@ def test_late_requests_have_no_effect(tmp_path: Path) -> None:
 
 
 def test_a_slow_disk_for_notes_delays_no_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, go_on = threading.Event(), threading.Event()
+
     def slow(*given: Any) -> Note:
-        time.sleep(1.5)
+        begun.set()
+        assert go_on.wait(30.0)
         return add_note(*given)
 
     monkeypatch.setattr("isorig.rig.view.requests.add_note", slow)
@@ -278,13 +281,13 @@ def test_a_slow_disk_for_notes_delays_no_page(tmp_path: Path, monkeypatch: pytes
         going.waits("measures", "a")
         noting = threading.Thread(target=going.press, args=("note", "a", "slow"), daemon=True)
         noting.start()
-        time.sleep(0.1)
+        assert begun.wait(30.0)
         before = going.desk.standing.seconds
-        time.sleep(0.7)
-        # The session has told of its levels meanwhile.
-        assert going.desk.standing.seconds > before
+        # The session tells of its levels meanwhile.
+        until(lambda: going.desk.standing.seconds > before)
         assert noting.is_alive()
-        noting.join(10.0)
+        go_on.set()
+        noting.join(30.0)
 
     going = session(tmp_path, act, asks=False, speed=1.0)
     assert [note.text for note in going.desk.standing.notes] == ["slow"]

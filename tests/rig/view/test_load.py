@@ -74,7 +74,7 @@ def test_nothing_is_lost_at_the_full_rate(tmp_path: Path, trouble: str) -> None:
             ended = time.monotonic()
             if trouble == "a screen that stands still":
                 beside.resume()
-        assert time.monotonic() - ended < 15.0
+        assert time.monotonic() - ended < 60.0
         assert instrument.sent == 204_800
     thread.join(10.0)
     tally = watcher.runs[0].tally
@@ -154,7 +154,7 @@ def test_a_session_that_is_ended_while_it_waits_keeps_its_notes(tmp_path: Path) 
         while not page.frame()[0]["state"]["notes"]:
             pass
         session.send_signal(signal.SIGTERM)
-        _, said = session.communicate(timeout=30)
+        _, said = session.communicate(timeout=100.0)
         assert session.returncode == 128 + signal.SIGTERM
     assert said == f"the measured data are in {output}; rig acquire --resume continues the plan\n"
     from isorig.rig.acquire.notes import notes_in
