@@ -54,6 +54,8 @@ QUANTITIES = (
 COUNTED = ("count", "encoder", "pulses", "ticks", "increments")
 #: Endings of names that are more often a letter than a unit: the axis of a sensor, a second channel.
 AMBIGUOUS = ("A", "V", "m", "1", "in")
+#: Symbols after which such an ending is a unit: u_V, i_A, x_m.
+SYMBOLS = {"V": "u|v|voltage|spannung", "A": "i|current|strom", "m": "x|y|z|s|d|position|displacement|weg"}
 #: What a released rig needs in its mapping.
 FREE = 'write excitation = "free" in every run of the mapping'
 #: Single numbers of a file that are listed at most.
@@ -431,7 +433,10 @@ def _unit_in(*names: str) -> str | None:
     for name in names:
         bracketed = re.search(r"[\[(]([^\[\]()]+)[)\]]$", name)
         found = bracketed or re.search(r"[\s_.\-(\[]([^\s_.\-()\[\]]+)[)\]]?$", name)
-        if found and found[1] not in (("1",) if bracketed else AMBIGUOUS) and (unit := known_unit(found[1])):
+        if not found or not (unit := known_unit(found[1])):
+            continue
+        symbol = bool(re.fullmatch(SYMBOLS.get(unit, "(?!)"), name[: found.start()], re.IGNORECASE))
+        if found[1] not in (("1",) if bracketed or symbol else AMBIGUOUS):
             return unit
     return None
 

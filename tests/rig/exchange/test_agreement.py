@@ -435,6 +435,16 @@ def test_units_in_names(tmp_path: Path) -> None:
     assert 'unit = "m/s^2"    # ? not given by the file' in text
 
 
+@pytest.mark.parametrize(
+    ("name", "unit"), [("u_V", "V"), ("i_A", "A"), ("x_m", "m"), ("a_V", "m/s^2"), ("base_A", "m/s^2"), ("voltage_V", "V")]
+)
+def test_a_letter_after_a_symbol_is_its_unit(name: str, unit: str, tmp_path: Path) -> None:
+    """After other names it may be an axis or a second channel."""
+    rows = "\n".join(f"{k / RATE},{x},{2.0 * x}" for k, x in enumerate(X))
+    (tmp_path / "a.csv").write_text(f"t,force_kN,{name}\n{rows}\n")
+    assert f'source = "{name}"\nunit = "{unit}"' in drafted(tmp_path, "a.csv")
+
+
 def test_a_wrong_unit_is_reported_at_the_import(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A force in kN under a header that says N."""
     from scipy.signal import lsim
