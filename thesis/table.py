@@ -122,8 +122,9 @@ def joint(base: Characterization, own: Characterization) -> Step:
         f"calibration of {CALIBRATION:.0%}, as given in the recording; otherwise they would include the noise only and be "
         "thousands of times smaller.",
         f"On a rig equal to the model (Table 4 and 20 N) the error of the fit is {in_per_cent(own.error)} of the signal on "
-        f"held-out data, that of noise alone {in_per_cent(own.floor)}: agreement shows that these runs suffice to identify the values, not "
-        f"that the thesis's values are correct. On this page's rig the error is {in_per_cent(base.error)}, that of noise "
+        f"held-out data, that of noise alone {in_per_cent(own.floor)}: agreement shows that these runs suffice to identify the "
+        "values, not that the thesis's values are correct. "
+        f"On this page's rig the error is {in_per_cent(base.error)}, that of noise "
         f"{in_per_cent(base.floor)}: "
         + (
             "the model explains it, and the fit gives the values of that rig, not those of the thesis."

@@ -10,7 +10,7 @@ from some_findings import findings, named
 from isorig.analysis.fitting.solve import positive
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel
-from isorig.analysis.proposals.choice import Choice, PairDistance
+from isorig.analysis.proposals.choice import Choice, Chosen, PairDistance
 from isorig.analysis.proposals.limits import LargestMotions
 from isorig.analysis.proposals.menu import CandidateRun, run_at_rest
 from isorig.analysis.proposals.precision import named_parameters, unit_of_parameter
@@ -21,7 +21,7 @@ from isorig.rig.next.investigation import diagnosis_sentences
 from isorig.rig.next.page import proposal_sections
 from isorig.rig.next.plan_file import plan_text, virtual_instrument_of
 from isorig.rig.next.proposal import Proposal, Proposed, Situation, situation
-from isorig.rig.next.sentences import reasons, summary, twins
+from isorig.rig.next.sentences import inseparable, reasons, summary, twins
 
 
 def explained(model: RigModel) -> FittedModel:
@@ -122,6 +122,12 @@ def test_a_cause_is_named_once() -> None:
     said = " ".join(reasons(Proposed(run=run, choice=choice), Proposal(kind="untested"), at(model, Limits())))
     assert said.count("backlash at wall") == 1
     assert said.count("hardening stiffness at wall") == 1
+
+
+def test_masses_that_no_run_tells_apart_are_to_be_weighed() -> None:
+    pair = ("wrong_mass", "m1"), ("wrong_mass", "table")
+    proposal = Proposal(kind="rivals", chosen=Chosen(choices=(), best=(), compared=3), remedies={pair: ()})
+    assert inseparable(proposal)[-1] == "Weigh m1 and the table."
 
 
 def test_only_equal_equations_are_twins() -> None:
