@@ -58,7 +58,7 @@ def answered(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_what_the_uncertainties_take_as_exact_is_said_once(answered: Path) -> None:
     remarks = json.loads((answered / "findings.json").read_text())["remarks"]
-    (said,) = (remark for remark in remarks if remark.startswith("Uncertainties are given the described mass of first: "))
+    (said,) = (remark for remark in remarks if remark.startswith("Uncertainties are given the described masses (the first): "))
     assert (answered / "report.html").read_text().count(said) == 1
 
 

@@ -22,7 +22,7 @@ from isorig.analysis.model.parameter_units import physical_parameters, unit_of
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate.natural import lowest_mode
 from isorig.analysis.spectra.hits import looks_hit
-from isorig.analysis.wording import first_of
+from isorig.analysis.wording import first_of, with_article
 from isorig.rig.files import findings as stored
 from isorig.rig.files.output import write_text
 from isorig.rig.files.rigfile import write_model
@@ -103,10 +103,10 @@ def _of_given_masses(diagnosis: Diagnosis, campaign: Campaign) -> str:
     forces = any(unit.startswith("N") and std > 0.0 for step in diagnosis.steps for _, std, unit in step.parameters.values())
     if not (held and forces) or uncertain_values(campaign.known, fitted):
         return ""
-    masses = "mass of" if len(held) == 1 else "masses of"
+    what = "masses" if any(model.body(name).motion == "straight" for name in held) else "moments of inertia"
     return (
-        f"Uncertainties are given the described {masses} {first_of(held, MASSES)}: forces, stiffnesses and dampings may be "
-        "off by as many per cent as these are."
+        f"Uncertainties are given the described {what} ({first_of([*map(with_article, held)], MASSES)}): forces, stiffnesses and "
+        "dampings may be off by as many per cent as these are."
     )
 
 

@@ -429,22 +429,24 @@ def _unit_of(name: str, column: Column, source: str) -> str:
 
 
 def _unit_in(*names: str) -> str | None:
-    # The unit at the end of a column's label or name: encoder_angle_deg, force_kN, Kraft (N), gyro [deg/s].
-    for name in names:
-        bracketed = re.search(r"[\[(]([^\[\]()]+)[)\]]$", name)
-        found = bracketed or re.search(r"[\s_.\-(\[]([^\s_.\-()\[\]]+)[)\]]?$", name)
-        if not found or not (unit := known_unit(found[1])):
-            continue
-        symbol = bool(re.fullmatch(SYMBOLS.get(unit, "(?!)"), name[: found.start()], re.IGNORECASE))
-        if found[1] not in (("1",) if bracketed or symbol else AMBIGUOUS):
-            return unit
-    return None
+    # The unit at the end of a column's label or name.
+    return next((unit for name in names if (unit := _parted(name)[1])), None)
+
+
+def _parted(name: str) -> tuple[str, str | None]:
+    # A label or name without the unit at its end, and that unit: encoder_angle_deg, force_kN, Kraft (N), gyro [deg/s].
+    bracketed = re.search(r"[\[(]([^\[\]()]+)[)\]]$", name)
+    found = bracketed or re.search(r"[\s_.\-(\[]([^\s_.\-()\[\]]+)[)\]]?$", name)
+    if not found or not (unit := known_unit(found[1])):
+        return name, None
+    rest = name[: found.start()]
+    symbol = re.fullmatch(SYMBOLS.get(unit, "(?!)"), rest, re.IGNORECASE)
+    return (name, None) if found[1] in (("1",) if bracketed or symbol else AMBIGUOUS) else (rest, unit)
 
 
 def _name(source: str, column: Column, taken: set[str], words: Sequence[tuple[str, str]]) -> str:
     text = column.label or source
-    bracketed = re.fullmatch(r"(.*\S)\s*[\[(]([^\[\]()\d]+[^\[\]()]*)[\])]", text)
-    text = bracketed[1] if bracketed and known_unit(bracketed[2]) else text
+    text = _parted(text)[0] or text
     # An identifier has no superscripts.
     plain = re.sub(r"\W+", "_", unicodedata.normalize("NFKC", text)).strip("_").lower() or "channel"
     if plain in (GAIN, STREAMED) and GAIN not in taken and UNITS[known_unit(column.unit) or "1"].quantity == GAIN:

@@ -431,6 +431,8 @@ def test_units_in_names(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(f"t,force_kN,encoder_angle_deg,acc_A\n{rows}\n")
     text = drafted(tmp_path, "a.csv")
     assert 'unit = "kN"    # ? by the column\'s name' in text
+    # A channel is recorded in SI, whatever its column is in.
+    assert re.findall(r"\[channels\.(\w+)\]", text) == ["force", "encoder_angle", "acc_a"]
     assert 'unit = "deg"' in text
     assert 'unit = "m/s^2"    # ? not given by the file' in text
 
