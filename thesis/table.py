@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.parameters.joint_fit import Characterization, Entry
+from isorig.analysis.wording import in_per_cent, with_std
 from isorig.rig.model.prediction import predicted
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 from isorig.rig.wire_bonder.figures import surface_figure
@@ -120,9 +121,11 @@ def joint(base: Characterization, own: Characterization) -> Step:
         "All runs fitted at once with Coulomb friction in the model (`rig characterize`). Uncertainties include a sensor "
         f"calibration of {CALIBRATION:.0%}, as given in the recording; otherwise they would include the noise only and be "
         "thousands of times smaller.",
-        f"On a rig equal to the model (Table 4 and 20 N) the error of the fit is {own.error:.2%} of the signal on held-out data, "
-        f"that of noise alone {own.floor:.2%}: agreement shows that these runs suffice to identify the values, not that the "
-        f"thesis's values are correct. On this page's rig the error is {base.error:.2%}, that of noise {base.floor:.2%}: "
+        f"On a rig equal to the model (Table 4 and 20 N) the error of the fit is {in_per_cent(own.error)} of the signal on "
+        f"held-out data, that of noise alone {in_per_cent(own.floor)}: agreement shows that these runs suffice to identify the "
+        "values, not that the thesis's values are correct. "
+        f"On this page's rig the error is {in_per_cent(base.error)}, that of noise "
+        f"{in_per_cent(base.floor)}: "
         + (
             "the model explains it, and the fit gives the values of that rig, not those of the thesis."
             if base.adequate
@@ -133,4 +136,4 @@ def joint(base: Characterization, own: Characterization) -> Step:
 
 
 def _with_std(entry: Entry) -> str:
-    return f"none: {entry.note}" if entry.value is None else f"{entry.value:.4g} ± {entry.std:.1g}"
+    return f"none: {entry.note}" if entry.value is None else with_std(entry.value, entry.std or 0.0)

@@ -163,7 +163,23 @@ def test_a_numbered_place_has_no_article_and_an_error_below_the_noise_floor_is_s
     found = findings(steps=[named(location="l2")])
     found = msgspec.structs.replace(found, holdout=msgspec.structs.replace(found.holdout, extended=0.006))
     assert "mm in l2 (0.25 mm either way)" in conclude(found).answer
-    assert conclude(found).answer.endswith("falls from 35 % to 0.60 %, noise alone is about 1.2 %")
+    assert conclude(found).answer.endswith("falls from 35 % to 0.60 %, below what noise may cause (about 1.2 %)")
+
+
+def test_a_model_that_errs_less_than_noise_has_nothing_tried_on_top_of_it() -> None:
+    tried = msgspec.structs.replace(findings().candidates[0], holdout_error=0.002)
+    found = findings(candidates=[msgspec.to_builtins(tried)])
+    found = msgspec.structs.replace(found, holdout=msgspec.structs.replace(found.holdout, extended=0.006))
+    assert conclude(found).ruled_out == ""
+
+
+def test_of_several_causes_the_one_that_another_may_replace_is_named() -> None:
+    """Of masses of which these runs show one to be wrong, both are to be weighed: no run tells which."""
+    mass = named(cause="wrong_mass", kind="known_value", form="wrong_mass", location="m1")
+    group = [{"cause": "wrong_mass", "location": "m1"}, {"cause": "wrong_mass", "location": "table"}]
+    said = conclude(findings(steps=[named(), mass], indistinguishable=[group]))
+    assert "Not distinguishable from wrong mass at m1 by these runs: wrong mass at the table." in said.ruled_out
+    assert said.next == ("Next: weigh m1 and the table, because these runs do not show which of the given masses is wrong.")
 
 
 def test_what_bounds_the_error_of_an_adequate_model_is_said() -> None:

@@ -56,6 +56,12 @@ def answered(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "out"
 
 
+def test_what_the_uncertainties_take_as_exact_is_said_once(answered: Path) -> None:
+    remarks = json.loads((answered / "findings.json").read_text())["remarks"]
+    (said,) = (remark for remark in remarks if remark.startswith("Uncertainties are given the described masses (the first): "))
+    assert (answered / "report.html").read_text().count(said) == 1
+
+
 def charts_of(page: str) -> list[dict[str, Any]]:
     found: list[dict[str, Any]] = json.loads(
         re.findall(r'<script id="data" type="application/json">(.*?)</script>', page, re.DOTALL)[0]

@@ -139,9 +139,28 @@ def holed(files: Files) -> Files:
     return replace(files, columns={**files.columns, "a": values})
 
 
+def of_another_run(files: Files) -> Files:
+    values = np.random.default_rng(3).normal(0.0, files.columns["a"].std(), len(files.columns["a"]))
+    return replace(files, columns={**files.columns, "a": values})
+
+
+def clipped(files: Files) -> Files:
+    most = 0.5 * files.columns["a"].std()
+    return replace(files, columns={**files.columns, "a": np.clip(files.columns["a"], -most, most)})
+
+
 def repeated(files: Files) -> Files:
     rows = np.repeat(np.arange(len(files.columns["t"])), [2 if 300 <= k < 310 else 1 for k in range(len(files.columns["t"]))])
     return replace(files, columns={name: values[rows] for name, values in files.columns.items()})
+
+
+def both(*mistakes: Mistake) -> Mistake:
+    def wrong(files: Files) -> Files:
+        for mistake in mistakes:
+            files = mistake(files)
+        return files
+
+    return wrong
 
 
 def undescribed(files: Files) -> Files:
@@ -204,6 +223,34 @@ MISTAKES: dict[str, tuple[Mistake, str]] = {
     "half the rate": (lambda files: without("t")(mapped('time = "t"', "sample_rate = 128.0")(files)), "check the sample rate"),
     "no rate": (lambda files: without("t")(mapped('time = "t"\n', "")(files)), "give sample_rate in Hz, or time"),
     "a time column in the wrong unit": (mapped('time = "t"', 'time = "t"\ntime_unit = "ms"'), "sample rate, time_unit and band"),
+    "times in ms": (times("t", 1e3), "sample rate, time_unit or band (if the times are in ms, write time_unit = 'ms')"),
+    "times in ms, without a band": (
+        both(times("t", 1e3), mapped("band = [0.5, 40.0]\n", "")),
+        "0.256 samples per second by its time column 't' in s; if the times are in ms, write time_unit = 'ms'",
+    ),
+    "times in us": (times("t", 1e6), "if the times are in us, write time_unit = 'us'"),
+    "times in ms beside the rate": (
+        both(times("t", 1e3), mapped('time = "t"', 'time = "t"\nsample_rate = 256.0')),
+        "0.256 Hz by its time column 't': its times look like ms, so write time_unit = 'ms'",
+    ),
+    # values of zero
+    "gain of 0": (mapped("gain = 1.0", "gain = 0.0"), "run 'first' has gain 0, but is driven; give the amplifier's setting"),
+    "factor of 0": (described(("factor = 1.0", "factor = 0.0")), "the drive has factor 0, so it drives nothing"),
+    "gain of 0 in a chain": (
+        described(('"top", body = "device"', '"top", body = "device", chain = { gain = 0.0 }')), "channel 'top' has gain 0, which"
+    ),
+    # records
+    "dead": (times("x", 0.0), "low is dead (constant 0 m); check its cable and its supply"),
+    "clipped": (clipped, "top seems clipped"),
+    "of another run": (of_another_run, "top has a coherence of"),
+    "another quantity": (
+        mapped('"mm"', '"mm/s"'), "'low' is recorded in m/s, but the description has it as displacement (m): correct the unit"
+    ),
+    # writing
+    "decimal comma": (mapped("gain = 1.0", "gain = 1,0"), "write numbers with a decimal point"),
+    "backslashes": (mapped('"first.csv"', '"C:\\data\\first.csv"'), "write / in place of \\ in paths"),
+    "no quotes": (mapped('"first.csv"', "first.csv"), "write texts in quotes"),
+    "single brackets": (mapped("[[runs]]", "[runs]"), "may be several: write its head as [[runs]]"),
     # columns
     "column misspelt": (mapped('source = "F"', 'source = "f"'), "'f', which is absent (did you mean 'F'?)"),
     "column missing": (without("a"), "column 'a', which is absent"),
@@ -215,6 +262,9 @@ MISTAKES: dict[str, tuple[Mistake, str]] = {
     "key of a run": (mapped("excitation", "exitation"), "key 'exitation', which is unknown there (did you mean 'excitation'?)"),
     "unit": (mapped('unit = "N"', 'unit = "Nwt"'), "has unit 'Nwt' (did you mean 'newton'?); known are"),
     "key of a link": (described(("stiffness = 4700.0", "stifness = 4700.0")), "(did you mean 'stiffness'?)"),
+    "free parameter": (
+        described(('"links.foot.stiffness"', '"links.foot.stifness"')), "'stifness' is not there (did you mean 'stiffness'?)"
+    ),
     "body": (described(('a = "device"', 'a = "devise"')), "body 'devise', which does not exist (did you mean 'device'?)"),
     "quantity": (described(('quantity = "displacement"', 'quantity = "position"')), "'position', which is none of"),
     "configuration": (mapped('"unlocked"', '"unlock"'), "has the configuration 'unlock'"),

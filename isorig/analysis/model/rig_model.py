@@ -449,18 +449,25 @@ def _named(parts: Sequence[Named], name: str, kind: str) -> Named:
 
 
 def _step(item: Any, step: str, path: str) -> Any:
+    there: list[str] = []
     if isinstance(item, tuple):
-        for part in item:
-            if getattr(part, "name", getattr(part, "channel", None)) == step:
-                return part
+        named = {getattr(part, "name", getattr(part, "channel", str(k))): part for k, part in enumerate(item)}
+        if step in named:
+            return named[step]
         if step.isdigit() and int(step) < len(item):
             return item[int(step)]
+        there = list(named)
     elif isinstance(item, dict):
         if step in item:
             return item[step]
-    elif hasattr(item, "__struct_fields__") and step in item.__struct_fields__:
-        return getattr(item, step)
-    raise ModelError(f"the rig has no parameter {path!r} ({step!r} is not there); give an existing path")
+        there = list(item)
+    elif hasattr(item, "__struct_fields__"):
+        if step in item.__struct_fields__:
+            return getattr(item, step)
+        there = list(item.__struct_fields__)
+    raise ModelError(
+        f"the rig has no parameter {path!r}: {step!r} is not there{did_you_mean(step, there)}; give an existing path"
+    )
 
 
 def _with_values(item: Any, tree: float | Mapping[str, Any]) -> Any:
@@ -638,6 +645,8 @@ def _seen(model: RigModel, sensor: Sensor) -> None:
 def _driven(model: RigModel, names: list[str], drive: Drive) -> None:
     here = "the drive" if drive is model.drive else f"the drive {drive.channel!r}"
     _known(names, tuple(drive.pushes), here)
+    if drive.factor == 0.0:
+        raise ModelError(f"{here} has factor 0, so it drives nothing; give the force per unit of its channel")
     if drive.imposes is None:
         if not drive.pushes:
             raise ModelError(f"{here} pushes nothing; give pushes with a body, or imposes for a motion that is imposed")
@@ -662,8 +671,9 @@ def _chained(model: RigModel) -> None:
             raise ModelError("a chain's bend is not a curve; give at least two points with increasing true values")
     if any(drive.chain.bend or drive.chain.taps or drive.chain.corner for drive in model.drives):
         raise ModelError("the drive's chain has a bend, taps or a corner, which only a sensor's may have; remove them")
-    if any(drive.chain.gain == 0.0 for drive in model.drives):
-        raise ModelError("drive.chain.gain is 0, so the drive's true value cannot be known; give the gain of its channel")
+    for name, chain in (*((d.channel, d.chain) for d in model.drives), *((s.channel, s.chain) for s in model.sensors)):
+        if chain.gain == 0.0:
+            raise ModelError(f"the chain of channel {name!r} has gain 0, which records nothing; give its gain, usually 1")
 
 
 def _finite(part: Any, path: str = "") -> None:

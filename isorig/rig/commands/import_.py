@@ -33,16 +33,18 @@ def import_(
     draft
         Propose a mapping from the files.
     """
+    from isorig.analysis.spectra.quality import clipped_or_dead
     from isorig.rig.acquire.run_check import incoherences
     from isorig.rig.errors import PlanError
     from isorig.rig.exchange.draft import draft_mapping
-    from isorig.rig.exchange.importing import import_campaign, shortcomings
+    from isorig.rig.exchange.importing import import_campaign, other_quantities, shortcomings
     from isorig.rig.exchange.mapping import read_mapping
     from isorig.rig.exchange.reading import read_foreign
     from isorig.rig.files.inputs import import_first
     from isorig.rig.files.output import write_text
     from isorig.rig.files.recording import open_recording
     from isorig.rig.files.rigfile import references_of
+    from isorig.rig.frf.transfer import faults_in
     from isorig.rig.model.baseline import CHECK_FIRST, doubts_in
 
     said: list[str] = []
@@ -74,8 +76,12 @@ def import_(
         # The recording orders its runs; rig check reports the same one of them.
         with open_recording(output) as written:
             reasons = incoherences(written, references_of(written))
-        said = [*shortcomings(campaign), *(reason.text for reason in reasons if reason.kind != "noise")]
-        said += [f"{CHECK_FIRST} {doubt.text}" for doubt in doubts_in(campaign, units)]
+        # What follows from a clipped or dead record is not repeated in other words.
+        broken = {fault.channel: fault.kind for fault in faults_in(campaign, references_of(campaign)[0], clipped_or_dead)}
+        said = shortcomings(campaign)
+        said += [reason.text for reason in reasons if reason.response not in broken]
+        doubts = () if "dead" in broken.values() else doubts_in(campaign, units)
+        said += [f"{CHECK_FIRST} {doubt.text}" for doubt in doubts] or other_quantities(campaign)
     print(*said, output, sep="\n")
 
 

@@ -17,10 +17,12 @@ from isorig.analysis.diagnose.step import Step
 from isorig.analysis.errors import AnalysisError
 from isorig.analysis.fitting.score import RESAMPLED
 from isorig.analysis.fitting.solve import Fit
+from isorig.analysis.fitting.uncertainty import uncertain_values
 from isorig.analysis.model.parameter_units import physical_parameters, unit_of
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate.natural import lowest_mode
 from isorig.analysis.spectra.hits import looks_hit
+from isorig.analysis.wording import first_of, with_article
 from isorig.rig.files import findings as stored
 from isorig.rig.files.output import write_text
 from isorig.rig.files.rigfile import write_model
@@ -30,6 +32,8 @@ from isorig.rig.report.diagnosis import diagnosis_page
 
 #: Shortest run, in periods of the slowest mode. Chosen: of the 40 % of it that is held out, twenty periods remain.
 PERIODS = 50.0
+#: Number of given masses that are named.
+MASSES = 4
 #: What a reader must know of the uncertainties if the time ended before they were computed.
 ROUGH = "The time limit ended before the uncertainties were computed; those given are of a coarser fit."
 
@@ -46,7 +50,10 @@ def findings_of(
     baseline, extended = (_budget(budget) for budget in diagnosis.budgets)
     name = "description" if campaign.description is not None else origin["baseline"]
     rough = diagnosis.extended.known is None and diagnosis.extended.free
-    remarks = [*diagnosis.zero_errors, diagnosis.spread, *missing(campaign, diagnosis.baseline.model), ROUGH if rough else ""]
+    remarks = [
+        _of_given_masses(diagnosis, campaign), *diagnosis.zero_errors, diagnosis.spread,
+        *missing(campaign, diagnosis.baseline.model), ROUGH if rough else "",
+    ]  # fmt: skip
     adequacy = stored.Adequacy(
         worst=diagnosis.worst, threshold=diagnosis.enough, baseline_rig=diagnosis.calibration,
         how="Largest ratio, over runs and channels, of the error to that allowed by noise and simulation accuracy; in cases of "
@@ -87,6 +94,20 @@ def findings_of(
 def _parameters(fitted: Fit) -> dict[str, stored.Value]:
     std, model = fitted.std, fitted.model
     return {path: stored.Value(value=value, std=std[path], unit=unit_of(path, model)) for path, value in fitted.values.items()}
+
+
+def _of_given_masses(diagnosis: Diagnosis, campaign: Campaign) -> str:
+    # What the uncertainties of the named forces and stiffnesses take as exact, unless the recording gives its uncertainty.
+    model, fitted = diagnosis.baseline.model, diagnosis.extended
+    held = [b.name for b in model.bodies if f"bodies.{b.name}.mass" not in fitted.values and b.name not in model.imposed]
+    forces = any(unit.startswith("N") and std > 0.0 for step in diagnosis.steps for _, std, unit in step.parameters.values())
+    if not (held and forces) or uncertain_values(campaign.known, fitted):
+        return ""
+    what = "masses" if any(model.body(name).motion == "straight" for name in held) else "moments of inertia"
+    return (
+        f"Uncertainties are given the described {what} ({first_of([*map(with_article, held)], MASSES)}): forces, stiffnesses and "
+        "dampings may be off by as many per cent as these are."
+    )
 
 
 def missing(campaign: Campaign, model: RigModel) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Mapping
 from dataclasses import replace
@@ -31,6 +32,8 @@ _NAME = re.compile(
 )
 #: Times since 1970 in units of one second, from 2001 to 2128: by their size a clock without a unit is known to be one of these.
 EPOCH = (1e9, 5e9)
+#: Names of columns with a part of a date that is no number of seconds.
+CALENDAR = ("year", "month", "jahr", "monat", "date", "datum")
 #: Names of columns that number the runs of a file.
 RUN_WORDS = re.compile(
     r"(run|trial|test|rep|repetition|experiment|measurement|versuch|lauf|messung)([ _-]?(no|nr|id|index|number))?\.?"
@@ -82,6 +85,11 @@ def time_unit(name: str, column: Column) -> str:
     largest = np.nanmax(column.values, initial=0.0)
     size = next((unit for unit in ("ms", "us", "ns") if EPOCH[0] <= largest * TIME_UNITS[unit] < EPOCH[1]), "s")
     return (found["unit"] or found["alone"] if found else None) or size
+
+
+def finer_unit(rate: float, true: float) -> str:
+    """The unit of time of a clock with the rate `true` that gave `rate` (Hz), because it was read as seconds; "" for none."""
+    return next((u for u in ("ms", "us", "ns") if abs(rate / TIME_UNITS[u] / true - 1.0) < RATE_AGREES), "")
 
 
 def names_time(name: str) -> bool:
@@ -346,11 +354,11 @@ def completed(columns: Mapping[str, Column]) -> tuple[dict[str, Column], list[st
     Empty cells at the end mean a shorter column; a value in every k-th cell only means a record with 1/k of the rate; a few empty
     cells are lost samples, listed in `Column.lost`.
     """
+    columns, remarks = _one_clock(columns)
     # The clock's, if there is one.
     rates = [column_rate(name, column, "") for name, column in columns.items() if is_time(name, column)]
     rate = rates[0] if len(rates) == 1 else None
     found: dict[str, Column] = {}
-    remarks = []
     for name, column in columns.items():
         there = np.flatnonzero(~np.isnan(column.values))
         n = len(column.values)
@@ -382,3 +390,25 @@ def completed(columns: Mapping[str, Column]) -> tuple[dict[str, Column], list[st
             found[name] = replace(column, values=values, lost=lost, sample_rate=column.sample_rate or (rate if short else None))
             remarks.append(f"column {name!r} has no value in {len(lost)} of {len(values)} rows: they are stored as gaps")
     return found, remarks
+
+
+def _one_clock(columns: Mapping[str, Column]) -> tuple[Mapping[str, Column], list[str]]:
+    # The columns with one clock in place of its parts (hours, minutes, seconds, milliseconds), each a whole number below one unit
+    # of the next larger part, but for the smallest part; and a sentence about it.
+    sizes = {name: seconds_per(name) or (names_time(name) and seconds_per(column.unit)) for name, column in columns.items()}
+    numbers = (name for name, column in columns.items() if column.values.dtype.kind in "iuf")
+    parts = sorted(((size, name) for name in numbers if (size := sizes[name])), reverse=True)
+    if len(parts) < 2 or any(len(columns[name].values) != len(columns[parts[0][1]].values) for _, name in parts):
+        return columns, []
+    for (large, name), (small, below) in itertools.pairwise(parts):
+        values = columns[below].values
+        if small == large or not columns[name].whole or not (values >= 0.0).all() or values.max() * small >= large:
+            return columns, []
+    values = np.sum([size * columns[name].values.astype(np.float64) for size, name in parts], axis=0)
+    clock = Column(values=values, unit="s")
+    if not is_even("", clock):
+        return columns, []
+    called = next((name for _, name in parts if names_time(name)), "time")
+    gone = [name for _, name in parts] + [name for name in columns if name.lower() in CALENDAR]
+    kept = {name: column for name, column in columns.items() if name not in gone}
+    return {called: clock, **kept}, [f"columns {', '.join(map(repr, gone))} are one clock, read as {called!r}"]

@@ -54,6 +54,8 @@ QUANTITIES = (
 COUNTED = ("count", "encoder", "pulses", "ticks", "increments")
 #: Endings of names that are more often a letter than a unit: the axis of a sensor, a second channel.
 AMBIGUOUS = ("A", "V", "m", "1", "in")
+#: Symbols after which such an ending is a unit: u_V, i_A, x_m.
+SYMBOLS = {"V": "u|v|voltage|spannung", "A": "i|current|strom", "m": "x|y|z|s|d|position|displacement|weg"}
 #: What a released rig needs in its mapping.
 FREE = 'write excitation = "free" in every run of the mapping'
 #: Single numbers of a file that are listed at most.
@@ -427,19 +429,24 @@ def _unit_of(name: str, column: Column, source: str) -> str:
 
 
 def _unit_in(*names: str) -> str | None:
-    # The unit at the end of a column's label or name: encoder_angle_deg, force_kN, Kraft (N), gyro [deg/s].
-    for name in names:
-        bracketed = re.search(r"[\[(]([^\[\]()]+)[)\]]$", name)
-        found = bracketed or re.search(r"[\s_.\-(\[]([^\s_.\-()\[\]]+)[)\]]?$", name)
-        if found and found[1] not in (("1",) if bracketed else AMBIGUOUS) and (unit := known_unit(found[1])):
-            return unit
-    return None
+    # The unit at the end of a column's label or name.
+    return next((unit for name in names if (unit := _parted(name)[1])), None)
+
+
+def _parted(name: str) -> tuple[str, str | None]:
+    # A label or name without the unit at its end, and that unit: encoder_angle_deg, force_kN, Kraft (N), gyro [deg/s].
+    bracketed = re.search(r"[\[(]([^\[\]()]+)[)\]]$", name)
+    found = bracketed or re.search(r"[\s_.\-(\[]([^\s_.\-()\[\]]+)[)\]]?$", name)
+    if not found or not (unit := known_unit(found[1])):
+        return name, None
+    rest = name[: found.start()]
+    symbol = re.fullmatch(SYMBOLS.get(unit, "(?!)"), rest, re.IGNORECASE)
+    return (name, None) if found[1] in (("1",) if bracketed or symbol else AMBIGUOUS) else (rest, unit)
 
 
 def _name(source: str, column: Column, taken: set[str], words: Sequence[tuple[str, str]]) -> str:
     text = column.label or source
-    bracketed = re.fullmatch(r"(.*\S)\s*[\[(]([^\[\]()\d]+[^\[\]()]*)[\])]", text)
-    text = bracketed[1] if bracketed and known_unit(bracketed[2]) else text
+    text = _parted(text)[0] or text
     # An identifier has no superscripts.
     plain = re.sub(r"\W+", "_", unicodedata.normalize("NFKC", text)).strip("_").lower() or "channel"
     if plain in (GAIN, STREAMED) and GAIN not in taken and UNITS[known_unit(column.unit) or "1"].quantity == GAIN:

@@ -28,7 +28,9 @@ from isorig.rig.exchange.clock import (
     BREAK,
     LOST_MOST,
     RATE_AGREES,
+    TIME_UNITS,
     column_rate,
+    finer_unit,
     is_clock,
     is_time,
     run_numbers,
@@ -42,7 +44,7 @@ from isorig.rig.exchange.reading import read_foreign
 from isorig.rig.exchange.table import Column, ForeignTable
 from isorig.rig.exchange.units import UNITS, known_unit, unit
 from isorig.rig.files.recording import write
-from isorig.rig.files.rigfile import read_description, references_of
+from isorig.rig.files.rigfile import read_description, references_of, rig_of
 from isorig.rig.frf.transfer import faults_in, levels_in_words
 from isorig.rig.wire_bonder.description import wire_bonder
 
@@ -52,6 +54,8 @@ STEADY = 1.1 * KGF
 SCPI_INFINITY = 9.9e37
 #: The same largest value in several samples, farther from all others than this multiple of their range, stands for lost samples.
 PLACEHOLDER = 10.0
+#: Fewest samples per second of a vibration; a clock in ms that is read as s gives fewer up to a true rate of 1000. Chosen.
+SLOWEST = 1.0
 #: Attributes of a sensor in a mapping.
 SENSOR = ("sensor", "place", "direction")
 
@@ -190,9 +194,17 @@ def _run(wanted: RunMap, mapping: Mapping, table_in: Callable[[str], ForeignTabl
     kept = np.setdiff1d(np.arange(first, last), lost, assume_unique=True) if len(lost) else slice(first, last)
     rate = _common_rate(wanted, columns, tables, (first, last), here)
     if wanted.band is not None and wanted.band[0] >= rate / 2.0:
+        # The coarsest unit of time in which the band is recorded.
+        finer = next((u for u in ("ms", "us", "ns") if rate / TIME_UNITS[u] > 2.0 * wanted.band[1]), "")
+        written = f" (if the times are in {finer}, write time_unit = {finer!r})" if finer and wanted.time else ""
         raise PlanError(
             f"{here} has a band from {wanted.band[0]:g} Hz, but {rate:g} samples per second contain at most {rate / 2.0:g} Hz; "
-            "correct the sample rate, time_unit or band"
+            f"correct the sample rate, time_unit or band{written}"
+        )
+    if rate < SLOWEST and wanted.time and not wanted.time_unit:
+        raise PlanError(
+            f"{here} has {rate:g} samples per second by its time column {wanted.time!r} in s; if the times are in ms, write "
+            "time_unit = 'ms', otherwise time_unit = 's'"
         )
     return Run(
         id=wanted.id, configuration=wanted.configuration, sample_rate=rate, gain=wanted.gain,
@@ -317,6 +329,12 @@ def _rate(wanted: RunMap, columns: dict[str, Column], table: ForeignTable, part:
         raise PlanError(f"{here} has rate_from {wanted.rate_from!r}, but no such sample rate; there are: {have}")
     other = next((rate for rate in chosen if abs(rate.hertz / chosen[0].hertz - 1.0) > RATE_AGREES), None)
     if other is not None:
+        rates = {rate.source: rate.hertz for rate in (chosen[0], other)}
+        finer = finer_unit(rates.pop("time"), *rates.values()) if "time" in rates else ""
+        if finer:
+            raise PlanError(
+                f"{here} has {chosen[0].words}, but {other.words}: its times look like {finer}, so write time_unit = {finer!r}"
+            )
         raise PlanError(
             f"{here} has {chosen[0].words}, but {other.words}; correct the wrong one, or state which is right with rate_from = "
             f"{chosen[0].source!r} or {other.source!r}"
@@ -435,6 +453,18 @@ def shortcomings(campaign: Campaign) -> list[str]:
         elif len(run) < SHORTEST:
             found.append(f"{begin}, but fits need at least {SHORTEST}: record longer runs.")
     return [*found, *means.values(), *wrong_bands(campaign, drive)]
+
+
+def other_quantities(campaign: Campaign) -> list[str]:
+    """A sentence for each channel that is recorded as another quantity than that of the description."""
+    model, run = rig_of(campaign), campaign.runs[0]
+    described = {d.channel: d.quantity for d in model.drives} | {s.channel: s.quantity for s in model.sensors}
+    return [
+        f"Channel {name!r} is recorded in {run.channels[name].unit}, but the description has it as {quantity} "
+        f"({SI_UNIT[quantity]}): correct the unit in the mapping, or the quantity in the description."
+        for name, quantity in described.items()
+        if name in run.channels and run.channels[name].quantity != quantity
+    ]
 
 
 def _placeholder(values: FloatArray) -> tuple[float, int]:

@@ -172,6 +172,8 @@ def _check_channel(name: str, channel: ChannelMap, here: str) -> None:
 
 
 def _check_run(run: RunMap, here: str) -> None:
+    if not run.gain > 0.0 and run.excitation != "free":
+        raise PlanError(f"{here} has gain {run.gain:g}, but is driven; give the amplifier's setting, or 1 if it has none")
     if run.time_unit and seconds_per(run.time_unit) is None:
         raise PlanError(f"{here} has time_unit {run.time_unit!r}; give s, ms, us, ns, min, h or d")
     if run.samples is not None and not 0 <= run.samples[0] < run.samples[1]:

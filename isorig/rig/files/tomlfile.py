@@ -46,8 +46,10 @@ def read_toml(
     PlanError
         In one sentence: which key, what was found, what is allowed.
     """
+    text = ""
     try:
-        return convert(tomllib.loads(content_of(path, TOML_MOST).decode("utf-8-sig")))
+        text = content_of(path, TOML_MOST).decode("utf-8-sig")
+        return convert(tomllib.loads(text))
     except FileNotFoundError:
         raise PlanError(f"{path} does not exist; give the path of {what}{hint}") from None
     except (OSError, UnicodeDecodeError) as error:
@@ -55,11 +57,24 @@ def read_toml(
             f"{path} cannot be read as text ({getattr(error, 'strerror', None) or error}); give {what} in TOML"
         ) from None
     except tomllib.TOMLDecodeError as error:
-        raise PlanError(f"{path} is not TOML ({error}); correct that line") from None
+        raise PlanError(f"{path} is not TOML ({error}); {_line_advice(text, str(error))}") from None
     except RecursionError:
         raise PlanError(f"{path} is nested too deeply; write {what} with flat tables") from None
     except msgspec.ValidationError as error:
         raise PlanError(f"{path}: {_explained(str(error), parts)}; correct that key") from None
+
+
+def _line_advice(text: str, error: str) -> str:
+    # What is probably wrong in the line that the parser could not read.
+    at, lines = re.search(r"at line (\d+)", error), text.splitlines()
+    line = lines[int(at[1]) - 1] if at and int(at[1]) <= len(lines) else ""
+    if re.search(r"=\s*[+-]?\d+,\d", line):
+        return "write numbers with a decimal point"
+    if "\\" in line:
+        return "write / in place of \\ in paths"
+    if re.search(r"=\s*[A-Za-z_]", line) and "Invalid value" in error:
+        return "write texts in quotes"
+    return "correct that line"
 
 
 def _explained(text: str, parts: Collection[type[msgspec.Struct]]) -> str:
@@ -72,6 +87,8 @@ def _explained(text: str, parts: Collection[type[msgspec.Struct]]) -> str:
     if missing := re.match(r"Object missing required field (\S+)", text):
         return f"{where} lacks the key {missing[1]!r}"
     if wrong := re.match(r"Expected (.+), got (\w+)(?: - at|$)", text):
+        if wrong.groups() == ("array", "object"):
+            return f"{where} is a single table, but there may be several: write its head as [[{where}]]"
         wanted, found = ([KINDS[kind][0] if kind in KINDS else kind for kind in kinds.split(" | ")] for kinds in wrong.groups())
         return f"{where} is {found[0]}, but must be {' or '.join(wanted)}"
     words = _words(fields.get(where.rpartition(".")[2]))

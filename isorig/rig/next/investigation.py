@@ -23,6 +23,7 @@ from isorig.rig.acquire.store import whole_runs
 from isorig.rig.choices import Baseline
 from isorig.rig.diagnose.many import diagnose_file
 from isorig.rig.errors import PlanError
+from isorig.rig.files.findings import Findings, read_findings
 from isorig.rig.files.inputs import content_of
 from isorig.rig.files.output import write_json, write_text
 from isorig.rig.files.rivals import Rivals, fitted_model, read_rivals
@@ -33,6 +34,7 @@ from isorig.rig.next.proposal import UNNAMED, Proposal, propose, single_driven, 
 from isorig.rig.next.runs import planned, run_words
 from isorig.rig.next.sentences import inseparable, listed, reasons, summary, twins, unfitted
 from isorig.rig.next.stages import Investigation, InvestigationRun, InvestigationStage, diagnosis_folder
+from isorig.rig.report.conclusion import ruled_out_in_words
 from isorig.rig.report.sections import CUT_SHORT, words
 from isorig.rig.virtual.levels import HEAD_PER_GAIN
 
@@ -204,7 +206,7 @@ def _diagnose(folder: Path, investigation: Investigation, terms: Terms) -> Inves
         folder / RECORDING, place, investigation.baseline, tolerance=investigation.tolerance, limit=terms.limit
     )
     found = read_rivals(place)
-    answer = [*diagnosis_sentences(found), *([CUT_SHORT] if outcome.cut_short else [])]
+    answer = [*diagnosis_sentences(found, read_findings(place)), *([CUT_SHORT] if outcome.cut_short else [])]
     stage = msgspec.structs.replace(
         stage, step="diagnosed", verdict=found.verdict, named=found.named, answer=answer,
         open=[[model.key for model in one.models] + one.twins for one in found.open],
@@ -262,7 +264,7 @@ def _nothing_left(investigation: Investigation, proposal: Proposal, rivals: Riva
     return "No allowed run is informative."
 
 
-def diagnosis_sentences(rivals: Rivals) -> list[str]:
+def diagnosis_sentences(rivals: Rivals, findings: Findings) -> list[str]:
     """The result of a diagnosis, in sentences."""
     verdict = {
         "adequate": "The model explains all runs down to the noise: no cause is needed so far.",
@@ -277,7 +279,8 @@ def diagnosis_sentences(rivals: Rivals) -> list[str]:
         sentences.append(f"{why}: {listed([model.key for model in one.models] + one.twins)}.")
     if rivals.ruled_out:
         most = POLICY.listed_ruled_out
-        sentences.append(f"Ruled out: {listed(rivals.ruled_out[:most])}{' and others' if len(rivals.ruled_out) > most else ''}.")
+        others = " and others" if len(rivals.ruled_out) > most else ""
+        sentences.append(f"{ruled_out_in_words(findings)}: {listed(rivals.ruled_out[:most])}{others}.")
     return [*sentences, _parameters(rivals)]
 
 

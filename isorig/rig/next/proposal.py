@@ -170,7 +170,8 @@ def situation(
     names = [tuple(each.explains.model.configurations) for each in diagnoses]
     if len({(d.explains.model.name, n) for d, n in zip(diagnoses, names, strict=True)}) > 1:
         raise PlanError("the diagnoses are of different rigs; give diagnoses of one rig")
-    ruled_out = {key for each in diagnoses for key in each.ruled_out} - set(last.named)
+    # What was ruled out as the only cause may be there in addition to another one.
+    ruled_out = {key for each in diagnoses for key in each.ruled_out} - set(last.named) if len(last.named) < 2 else set()
     open_ = [_without_ruled_out(one, ruled_out) if one.why == "indistinguishable" else one for one in last.open]
     open_.sort(key=lambda one: one.why == "undecided")
     earlier = [run for each in diagnoses[:-1] for run in each.runs]

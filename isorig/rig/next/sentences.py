@@ -130,6 +130,8 @@ def inseparable(proposal: Proposal) -> list[str]:
             f"candidates is {_errors(pair_distance(proposal.chosen.best, pair))}."
         )
         sentences += [_cure(cure) for cure in cures] or ["Neither three times the gain nor another displacement sensor would."]
+        if all(cause == "wrong_mass" for cause, _ in pair):
+            sentences.append(f"Weigh {' and '.join(with_article(place) for _, place in pair)}.")
     return sentences
 
 

@@ -14,7 +14,7 @@ from isorig.analysis.diagnose.causes.base import Kind
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
 from isorig.analysis.wording import MULTIPLE, first_of, in_per_cent, noise_alone, sized, with_article, with_std
-from isorig.rig.files.findings import Findings, HeldValue, NamedCause, TriedCause, Value
+from isorig.rig.files.findings import CauseAt, Findings, HeldValue, NamedCause, TriedCause, Value
 from isorig.rig.report.sections import words
 
 #: What a cause is, by its name in the findings: {place}, and its parameters by name, as value with uncertainty.
@@ -177,9 +177,12 @@ def _nature(findings: Findings) -> str:
 def _error(findings: Findings) -> str:
     holdout = findings.holdout
     before, after = in_per_cent(holdout.baseline), in_per_cent(holdout.extended)
-    falls = f"falls from {before} to {after}" if findings.steps else f"is {before}"
-    alone = "noise and disturbance alone are" if _disturbed(findings) else "noise alone is"
-    return f"the error on held-out data {falls}, {alone} {noise_alone(holdout.noise_floor)}"
+    falls, left = (f"falls from {before} to {after}", holdout.extended) if findings.steps else (f"is {before}", holdout.baseline)
+    disturbed, size = _disturbed(findings), noise_alone(holdout.noise_floor)
+    if left < holdout.noise_floor:
+        # The floor is an estimate: an error below it is no contradiction.
+        return f"the error on held-out data {falls}, below what noise{' and disturbance' * disturbed} may cause ({size})"
+    return f"the error on held-out data {falls}, noise {'and disturbance alone are' if disturbed else 'alone is'} {size}"
 
 
 def _ruled_out(findings: Findings) -> str:
@@ -188,7 +191,6 @@ def _ruled_out(findings: Findings) -> str:
     # Those that the data cannot distinguish from a named cause are listed as such.
     open_ones = ("main contributor",) if findings.steps else ("main contributor", "one of several")
     unsure = [pair for pair in _removing(_fitted(findings, *open_ones)) if (pair[1].cause, pair[1].location) not in named]
-    alike = [f"{words(c.cause)} at {with_article(c.location)}" for group in findings.indistinguishable for c in group[1:]]
     said = []
     there = findings.pointed and (findings.pointed.kind, findings.pointed.location)
     lost = [pair for pair in unconfirmed if (pair[1].kind, pair[1].location) != there or pair[0] > findings.holdout.baseline]
@@ -203,17 +205,25 @@ def _ruled_out(findings: Findings) -> str:
     further = [pair for pair in out if pair[0] < reached]
     out = [pair for pair in out if pair not in further]
     further = [pair for pair in further if POLICY.matters * pair[0] < reached]
-    if further:
+    if further and reached >= findings.holdout.noise_floor:
         said.append(f"Tried in addition, and not certain, with the error then left: {_listed(further)}.")
     if out:
-        # What was fitted alone may still be there beside another cause, found or not.
-        alone = " as the only cause" if len(findings.steps) > 1 or _leaves_more_than_noise(findings) else ""
-        said.append(f"Ruled out{alone}, with the error each leaves: {_listed(out)}.")
+        said.append(f"{ruled_out_in_words(findings)}, with the error each leaves: {_listed(out)}.")
     if lost:
         said.append(f"Neither confirmed nor ruled out, because no fit followed the motion: {_listed(lost)}.")
-    if alike:
-        said.append(f"Not distinguishable from it by these runs: {', '.join(alike)}.")
+    for named_one, *alike in findings.indistinguishable:
+        it = _at(named_one) if len(findings.steps) > 1 else "it"
+        said.append(f"Not distinguishable from {it} by these runs: {', '.join(map(_at, alike))}.")
     return " ".join(said)
+
+
+def _at(one: CauseAt) -> str:
+    return f"{words(one.cause)} at {with_article(one.location)}"
+
+
+def ruled_out_in_words(findings: Findings) -> str:
+    """What the causes that were rejected are: a cause that was fitted alone may still be there in addition to another one."""
+    return "Ruled out as the only cause" if len(findings.steps) > 1 or _leaves_more_than_noise(findings) else "Ruled out"
 
 
 def _leaves_more_than_noise(findings: Findings) -> bool:
@@ -251,7 +261,10 @@ def _next(findings: Findings, folder: str | None) -> str:
     if findings.indistinguishable or findings.verdict in ("unexplained", "partly explained"):
         another = "no run was driven, so release the rig from another position, repeat one release, then diagnose again"
         proposed = f"rig next {folder or 'on this folder'} proposes the run that decides what is open"
-        return f"Next: {proposed if findings.driven else another}."
+        unsure = ([one.location for one in group if one.cause == "wrong_mass"] for group in findings.indistinguishable)
+        masses = " and ".join(next((map(with_article, places) for places in unsure if len(places) > 1), ()))
+        weigh = f"weigh {masses}, because these runs do not show which of the given masses is wrong"
+        return f"Next: {weigh if masses else proposed if findings.driven else another}."
     if findings.verdict == "adequate":
         return f"Next: use the model: rig predict {model} predicts other runs."
     if any(step.kind in ("sensor", "known_value") for step in findings.steps):

@@ -108,10 +108,16 @@ def _first(
     pairs = force is not None and equations is not None
     pictures = [force, equations, second, errors] if pairs else [force or equations, errors, second]
     return First(
-        sketch=sketch(model, marks(model, diagnosis.steps)),
+        sketch=sketch(_with_masses_of(diagnosis.extended.model, model), marks(model, diagnosis.steps)),
         measured=Section(title="What follows", text=[line for line in (said.ruled_out, said.next, *remarks) if line]),
         pictures=[chart for chart in pictures if chart is not None],
     )
+
+
+def _with_masses_of(extended: RigModel, model: RigModel) -> RigModel:
+    # A baseline that lacks a cause may have fitted another mass for it.
+    masses = (f"bodies.{body.name}.mass" for body in model.bodies)
+    return model.replace({path: extended.get(path) for path in masses})
 
 
 def _force(diagnosis: Diagnosis, models: Mapping[Named, Simulated]) -> Chart | None:

@@ -431,8 +431,20 @@ def test_units_in_names(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(f"t,force_kN,encoder_angle_deg,acc_A\n{rows}\n")
     text = drafted(tmp_path, "a.csv")
     assert 'unit = "kN"    # ? by the column\'s name' in text
+    # A channel is recorded in SI, whatever its column is in.
+    assert re.findall(r"\[channels\.(\w+)\]", text) == ["force", "encoder_angle", "acc_a"]
     assert 'unit = "deg"' in text
     assert 'unit = "m/s^2"    # ? not given by the file' in text
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"), [("u_V", "V"), ("i_A", "A"), ("x_m", "m"), ("a_V", "m/s^2"), ("base_A", "m/s^2"), ("voltage_V", "V")]
+)
+def test_a_letter_after_a_symbol_is_its_unit(name: str, unit: str, tmp_path: Path) -> None:
+    """After other names it may be an axis or a second channel."""
+    rows = "\n".join(f"{k / RATE},{x},{2.0 * x}" for k, x in enumerate(X))
+    (tmp_path / "a.csv").write_text(f"t,force_kN,{name}\n{rows}\n")
+    assert f'source = "{name}"\nunit = "{unit}"' in drafted(tmp_path, "a.csv")
 
 
 def test_a_wrong_unit_is_reported_at_the_import(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

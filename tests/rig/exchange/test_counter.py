@@ -51,7 +51,7 @@ def imported(folder: Path, keys: str) -> int:
 @pytest.mark.parametrize("time", [True, False])
 def test_a_counter_is_left_out(tmp_path: Path, counter: np.ndarray, said: str, time: bool) -> None:
     text, mapping = drafted(tmp_path, ({"time": np.arange(N) / RATE} if time else {}) | {"n": counter})
-    assert list(mapping["channels"]) == ["force_n", "x_mm"]
+    assert list(mapping["channels"]) == ["force", "x"]
     assert f"# a.csv: column 'n' {said} it is no channel and left out.\n" in text
     assert imported(tmp_path, "" if time else f"sample_rate = {RATE}") == 0
     assert read(tmp_path / "o.h5").runs[0].sample_rate == RATE
@@ -61,7 +61,7 @@ def test_a_counter_is_left_out(tmp_path: Path, counter: np.ndarray, said: str, t
 def test_rows_that_a_counter_shows_to_be_missing(tmp_path: Path, capsys: pytest.CaptureFixture[str], cycle: int | None) -> None:
     """They are reported with the draft, refused by the import, and a part without them can be imported."""
     text, mapping = drafted(tmp_path, {"n": KEPT % (cycle or N)})
-    assert list(mapping["channels"]) == ["force_n", "x_mm"]
+    assert list(mapping["channels"]) == ["force", "x"]
     said = "it skips 20 numbers from row 100 to row 101 (so in 2 places, 23 numbers in all)"
     assert said in text
     assert imported(tmp_path, f"sample_rate = {RATE}") == 2
@@ -110,7 +110,7 @@ def test_boundary_of_missing_rows(count: int, found: bool) -> None:
 @pytest.mark.parametrize("name", ["a", "", "Kanal 1"])
 def test_a_clock_may_have_any_name(tmp_path: Path, name: str) -> None:
     text, mapping = drafted(tmp_path, {name: np.arange(N) / RATE})
-    assert list(mapping["channels"]) == ["force_n", "x_mm"]
+    assert list(mapping["channels"]) == ["force", "x"]
     assert re.search(
         r'time = ".+"    # \? its values rise evenly\ntime_unit = "s"    # \? then the sample rate is 500 Hz\n', text
     )
@@ -121,7 +121,7 @@ def test_a_clock_may_have_any_name(tmp_path: Path, name: str) -> None:
 @pytest.mark.parametrize("name", ["position", "ramp_mm"])
 def test_a_ramp_of_another_quantity_is_no_clock(tmp_path: Path, name: str) -> None:
     _, mapping = drafted(tmp_path, {name: np.arange(N) / RATE})
-    assert list(mapping["channels"]) == [name, "force_n", "x_mm"]
+    assert list(mapping["channels"]) == [name.removesuffix("_mm"), "force", "x"]
 
 
 def test_a_file_with_a_counter_only_keeps_it(tmp_path: Path) -> None:

@@ -69,6 +69,14 @@ HEADS = {
     "minutes without hours": ["t,a,b", *(f"59:59.{r[2:5]}{r[5:]}" for r in ROWS)],
     "nanoseconds since 1970": ["timestamp,a,b", *(f"{1706782272250000000 + k * 1000000}{r[5:]}" for k, r in enumerate(ROWS))],
     "milliseconds since 1970": ["timestamp,a,b", *(f"{1706782272250 + k}{r[5:]}" for k, r in enumerate(ROWS))],
+    "milliseconds beside the time of day": [
+        "Date,Time,ms,a,b",
+        *(f"2024-02-01,10:11:{12 + (950 + k) // 1000},{(950 + k) % 1000}{r[5:]}" for k, r in enumerate(ROWS)),
+    ],
+    "parts of a date": [
+        "year,month,day,hour,minute,second,ms,a,b",
+        *(f"2024,2,1,10,11,{12 + (950 + k) // 1000},{(950 + k) % 1000}{r[5:]}" for k, r in enumerate(ROWS)),
+    ],
     "a counter of microseconds": ["micros,a,b", *(f"{7 + k * 1000}{r[5:]}" for k, r in enumerate(ROWS))],
 }  # fmt: skip
 

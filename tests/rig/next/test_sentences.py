@@ -5,21 +5,23 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 from open_questions import end_stop, hardening, rivals
+from some_findings import findings, named
 
 from isorig.analysis.fitting.solve import positive
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel
-from isorig.analysis.proposals.choice import Choice, PairDistance
+from isorig.analysis.proposals.choice import Choice, Chosen, PairDistance
 from isorig.analysis.proposals.limits import LargestMotions
 from isorig.analysis.proposals.menu import CandidateRun, run_at_rest
 from isorig.analysis.proposals.precision import named_parameters, unit_of_parameter
 from isorig.analysis.proposals.prediction import Prospect, Variant
 from isorig.rig.files.rigfile import SHIPPED, read_description
 from isorig.rig.files.rivals import FittedModel, OpenSet, fitted_model
+from isorig.rig.next.investigation import diagnosis_sentences
 from isorig.rig.next.page import proposal_sections
 from isorig.rig.next.plan_file import plan_text, virtual_instrument_of
 from isorig.rig.next.proposal import Proposal, Proposed, Situation, situation
-from isorig.rig.next.sentences import reasons, summary, twins
+from isorig.rig.next.sentences import inseparable, reasons, summary, twins
 
 
 def explained(model: RigModel) -> FittedModel:
@@ -56,6 +58,18 @@ def test_twins_of_a_cause_that_was_ruled_out_are_ruled_out() -> None:
     assert (left.models, left.twins, left.unfitted) == ([], [], [])
     assert twins(situation([before, last], Limits(), {}, frozenset()).rivals) == []
     assert len(twins(situation([last], Limits(), {}, frozenset()).rivals)) == 1
+
+
+def test_a_cause_that_was_ruled_out_alone_may_be_there_beside_another() -> None:
+    open_one = OpenSet(why="indistinguishable", models=[hardening()])
+    before = rivals(ruled_out=[hardening().key])
+    last = rivals(open_one, named=[("end_stop", "isolation"), ("channel_delay", "motor")])
+    (left,) = situation([before, last], Limits(), {}, frozenset()).rivals.open
+    assert left.models == [hardening()]
+    two = findings(steps=[named(), named(location="mount")])
+    for found, said in ((findings(), "Ruled out: "), (two, "Ruled out as the only cause: ")):
+        sentences = diagnosis_sentences(rivals(ruled_out=[hardening().key], verdict="explained"), found)
+        assert any(sentence.startswith(said) for sentence in sentences)
 
 
 def test_why_a_rig_rests() -> None:
@@ -108,6 +122,12 @@ def test_a_cause_is_named_once() -> None:
     said = " ".join(reasons(Proposed(run=run, choice=choice), Proposal(kind="untested"), at(model, Limits())))
     assert said.count("backlash at wall") == 1
     assert said.count("hardening stiffness at wall") == 1
+
+
+def test_masses_that_no_run_tells_apart_are_to_be_weighed() -> None:
+    pair = ("wrong_mass", "m1"), ("wrong_mass", "table")
+    proposal = Proposal(kind="rivals", chosen=Chosen(choices=(), best=(), compared=3), remedies={pair: ()})
+    assert inseparable(proposal)[-1] == "Weigh m1 and the table."
 
 
 def test_only_equal_equations_are_twins() -> None:
