@@ -16,8 +16,11 @@ from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.equations.forms import start_values
 from isorig.analysis.equations.ranking import ranking
 from isorig.analysis.equations.system import equations_of
+from isorig.analysis.fitting.ladder import baseline_fit
+from isorig.analysis.fitting.score import signal_powers
 from isorig.analysis.fitting.trials import prepare
-from isorig.analysis.model.rig_model import Body, Drive, Link, RigModel, Sensor
+from isorig.analysis.laws import Coulomb
+from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel, Sensor
 
 #: kg, N/m, N s/m of the spring and of the rail, and the rail's dry friction in N.
 MASS, SPRING, DAMPING, RAIL, FRICTION = 2.0, 600.0, 1.5, 0.8, 5.0
@@ -92,3 +95,21 @@ def test_no_motion_shows_the_mass_of_one_body_without_a_known_force(campaign: Ca
     stiff = msgspec.structs.replace(RIG, free=RIG.free[1:])
     assert not WrongMass().candidates(RIG, observe(campaign, RIG, trials, RIG, RIG))
     assert {c.location for c in WrongMass().candidates(stiff, observe(campaign, stiff, trials, stiff, stiff))} >= {"sled"}
+
+
+def test_errors_are_relative_to_the_imposed_motion(campaign: Campaign) -> None:
+    """The carrier takes the sled along by up to a metre; only the stretch of the spring tells of the rig."""
+    trials = prepare(campaign, RIG)
+    for trial, (power,) in zip(trials, signal_powers(trials), strict=True):
+        stretch = (trial.run.read("sled") - trial.run.read("carrier"))[trial.held_out]
+        assert power == pytest.approx(float(np.mean(stretch**2)))
+
+
+def test_a_fit_begins_with_the_given_values_where_those_are_closer(campaign: Campaign) -> None:
+    """From a stiff spring and a small friction the fit ends at ten times the friction."""
+    rubbing = Contact(name="rail", a="sled", law=Coulomb(friction_force=FRICTION))
+    given = msgspec.structs.replace(RIG, contacts=(rubbing,), free=(*RIG.free, "contacts.rail.law.friction_force"))
+    given = given.replace({"links.spring.stiffness": SPRING, "links.spring.damping": DAMPING, "links.rail.damping": RAIL})
+    far = given.replace({"links.spring.stiffness": 3.0 * SPRING, "contacts.rail.law.friction_force": 0.1 * FRICTION})
+    found = baseline_fit([far, given], prepare(campaign, given))
+    assert found.values["contacts.rail.law.friction_force"] == pytest.approx(FRICTION, rel=0.01)

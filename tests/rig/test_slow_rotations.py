@@ -18,7 +18,7 @@ from scipy.signal import butter, lfilter, lsim, sosfiltfilt
 
 import isorig as iso
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
-from isorig.analysis.diagnose.observe import swings
+from isorig.analysis.diagnose.observe import observe, swings
 from isorig.analysis.diagnose.suspects import SHOWN
 from isorig.analysis.equations.ranking import ranking
 from isorig.analysis.equations.system import HOLDS, equations_of
@@ -26,6 +26,7 @@ from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.laws import Coulomb
 from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel, Sensor
 from isorig.analysis.rounding import sensor_noise
+from isorig.analysis.simulate.inverse import required_drive
 from isorig.rig.cli import main
 from isorig.rig.files.rigfile import description_text
 
@@ -264,3 +265,30 @@ def test_the_noise_of_counts_has_the_spectrum_of_their_rounding() -> None:
     assert low(noise) == pytest.approx(low(error), rel=0.3)
     assert low(noise) > 4.0 * low(draw.normal(0.0, error.std(), 20_000))
     assert sensor_noise(motion, 0.01, draw).std() == pytest.approx(0.01, rel=0.05)
+
+
+def test_a_gear_of_ratio_one_to_twenty_is_the_same_rig() -> None:
+    """An arm makes the shaft's twist motor - 20 load, and the load then counts with a twentieth of its own torque."""
+    ratio, plain = 20.0, coasting(9, rest=6)
+    shaft, motor_bearing, load_bearing = SOFT.links
+    replaced = msgspec.structs.replace
+    geared = replaced(
+        SOFT,
+        bodies=(SOFT.bodies[0], replaced(SOFT.bodies[1], mass=SOFT.bodies[1].mass * ratio**2)),
+        links=(
+            replaced(shaft, a="motor", b="load", arms={"load": 1.0 - ratio}),
+            motor_bearing,
+            replaced(load_bearing, damping=load_bearing.damping * ratio**2),
+        ),
+    )
+    slowed = replace(plain, runs=tuple(
+        replace(run, channels={**run.channels, "load_angle": replace(
+            run.channels["load_angle"], samples=run.channels["load_angle"].read() / ratio)})
+        for run in plain.runs
+    ))  # fmt: skip
+    of_plain, of_geared = (equations_of(*pair).residuals() for pair in ((plain, SOFT), (slowed, geared)))
+    assert of_geared == pytest.approx(of_plain, rel=0.05)
+    drives = [prepare(found, model)[0] for found, model in ((plain, SOFT), (slowed, geared))]
+    needed = [required_drive(model, trial.motion) for trial, model in zip(drives, (SOFT, geared), strict=True) if trial.motion]
+    assert needed[1] == pytest.approx(needed[0], abs=1e-6 * np.abs(needed[0]).max())
+    assert observe(slowed, geared, prepare(slowed, geared), geared, geared).deflection["shaft"] < 0.1
