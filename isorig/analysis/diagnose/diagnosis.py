@@ -17,6 +17,7 @@ from isorig.analysis.diagnose.considered import ConsideredCandidate, all_conside
 from isorig.analysis.diagnose.early_answer import pointed
 from isorig.analysis.diagnose.estimate_pairs import Doubles, doubles
 from isorig.analysis.diagnose.evidence import Sign, record_signs, signs
+from isorig.analysis.diagnose.exchanged import exchanged_sensors
 from isorig.analysis.diagnose.guides import with_guides
 from isorig.analysis.diagnose.kinds import SHAPED, kind_of
 from isorig.analysis.diagnose.misfit import Discrepancy, at_first, discrepancies
@@ -245,9 +246,7 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
     except OutOfTimeError:
         baseline, late = not_fitted(guess), True
     # Records in wrong units, or exchanged, have no cause in the rig: they are to be corrected first.
-    contradicted = not explains_as_given(model, baseline) and bool(
-        _standing(doubts_of_records(model, campaign), model, equations)
-    )
+    contradicted = () if explains_as_given(model, baseline) else _contradictions(campaign, model, equations)
     search = _Search(campaign, model, guess, equations, trials, progress, tolerance, most_steps=0 if contradicted else MOST_STEPS)
     search.cut_short = late
     found = search.causes(baseline, ends)
@@ -310,7 +309,7 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
         searched=tuple((before, tuple(_lean(entry) for entry in entries)) for before, entries in search.entries),
         tolerance=tolerance, cut_short=search.cut_short,
         residuals=residuals, pointed=shown_by_equations, spread=blamed.spread if blamed is not None else "",
-        doubts=_standing(doubts(model, _credible(found), campaign), model, equations),
+        doubts=contradicted or _standing(doubts(model, _credible(found), campaign), model, equations),
         zero_errors=tuple(zero_errors(campaign, model).values()),
     )  # fmt: skip
 
@@ -327,6 +326,14 @@ def _baseline(starts: Sequence[RigModel], trials: Sequence[Trial], *, misfits: b
     if any(trial.disturbance is not None for trial in weighted):
         fitted = finished(fitted, weighted)
     return weighted, widened(fitted)
+
+
+def _contradictions(campaign: Campaign, model: RigModel, equations: Equations) -> tuple[Doubt, ...]:
+    found = _standing(doubts_of_records(model, campaign), model, equations)
+    if not found:
+        with suppress(OutOfTimeError):
+            return exchanged_sensors(campaign, model, equations)
+    return found
 
 
 def _standing(found: Sequence[Doubt], model: RigModel, equations: Equations) -> tuple[Doubt, ...]:

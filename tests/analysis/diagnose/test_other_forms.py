@@ -184,7 +184,7 @@ def test_what_was_fitted_before_the_time_ended_is_the_answer(last: str) -> None:
 
 
 def geared() -> RigModel:
-    """A pushed mass that drives another one through a lever: the second one's own equation holds with any value of its mass."""
+    """A pushed mass that drives another one through a lever: their common motion does not strain it."""
     return RigModel(
         name="geared pair",
         bodies=(Body(name="motor", mass=1.2), Body(name="load", mass=3.0)),
@@ -198,9 +198,19 @@ def geared() -> RigModel:
     )
 
 
-def test_a_mass_that_no_equation_tests_is_found_by_simulation() -> None:
+def test_a_lever_shows_the_mass_that_it_drives_to_the_equation_of_both() -> None:
     given = geared().replace({"bodies.load.mass": 2.5})
-    campaign = played(geared(), seed=SEED + 20, takes=TAKES[::2])
+    equations = equations_of(played(geared(), seed=SEED + 20, takes=TAKES[::2]), given)
+    assert not equations.unscaled
+    assert [name for name, left in equations.residuals().items() if left >= HOLDS] == ["motor + load"]
+
+
+def test_a_mass_that_no_equation_tests_is_found_by_simulation() -> None:
+    """With a strap of another ratio any motion strains one of both, and the load's equation holds with any value of its mass."""
+    strap = Link(name="strap", a="motor", b="load", arms={"load": 0.2}, stiffness=900.0, damping=1.0)
+    rig = replace(geared(), links=(*geared().links, strap))
+    given = rig.replace({"bodies.load.mass": 2.5})
+    campaign = played(rig, seed=SEED + 20, takes=TAKES[::2])
     assert equations_of(campaign, given).unscaled == {"load"}
     assert max(equations_of(campaign, given).residuals().values()) < HOLDS
     diagnosis = diagnose(campaign, given)
