@@ -44,7 +44,8 @@ class Score:
     Parameters
     ----------
     error
-        rms(predicted - measured) / rms(measured) of each run and channel, shape (runs, channels).
+        rms(predicted - measured) / rms(measured) of each run and channel, shape (runs, channels); the measured motion relative to
+        an imposed one, where that is less.
     blocks
         Mean square error of each block of held-out data divided by the noise's, shape (runs, channels, blocks).
     power

@@ -60,12 +60,14 @@ def findings_of(
         f"doubt the threshold is {POLICY.beyond_calibration:g} times the largest such ratio of data simulated with the baseline "
         "and its noise.",
     )  # fmt: skip
+    relative = ", the measured motion relative to the imposed one where that is less" if diagnosis.baseline.model.imposed else ""
     holdout = stored.HeldOut(
         baseline=diagnosis.baseline_error, extended=diagnosis.extended_error, noise_floor=diagnosis.floor,
         baseline_interval=improvement.before, extended_interval=improvement.after,
         removed=improvement.removed if diagnosis.steps else 0.0, removed_interval=improvement.removed_interval,
         interval=f"95 % of {RESAMPLED} draws of held-out blocks (bootstrap)",
-        how=f"Median over runs and channels of rms(predicted - measured) / rms(measured) over {diagnosis.division.how}.",
+        how="Median over runs and channels of rms(predicted - measured) / rms(measured) over "
+        f"{diagnosis.division.how}{relative}.",
     )  # fmt: skip
     findings = stored.Findings(
         origin=dict(origin), verdict=msgspec.convert(diagnosis.verdict, stored.DiagnosisVerdict),
