@@ -25,7 +25,7 @@ from isorig.analysis.equations.system import HOLDS, equations_of
 from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.laws import Coulomb
 from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel, Sensor
-from isorig.analysis.rounding import sensor_noise
+from isorig.analysis.rounding import IS_ROUNDING, is_rounded, sensor_noise
 from isorig.analysis.simulate.inverse import required_drive
 from isorig.rig.cli import main
 from isorig.rig.files.rigfile import description_text
@@ -264,6 +264,9 @@ def test_the_noise_of_counts_has_the_spectrum_of_their_rounding() -> None:
     error = counted - motion
     assert low(noise) == pytest.approx(low(error), rel=0.3)
     assert low(noise) > 4.0 * low(draw.normal(0.0, error.std(), 20_000))
+    rounded = np.sqrt(1.0 / 12.0)
+    assert is_rounded(counted, 0.99 * IS_ROUNDING * rounded)
+    assert not is_rounded(counted, 1.01 * IS_ROUNDING * rounded)
     assert sensor_noise(motion, 0.01, draw).std() == pytest.approx(0.01, rel=0.05)
 
 

@@ -24,7 +24,7 @@ from isorig.analysis.equations.ranking import Regressions, ranking
 from isorig.analysis.equations.repeats import MOST_INTEGRATED, pitch_of
 from isorig.analysis.equations.sliding import Columns, Sliding, SlidingFit, SlidingRun, spline_columns
 from isorig.analysis.equations.slip import slip_operator
-from isorig.analysis.equations.spectral import SHORTEST, Spectra, _solve
+from isorig.analysis.equations.spectral import DETERMINED, SHORTEST, Spectra, _solve
 from isorig.analysis.equations.system import HOLDS, Equations, equations_of
 from isorig.analysis.model.rig_model import Body, Configuration, Link, RigModel, Sensor
 from isorig.rig.wire_bonder.description import wire_bonder
@@ -250,6 +250,16 @@ def test_an_error_of_a_channel_in_an_equation() -> None:
     rows = [{("a", 2): 2.0, ("b", 0): 7.0}, {("a", 0): 3.0}, {("b", 0): 5.0}]
     found = Regressions._error(rows, np.array([0.5, 4.0]), "a", {0: np.full(2, 10.0), 2: np.ones(2)})
     assert found == pytest.approx(2.0 - 0.5 * 3.0 * 10.0)
+
+
+@pytest.mark.parametrize(("power", "determined"), [(1.01 * DETERMINED, True), (0.99 * DETERMINED, False)])
+def test_a_combination_of_signals_that_is_mostly_noise_has_the_coefficient_zero(power: float, determined: bool) -> None:
+    """Of two motions with the same noise, their sum is known and their difference has this power over that of its noise."""
+    noise = np.diag([0.0, 1.0, 1.0])
+    own, shared = 10.0 + 0.5 * power, 10.0 - 0.5 * power
+    one, other = _solve(np.array([[9.0, 5.0, 3.0], [5.0, own, shared], [3.0, shared, own]]) + noise, noise).values
+    assert one + other == pytest.approx((5.0 + 3.0) / (own + shared))
+    assert one - other == pytest.approx((5.0 - 3.0) / (own - shared) if determined else 0.0)
 
 
 def test_an_equation_without_unknown_values_leaves_its_known_part() -> None:
