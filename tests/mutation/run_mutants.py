@@ -143,7 +143,7 @@ NAMED = (
     ),
     (
         "a sign in the required drive", "isorig/analysis/simulate/inverse.py",
-        "sign = 1.0 if part.a in group else -1.0", "sign = -1.0 if part.a in group else 1.0",
+        "ends = [sign * resistance", "ends = [-sign * resistance",
     ),
     (
         "a plainly larger error is no other answer", "isorig/analysis/diagnose/policy.py",

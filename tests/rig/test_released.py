@@ -111,21 +111,21 @@ def test_the_draft_of_one_position_can_be_imported(tmp_path: Path) -> None:
     assert main(["import", "--draft", str(tmp_path / "far.csv"), str(tmp_path / "near.csv"), "-o", str(mapping)]) == 0
     model = read_rig(tmp_path / "d-rig.toml").model
     assert [(sensor.channel, sensor.body, sensor.quantity) for sensor in model.sensors] == [
-        ("position_mm", "body_position_mm", "displacement")
+        ("position", "body_position", "displacement")
     ]  # fmt: skip
     assert (model.drive.channel, model.drive.quantity) == ("push", "force")
     note = (tmp_path / "d-rig.toml").read_text()
-    assert "# ? no column is a drive: if body_position_mm was pulled and let go" in note
+    assert "# ? no column is a drive: if body_position was pulled and let go" in note
     assert "initial_position" in note
     text = mapping.read_text().replace(
         "# sample_rate = 1024.0    # ? not given by the file; required for the import", "sample_rate = 100.0"
     )
     mapping.write_text(text)
     assert text.count('excitation = "free"') == 2
-    starts = {name: setup.initial_position["body_position_mm"] for name, setup in model.configurations.items()}
+    starts = {name: setup.initial_position["body_position"] for name, setup in model.configurations.items()}
     assert starts == pytest.approx(STARTS, abs=1e-4)
     assert main(["import", str(mapping), "-o", str(tmp_path / "o.h5")]) == 0
-    assert sorted(read(tmp_path / "o.h5").runs[0].channels) == ["position_mm", "push"]
+    assert sorted(read(tmp_path / "o.h5").runs[0].channels) == ["position", "push"]
 
 
 def test_a_single_release_has_one_configuration(tmp_path: Path) -> None:
@@ -133,7 +133,7 @@ def test_a_single_release_has_one_configuration(tmp_path: Path) -> None:
     assert main(["import", "--draft", str(tmp_path / "near.csv"), "-o", str(tmp_path / "d.toml")]) == 0
     ((name, setup),) = read_rig(tmp_path / "d-rig.toml").model.configurations.items()
     assert name == "unlocked"
-    assert setup.initial_position["body_position_mm"] == pytest.approx(STARTS["near"], abs=1e-4)
+    assert setup.initial_position["body_position"] == pytest.approx(STARTS["near"], abs=1e-4)
     assert "configuration = " not in (tmp_path / "d.toml").read_text()
 
 
@@ -146,10 +146,10 @@ def test_an_acceleration_says_nothing_about_where_the_rig_starts(tmp_path: Path)
 @pytest.mark.parametrize(
     ("head", "words"),
     [
-        ("torque_Nm,motor_rad,load_rad", ["that it pushes body_load_rad is a guess"]),
+        ("torque_Nm,motor_rad,load_rad", ["that it pushes body_load is a guess"]),
         (
             "motor_rad,load_rad",
-            ["that it pushes body_load_rad is a guess", "if the rig was pulled and let go"],
+            ["that it pushes body_load is a guess", "if the rig was pulled and let go"],
         ),
         ("one [V],other [V]", ["that it pushes body_other is a guess", "no unit is that of a motion"]),
     ],

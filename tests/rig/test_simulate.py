@@ -80,7 +80,7 @@ def test_a_description_in_toml(tmp_path: Path) -> None:
         (("configurations", "locked", "rigid"), "isolation", "configurations.locked.rigid is 'isolation', but must be a list"),
         (("drive", "pushes", "motor"), "x", "drive.pushes.motor is 'x', but must be a number"),
         (("drive", "factor"), float("inf"), "drive.factor is inf; give a finite number"),
-        (("drive", "chain"), {"gain": 0.0}, "drive.chain.gain is 0"),
+        (("drive", "chain"), {"gain": 0.0}, "the chain of channel 'force' has gain 0"),
         (("sensors", 0, "chain"), {"gain": float("nan")}, "sensors.table.chain.gain is nan; give a finite number"),
         (("links", 0, "arms"), {"table": float("inf")}, "links.table.arms.table is inf; give a finite number"),
         (("sensors", 0, "quantity"), "speed", "sensors.table.quantity is 'speed', which is none of acceleration"),

@@ -263,6 +263,8 @@ def followed(
         if run and (rung is rungs[-1] or run[0][1].cost < (1.0 - DECISIVE) * bare):
             near = [pair for k, pair in enumerate(run) if k < 2 or pair[1].cost < BEHIND * run[0][1].cost]
             run = [pair for pair in near if pair[1].cost < (1.0 - promising) * bare or bare < TELLING][:CROWD]
+        if bare < TELLING:  # a fit further from the data than the current model, which it contains, is lost
+            run = [pair for pair in run if pair[1].cost < LEAVES * TELLING]
         starts = [(candidate, done.free, done.model) for candidate, done in run]
     return run
 

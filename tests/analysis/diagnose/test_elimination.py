@@ -27,6 +27,7 @@ from isorig.analysis.fitting.ladder import (
     FAR_WORSE,
     LEAVES,
     PROMISING,
+    TELLING,
     UNDECIDED,
     Rung,
     followed,
@@ -73,6 +74,21 @@ def test_a_decisive_length_eliminates_what_removes_little(monkeypatch: pytest.Mo
     share = 1.0 - DECISIVE
     little = 10.0 * (1.0 - PROMISING) * 1.01
     assert eliminated(monkeypatch, (10.0, 10.0 * share * 0.99, little), (100.0, 50.0, 3.0)) == ["wrong_mass"]
+
+
+@pytest.mark.parametrize(
+    ("bare", "cost", "kept"),
+    [
+        (TELLING * 0.99, LEAVES * TELLING * 1.01, False),
+        (TELLING * 0.99, LEAVES * TELLING * 0.99, True),
+        (TELLING * 1.01, LEAVES * TELLING * 1.01, True),
+    ],
+)
+def test_a_fit_far_from_data_that_the_current_model_explains_is_lost(
+    bare: float, cost: float, kept: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = eliminated(monkeypatch, (bare, cost, 0.99 * bare), (10.0, 1.0, 8.0))
+    assert found == (["wrong_mass"] if kept else []) + ["hardening_stiffness"]
 
 
 @pytest.mark.parametrize(("ratio", "kept"), [(BEHIND * 0.99, 3), (BEHIND * 1.01, 2)])

@@ -10,6 +10,7 @@ from pathlib import Path
 import msgspec
 import pytest
 from open_questions import end_stop, fitted, rivals, two_springs, written
+from some_findings import findings
 
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.proposals.menu import CandidateRun
@@ -73,6 +74,7 @@ class Lab:
         self.diagnosed.append(folder.name)
         number = int(folder.name.removeprefix("diagnosis-"))
         written(folder, self.answers[min(number, len(self.answers)) - 1])
+        (folder / "findings.json").write_bytes(msgspec.json.encode(findings()))
         return CampaignOutcome(campaign="lab", cut_short=self.cut_short)
 
     def propose(self, now: object, **options: object) -> Proposal:
