@@ -474,8 +474,9 @@ class Suspected:
         near = job.left < 1.0 and not self.found.tentative
         limit = LEAVES * misfit(job.current.model, job.rungs[-1].problem) if near else np.inf
         if near:  # an earlier cause may bend the equation, and the values from it lead away
+            begun = {(id(candidate), id(model)) for candidate, _, model in starts}
             own = [(c, free, m) for c, free, _ in unlike(starts) if c.shape is None for m in c.starts]
-            starts = [*starts, *(start for start in own if all(start[2] is not model for _, _, model in starts))]
+            starts = [*starts, *(start for start in own if (id(start[0]), id(start[2])) not in begun)]
         run = verified(starts, job.rungs[-1], job.progress, sure=self.found.shows, limit=limit)
         follows = job.stays(run) and run[0][1].cost < max(LOST, POLICY.settled * job.bare)
         if job.left < 1.0 or len(job.rungs) == 1 or out_of_time() or follows:

@@ -27,7 +27,7 @@ from isorig.analysis.laws import Coulomb
 from isorig.analysis.laws.base import NO_LINK
 from isorig.analysis.lowpass import fast_length, force_edge, low_passed, signal_edge
 from isorig.analysis.model.linear import floats
-from isorig.analysis.model.rig_model import GROUND, RigModel
+from isorig.analysis.model.rig_model import GROUND, Link, RigModel
 from isorig.analysis.rounding import is_command
 from isorig.analysis.simulate.natural import lowest_mode
 from isorig.analysis.simulate.sampling import as_held
@@ -350,12 +350,17 @@ class Equations:
             if element.link is None:
                 continue
             for order, value in ((1, element.link.damping), (0, element.link.stiffness)):
-                rows.append({name: sign * weight for name, weight in self.motion_row(element.weights, order).items()})
+                row = self.motion_row(element.weights, order) if order or self.springs(element.link) else {}
+                rows.append({name: sign * weight for name, weight in row.items()})
                 start.append(value)
             for k in range(law_columns(element)):
                 rows.append({(law_of(element, k), -1): sign})
                 start.append(1.0)
         return rows, np.array(start)
+
+    def springs(self, link: Link) -> bool:
+        """Whether the stiffness of a link is solved for: the deflections of two without one would add up to that of another."""
+        return link.stiffness > 0.0 or f"links.{link.name}.stiffness" in self.model.free
 
     def combined(self, signals: Mapping[tuple[str, int], FloatArray], row: Row) -> FloatArray:
         """A row with real coefficients as a signal, shape (n,)."""
@@ -516,7 +521,7 @@ class Equations:
             for other, other_sign in balance.others(element):
                 od, ov = self.elongation(signals, other, CUT * self.lowest)
                 if other.link is not None and not element.beside(other):
-                    fixed += [way * other_sign * od, way * other_sign * ov]
+                    fixed += [way * other_sign * od * self.springs(other.link), way * other_sign * ov]
                 if other.contact is not None:
                     fixed.append(way * other_sign * direction_of(ov, max(float(np.std(ov)), 1e-12)))
             columns = np.column_stack(fixed) if fixed else np.zeros((len(force), 0))
