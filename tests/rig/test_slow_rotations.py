@@ -243,6 +243,15 @@ def test_noise_does_not_determine_the_coefficients_of_an_equation() -> None:
     assert max(equations_of(coasting(6, rest=6), SOFT).residuals().values()) < 1.2
 
 
+def test_bearings_without_a_spring_give_no_columns_of_their_angles() -> None:
+    """The difference of both angles is the twist: it would stand for the force of the load's own equation."""
+    campaign, paths = coasting(6, rest=6), ("links.motor_bearing.stiffness",)
+    for free, columns in ((SOFT.free, 0), ((*SOFT.free, *paths), 1)):
+        equations = equations_of(campaign, msgspec.structs.replace(SOFT, free=free))
+        (_, _, *bearings), _ = equations.rows(equations.balance_of("motor + load"))
+        assert [len(row) for row in bearings] == [1, columns, 1, 0]  # damping and stiffness of each
+
+
 def test_counts_of_a_motion_that_comes_to_rest_break_no_model() -> None:
     """Rounding of a slow motion makes steps, whose spectrum is low and not white."""
     found = iso.diagnose(coasting(7, rest=6), SOFT)
