@@ -89,9 +89,14 @@ def baseline_fit(starts: Sequence[RigModel], trials: Sequence[Trial], *, misfits
     """
     first, *longer = ladder(trials)
     free = base_parameters(starts[0])
-    # Values from the equations of motion are usually close: then nothing diverges. The given ones may be closer.
     last = (first, *longer)[-1]
-    quick = tried(min(starts, key=lambda start: np.nan_to_num(misfit(start, last.problem), nan=np.inf)), free, last)
+    closest = min(starts, key=lambda start: np.nan_to_num(misfit(start, last.problem), nan=np.inf))
+    if closest is not starts[0]:  # the given values may explain the data
+        given = tried(closest, free, last)
+        if given is not None and given.cost < TELLING:
+            return finished(given, trials)
+    # Values from the equations of motion are usually close: then nothing diverges.
+    quick = tried(starts[0], free, last)
     if quick is not None and quick.cost < ((STAYS / SIGNAL_SHARE) ** 2 if misfits else TELLING):
         return finished(quick, trials)
     fits = [done for start in starts if (done := tried(start, free, first))]
