@@ -13,7 +13,7 @@ from isorig.analysis.campaign import Campaign, Quantity
 from isorig.analysis.diagnose.causes.base import Evidence
 from isorig.analysis.diagnose.link_force import LinkForce, link_force
 from isorig.analysis.fitting.trials import Trial, expected, true_motion
-from isorig.analysis.model.rig_model import GROUND, Link, RigModel, Sensor, direction
+from isorig.analysis.model.rig_model import GROUND, Link, RigModel, Sensor, weights_of
 from isorig.analysis.simulate import simulate
 from isorig.analysis.spectra.hum import hum, mains_in
 from isorig.analysis.spectra.motion import motion_of
@@ -170,8 +170,7 @@ class _Measured:
 
 def _measured_swing(model: RigModel, link: Link, trial: Trial) -> _Measured | None:
     # From the motion at the link's ends and arms; None if one is not measured.
-    along = direction(model, link.a, link.b, link.arms).tolist()
-    weights = {body.name: w for body, w in zip(model.bodies, along, strict=True) if w}
+    weights = weights_of(model, link)
     noise = 0.0
     if trial.motion is not None:
         if any(body not in trial.motion.velocity for body in weights):

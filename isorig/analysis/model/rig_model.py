@@ -498,6 +498,12 @@ def direction(model: RigModel, a: str, b: str, arms: Mapping[str, float]) -> Flo
     return weights
 
 
+def weights_of(model: RigModel, part: Link | Contact) -> dict[str, float]:
+    """The weights of `direction` by body, for the bodies whose coordinates are in the part's elongation."""
+    along = direction(model, part.a, part.b, part.arms).tolist()
+    return {body.name: weight for body, weight in zip(model.bodies, along, strict=True) if weight}
+
+
 def single_drive(model: RigModel, what: str) -> None:
     """Raise ModelError where a rig has several drives, an imposed motion, a measured force or an initial state.
 

@@ -6,10 +6,10 @@ equations of motion: positions through a zero-phase low-pass, differentiated, th
 may stick: it transmits any force between those of slow sliding in both directions, so the drive is only known within their range.
 
 The drive follows from the momentum of the pushed body, and also from that of the pushed body with those joined to it, each by as
-much as it moves with it (a gear): the smaller
-the group, the more of the joints between the bodies it shows; the larger, the less of their deflections' noise it contains. The
-deflection between two recorded velocities is the small difference of two integrals, of which any error of a zero or of a gain is
-a large part. Its slow part is therefore taken as the one with which the slow part of the drive agrees.
+much as it moves with it (a gear): the smaller the group, the more of the joints between the bodies it shows; the larger, the less
+of their deflections' noise it contains. The deflection between two recorded velocities is the small difference of two integrals,
+of which any error of a zero or of a gain is a large part. Its slow part is therefore taken as the one with which the slow part of
+the drive agrees.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from isorig.analysis.errors import SimulationError
 from isorig.analysis.laws.base import NO_LINK
 from isorig.analysis.lowpass import low_passed
 from isorig.analysis.model.linear import ROUNDED, moving_together
-from isorig.analysis.model.rig_model import Chain, Contact, Link, RigModel, direction, single_drive
+from isorig.analysis.model.rig_model import Chain, Contact, Link, RigModel, direction, single_drive, weights_of
 from isorig.analysis.simulate.sampling import shift
 
 #: Corner frequency of the low-pass in multiples of the sample rate after decimation, its order, and the decimation factors, of
@@ -159,15 +159,11 @@ def required_drive(model: RigModel, motion: Motion) -> FloatArray:
     return decimated(np.stack(drives), motion.decimation)
 
 
-def _pushed(model: RigModel) -> str:
-    return next(name for name, weight in model.drive.pushes.items() if weight)
-
-
 def _balanced(model: RigModel, motion: Motion, group: Sequence[str], acting: FloatArray) -> tuple[FloatArray, FloatArray]:
     # Least and largest force that moves a group of bodies as recorded; where the records do not tell the slow part of the
     # deflection of the link that joins it to the others, that part is as the acting force requires it.
-    needed = _needed(model, motion, group, {})
-    weights = moving_together(model, group, _pushed(model))
+    weights = moving_together(model, group, next(name for name, weight in model.drive.pushes.items() if weight))
+    needed = _needed(model, motion, weights, {})
     signs = [(link, float(weights @ direction(model, link.a, link.b, link.arms))) for link in model.links]
     joining = [(link, sign) for link, sign in signs if link.name in motion.unknown and abs(sign) > ROUNDED]
     if len(joining) != 1 or joining[0][0].stiffness <= 0.0:
@@ -180,15 +176,15 @@ def _balanced(model: RigModel, motion: Motion, group: Sequence[str], acting: Flo
             break
         least, best = power, needed
         slow = slow + left / (sign * link.stiffness)
-        needed = _needed(model, motion, group, {link.name: slow})
+        needed = _needed(model, motion, weights, {link.name: slow})
     return best
 
 
 def _needed(
-    model: RigModel, motion: Motion, group: Sequence[str], slow: Mapping[str, FloatArray]
+    model: RigModel, motion: Motion, weights: FloatArray, slow: Mapping[str, FloatArray]
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
-    # Least and largest force that moves a group of bodies as recorded; `slow` parts are added to the deflections of these links.
-    weights = moving_together(model, group, _pushed(model))
+    # Least and largest force that moves bodies with these weights as recorded; `slow` parts are added to the deflections of these
+    # links.
     inertia = [w * body.mass * motion.acceleration[body.name] for body, w in zip(model.bodies, weights, strict=True) if w]
     least = np.sum(inertia, axis=0)
     most = least.copy()
@@ -224,8 +220,7 @@ def _resistances(
     model: RigModel, motion: Motion, part: Link | Contact, slow: FloatArray | float
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     # Force against the motion, and where the velocity is not resolved, that of slow sliding backward and forward.
-    along = direction(model, part.a, part.b, part.arms).tolist()
-    weights = {body.name: w for body, w in zip(model.bodies, along, strict=True) if w}
+    weights = weights_of(model, part)
     d, v = (np.sum([w * of[name] for name, w in weights.items()], axis=0) for of in (motion.position, motion.velocity))
     elongation = d + slow
     blur = RESOLVED * float(np.linalg.norm([w * motion.blur.get(name, 0.0) for name, w in weights.items()]))
