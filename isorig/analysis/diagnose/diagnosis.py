@@ -32,10 +32,11 @@ from isorig.analysis.diagnose.policy import (
     step_counts,
     verdict,
 )
+from isorig.analysis.diagnose.required_force import ShownByForce, shown_by_force
 from isorig.analysis.diagnose.revise import Revision, SearchStage, merged, stage_of
 from isorig.analysis.diagnose.search import Job, best_fits, next_step
 from isorig.analysis.diagnose.step import Entry, Found, Step, updated, with_evidence, without_form
-from isorig.analysis.diagnose.suspects import BROKEN, suspects
+from isorig.analysis.diagnose.suspects import BROKEN, Suspects, suspects
 from isorig.analysis.equations.forms import fit_start, start_values
 from isorig.analysis.equations.system import Equations, equations_of
 from isorig.analysis.errors import FitError, OutOfTimeError
@@ -140,6 +141,8 @@ class Diagnosis:
         Implausible fitted values: check units and given values first.
     zero_errors
         A sentence for each accelerometer whose wrong or wandering zero does not count.
+    required_force
+        What confirms the cause if no simulation can follow the motion; None if simulations do.
     """
 
     verdict: str
@@ -170,6 +173,7 @@ class Diagnosis:
     spread: str
     doubts: tuple[Doubt, ...]
     zero_errors: tuple[str, ...]
+    required_force: ShownByForce | None
 
 
 def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, progress: Progress = lambda text: None) -> Diagnosis:
@@ -271,23 +275,25 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
         said = [record_signs(campaign, last.fit.model, fine)]
     else:
         said = [signs(campaign, stage.fit.model, fine, each) for stage, each in zip(stages, compared, strict=False)]
-    # Where the motion is too sensitive for any simulation, the equations still hold sample by sample.
-    told = found.verdict == "unexplained" and not equations.hidden
-    points = found.verdict == "unexplained" and (told or search.cut_short) and not contradicted
-    shown_by_equations, blamed = None, None
-    with suppress(OutOfTimeError), Deadline(max(time_left(), LEAST_RANKING)):
-        shown_by_equations = pointed(equations) if points else None
-        blamed = search.first.suspects if told and search.first is not None else None
+    if found.required_force is not None:
+        said[0] = (*said[0], Sign(text=found.required_force.sentence))
+    shown_by_equations, blamed = search.shown_by_equations(found, contradicted=bool(contradicted))
     if blamed is not None and blamed.clearly:
-        shown_by_equations = shown_by_equations or (None if contradicted else blamed.clear)
         followed = (
             "The time ended before a simulation confirmed it."
             if search.cut_short
             else "No simulation with it follows the records."
         )
         said[0] = (*said[0], Sign(text=f"Equations of motion: {blamed.clearly} {followed}"))
+    if found.required_force is not None:
+        said[0] = (*said[0], Sign(text=found.required_force.sentence))
     steps = (stage.step for stage in stages[1 : found.kept + 1])
     floor = float(np.median(search.floors([last.fit.model], found.division.judged)))
+    by_force = found.required_force
+    considered = all_considered(
+        search.entries, [stage.step for stage in stages[1 : found.kept + 1] if stage.step], found.replaced, found.exchanged,
+        first.score, _allowed(found.quiet), first.fit.model, trials, shown_by_equations,
+    )  # fmt: skip
     shown = at_first(found.division.judged, first.score.error, found.quiet) if found.division.beginnings else ()
     return Diagnosis(
         verdict=found.verdict, baseline=first.fit, extended=last.fit,
@@ -297,20 +303,17 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
         signs=said[0], worst=worst(first.score, _allowed(found.quiet)), enough=found.enough,
         calibration=found.calibration, improvement=improvement(first.score, last.score, floor), trials=fine,
         division=found.division,
-        shares=tuple(
+        shares=((by_force.share,) * 3,) if by_force is not None else tuple(
             share_interval(first.score, before.score, after.score, _allowed(found.quiet))
             for before, after in pairwise(stages[: found.kept + 1])
         ),
         budgets=(search.budget(first.fit.model, found.division), search.budget(last.fit.model, found.division)),
-        considered=all_considered(
-            search.entries, [stage.step for stage in stages[1 : found.kept + 1] if stage.step], found.replaced, found.exchanged,
-            first.score, _allowed(found.quiet), first.fit.model, trials, shown_by_equations,
-        ),
+        considered=by_force.considered(considered) if by_force is not None else considered,
         searched=tuple((before, tuple(_lean(entry) for entry in entries)) for before, entries in search.entries),
         tolerance=tolerance, cut_short=search.cut_short,
         residuals=residuals, pointed=shown_by_equations, spread=blamed.spread if blamed is not None else "",
         doubts=contradicted or _standing(doubts(model, _credible(found), campaign), model, equations),
-        zero_errors=tuple(zero_errors(campaign, model).values()),
+        zero_errors=tuple(zero_errors(campaign, model).values()), required_force=by_force,
     )  # fmt: skip
 
 
@@ -364,7 +367,7 @@ def _lean(entry: Entry) -> Entry:
 @dataclass(frozen=True, kw_only=True)
 class _Found:
     # Result of a search: division of the runs, intermediate models, how many of them count, their allowed errors, the causes
-    # whose steps were replaced, and those exchanged for others (cause and place of both).
+    # whose steps were replaced, those exchanged for others (cause and place of both), and what else shows the cause.
     division: Division
     stages: Sequence[SearchStage]
     verdict: str
@@ -374,6 +377,7 @@ class _Found:
     calibration: float | None
     replaced: frozenset[tuple[str, str]]
     exchanged: Mapping[tuple[str, str], tuple[str, str]]
+    required_force: ShownByForce | None = None
 
 
 #: Errors by model and held-out data, which are kept so that their identity stays theirs.
@@ -404,6 +408,9 @@ class _Search:
         quiet = self._quiet(stages, judged)
         calibration = self._calibration(stages[0], divide, quiet)
         enough = adequacy_threshold(calibration)
+        shown = self._by_required_force(stages, division, quiet, enough)
+        if shown is not None:
+            return shown
         tries, repeated = 0, False
         while len(stages) <= self._most_steps and not self._ends(stages, quiet, enough):
             now, floors = stages[-1], _allowed(quiet)
@@ -456,6 +463,24 @@ class _Search:
         return _Found(
             division=division, stages=named, verdict=word, kept=len(named) - 1, quiet=quiet, enough=enough,
             calibration=calibration, replaced=replaced, exchanged=exchanged,
+        )  # fmt: skip
+
+    def _by_required_force(
+        self, stages: Sequence[SearchStage], division: Division, quiet: FloatArray, enough: float
+    ) -> _Found | None:  # fmt: skip
+        # The cause that the required force shows if no simulation of it can follow the motion.
+        if self._most_steps == 0 or self._equations.hidden or self._ends(stages, quiet, enough):
+            return None
+        shown = None
+        with self.until_the_time_ends():
+            shown = shown_by_force(self._job(stages, division, _allowed(quiet), 1.0, [], forms_only=False))
+        if shown is None:
+            return None
+        both = [stages[0], stage_of(stages[0].score, shown.found)]
+        self.entries.append((stages[0].score, shown.found.entries))
+        return _Found(
+            division=division, stages=both, verdict="explained", kept=1, enough=enough, calibration=None,
+            quiet=self._quiet(both, division.judged), replaced=frozenset(), exchanged={}, required_force=shown,
         )  # fmt: skip
 
     def _concluded(
@@ -592,7 +617,7 @@ class _Search:
     def settled(self, found: _Found) -> _Found:
         """The search with the last model at its minimum, and the uncertainty of its values; without time it stays as it is."""
         last, fits = found.stages[found.kept], [refined(trial) for trial in found.division.fits]
-        if self.cut_short or out_of_time() or not last.fit.free:
+        if self.cut_short or out_of_time() or not last.fit.free or found.required_force is not None:
             return found
         try:
             judged = found.division.judged
@@ -608,6 +633,18 @@ class _Search:
             # A minimum that predicts less is that of a few events; the values before it have the same uncertainty.
             stage = replace(last, fit=replace(fit, model=last.fit.model))
         return replace(found, stages=[*found.stages[: found.kept], stage])
+
+    def shown_by_equations(self, found: _Found, *, contradicted: bool) -> tuple[tuple[str, str] | None, Suspects | None]:
+        """Kind and place to which the equations of motion point where no cause is named, and the suspects behind them."""
+        told = found.verdict == "unexplained" and not self._equations.hidden
+        points = found.verdict == "unexplained" and (told or self.cut_short) and not contradicted
+        shown, blamed = None, None
+        with suppress(OutOfTimeError), Deadline(max(time_left(), LEAST_RANKING)):
+            shown = pointed(self._equations) if points else None
+            blamed = self.first.suspects if told and self.first is not None else None
+        if blamed is not None and blamed.clearly and not contradicted:
+            shown = shown or blamed.clear
+        return shown, blamed
 
     def begins_otherwise(self, fitted: Fit, enough: float) -> bool:
         judged = beginnings(self._trials).judged

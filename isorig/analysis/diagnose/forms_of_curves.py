@@ -57,5 +57,5 @@ def starts_from_curve(
                 model = start.replace(values)
                 fitted = fitted_form(model, free, element, force)
                 if fitted is not None:
-                    starts.append((candidate, free, model.replace(fitted[0])))
+                    starts.append((candidate, free, model.replace(fitted.values)))
     return starts

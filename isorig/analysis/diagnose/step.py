@@ -216,10 +216,12 @@ def is_determined(entry: Entry) -> bool:
 
 
 def vanishes(entry: Entry) -> bool:
-    """Whether each of a form's own values may have either sign and is zero within its uncertainty: then it has no effect."""
+    """Whether a form has no effect that the data show: each of its own values may have either sign and is zero within its
+    uncertainty, or each is positive and less than its uncertainty."""
     own, std, model = entry.candidate.free, entry.fit.std, entry.fit.model
-    signed = bool(own) and all(not free.log and free.low < 0.0 < free.high for free in own)
-    return signed and all(abs(model.get(free.path)) <= POLICY.zero * std[free.path] for free in own)
+    if own and all(not free.log and free.low < 0.0 < free.high for free in own):
+        return all(abs(model.get(free.path)) <= POLICY.zero * std[free.path] for free in own)
+    return bool(own) and all(free.log and model.get(free.path) < std[free.path] for free in own)
 
 
 def without_form(found: Found, share: float) -> tuple[Step, Found]:

@@ -17,7 +17,7 @@ from isorig.analysis.diagnose.kinds import OVER_VELOCITY, kind_of
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.equations.balances import Element
 from isorig.analysis.equations.columns import OVER_POSITION, RARE_STOP
-from isorig.analysis.equations.forms import ElementForce, element_force, fitted_form, start_values
+from isorig.analysis.equations.forms import ElementForce, element_force, fitted_form, shape_of, start_values
 from isorig.analysis.equations.ranking import HINTS, Explanation, Ranking, ranking, score_of, share_left
 from isorig.analysis.equations.system import CHANNEL_FAULTS, HOLDS, Equations
 from isorig.analysis.errors import ModelError
@@ -322,7 +322,7 @@ class Suspects:
         if force is None or element is None:
             return None
         solved = fitted_form(current.model, current.free, element, force)
-        return None if solved is None else solved[1]
+        return None if solved is None else solved.left
 
     def stands(self, candidate: Candidate, current: Fit, evidence: Evidence) -> bool:
         """Whether a form of one of the best explanations leaves as little of a link's recorded force as any curve there."""
@@ -406,12 +406,20 @@ class Suspects:
                 if force is not None and element is not None:
                     free = [*candidate.free, *(f for f in current if f.path in kept and not rare)]
                     solved = fitted_form(model, free, element, force, robust=not rare)
-                found.append((solved[1], model.replace(solved[0])) if solved is not None else (None, model))
+                found.append((solved.left, model.replace(solved.values)) if solved is not None else (None, model))
         return _Begun(models=sorted(found, key=lambda pair: pair[0] or 0.0), explanation=explanation)
+
+    def recorded(self, candidate: Candidate) -> tuple[Element, ElementForce] | None:
+        """The element of a suspected candidate and its recorded force; None if the equations do not give it."""
+        explanation = next((e for e in self.chosen if self._is(e, candidate.cause, candidate.location)), None)
+        element = self._element(candidate.location)
+        force = self._solved(explanation)[1] if explanation is not None else None
+        return (element, force) if element is not None and force is not None else None
 
     def _solved(self, explanation: Explanation) -> tuple[dict[str, float], ElementForce | None]:
         if explanation not in self._values:
-            self._values[explanation] = start_values(self.equations, explanation), element_force(self.equations, explanation)
+            force = element_force(self.equations, explanation.place, shape_of(explanation))
+            self._values[explanation] = start_values(self.equations, explanation), force
         return self._values[explanation]
 
     def _element(self, place: str) -> Element | None:

@@ -211,9 +211,11 @@ def periodic(pitch: float) -> Shape:
 
 #: A stop that is reached a few times only: a smooth curve over the whole range does not follow it.
 RARE_STOP = Shape(kind="spring_shape", name="force beyond a deflection", columns=_stops, charge=4)
+#: The level of dry friction, which shows while the element slides.
+DRY_FRICTION = Shape(kind="friction_shape", name="dry friction", columns=_friction, charge=2)
 #: The shapes at an element, simple ones first.
 SHAPES: tuple[Shape, ...] = (
-    Shape(kind="friction_shape", name="dry friction", columns=_friction, charge=2),
+    DRY_FRICTION,
     Shape(kind="drift", name="drift of stiffness", columns=_drift, charge=1),
     Shape(kind="drift", name="drift of friction", columns=_friction_drift, charge=1, with_friction=True),
     Shape(kind="drift", name="drift of damping", columns=_damping_drift, charge=1),

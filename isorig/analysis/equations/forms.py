@@ -4,21 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
-from isorig.analysis.campaign import FloatArray, IntArray
+from isorig.analysis.campaign import BoolArray, FloatArray, IntArray
 from isorig.analysis.equations.balances import Balance, Element
-from isorig.analysis.equations.columns import PERIODIC, RARE_STOP, SHAPES, Shape, periodic
+from isorig.analysis.equations.columns import DRY_FRICTION, PERIODIC, RARE_STOP, SHAPES, Shape, periodic
 from isorig.analysis.equations.filters import resonator
 from isorig.analysis.equations.known import law_columns
 from isorig.analysis.equations.ranking import Explanation
 from isorig.analysis.equations.sliding import Sliding, SlidingFit
 from isorig.analysis.equations.system import CHANNEL_FAULTS, Equations
 from isorig.analysis.errors import ModelError
-from isorig.analysis.fitting.solve import Free
+from isorig.analysis.fitting.solve import Free, base_parameters
 from isorig.analysis.laws.base import NO_LINK, Law
 from isorig.analysis.model.rig_model import RigModel
 
@@ -71,6 +72,27 @@ class ElementForce:
     rate: float
     beside: frozenset[str] = frozenset()
 
+    def until(self, share: float) -> BoolArray:
+        """Whether each sample is in the first `share` of its run, shape (n,)."""
+        return np.concatenate([motion.used < share * len(motion.deflection) for motion in self.motions])
+
+    def part(self, kept: BoolArray) -> ElementForce:
+        """The samples `kept`, shape (n,)."""
+        ends = np.cumsum([len(motion.used) for motion in self.motions])[:-1]
+        of_runs = zip(self.motions, np.split(kept, ends), strict=True)
+        return replace(
+            self, deflection=self.deflection[kept], velocity=self.velocity[kept], time=self.time[kept], force=self.force[kept],
+            left=self.left[kept], motions=tuple(replace(motion, used=motion.used[here]) for motion, here in of_runs),
+        )  # fmt: skip
+
+
+class FormFit(NamedTuple):
+    """A form fitted to a recorded force: its values by path, the rms force it leaves in N, and the deflections' offset in m."""
+
+    values: dict[str, float]
+    left: float
+    offset: float
+
 
 def shape_of(explanation: Explanation) -> Shape | None:
     """The free shape of an explanation; None if it is no shape at an element."""
@@ -79,17 +101,16 @@ def shape_of(explanation: Explanation) -> Shape | None:
     return next((shape for shape in (*SHAPES, RARE_STOP) if shape.name == explanation.what), None)
 
 
-def element_force(equations: Equations, explanation: Explanation) -> ElementForce | None:
-    """The recorded force of the element at which an explanation is; None if no equation contains it alone."""
-    shape = shape_of(explanation)
+def element_force(equations: Equations, place: str, shape: Shape | None) -> ElementForce | None:
+    """The recorded force of an element with a free shape; None without one, or if no equation contains the element alone."""
     if shape is None:
         return None
     for balance in equations.balances:
-        element = next((e for e, _ in balance.crossing if e.name == explanation.place), None)
+        element = next((e for e, _ in balance.crossing if e.name == place), None)
         if element is None:
             continue
         # Undescribed dry friction shows while the element slides.
-        found = equations.in_time(balance, element, sliding=True if shape.name == "dry friction" else None)
+        found = equations.in_time(balance, element, sliding=True if shape is DRY_FRICTION else None)
         if found is not None:
             size = abs(next(s for e, s in balance.crossing if e.name == element.name))
             return _sliding_force(equations, balance, element, shape, size, *found)
@@ -142,8 +163,8 @@ def _thinned(d: FloatArray) -> IntArray:
 
 def fitted_form(
     model: RigModel, free: Sequence[Free], element: Element, force: ElementForce, *, robust: bool = True
-) -> tuple[dict[str, float], float] | None:
-    """Parameters of an element's laws from its recorded force, and the rms of the remaining force in N.
+) -> FormFit | None:
+    """Parameters of an element's laws from its recorded force.
 
     Integrated deflections have an unknown common offset, and accelerations no mean: an offset of the deflection and a constant
     force are fitted along, and the former is kept small where it makes no difference.
@@ -163,7 +184,7 @@ def fitted_form(
 
     Returns
     -------
-    tuple
+    FormFit
         None if the form's force does not follow from the motion, or if no parameter belongs to the element.
     """
     from scipy.optimize import least_squares
@@ -223,8 +244,16 @@ def fitted_form(
             loss="soft_l1" if robust else "linear", f_scale=0.05,
         )  # fmt: skip
         values = {f.path: f.decode(float(c)) for f, c in zip(own, done.x, strict=False)}
-        return values, float(np.sqrt(np.mean(residual(done.x)[: len(force.force)] ** 2))) * size
+        left = float(np.sqrt(np.mean(residual(done.x)[: len(force.force)] ** 2))) * size
+        return FormFit(values=values, left=left, offset=swing * float(done.x[-1]))
     return None
+
+
+def force_left(model: RigModel, element: Element, force: ElementForce, offset: float) -> float:
+    """The rms force in N that a model's element leaves of the recorded one, without a constant, with an offset in m of the
+    deflections."""
+    predicted = _predicted(model, element, force, {}, offset)
+    return float(np.std(force.force - predicted)) if predicted is not None else np.inf
 
 
 def _predicted(
@@ -280,14 +309,29 @@ def start_values(equations: Equations, explanation: Explanation | None = None) -
 def fit_start(equations: Equations) -> RigModel:
     """The rig with the start values of its free parameters for a fit; as described where no equation holds sample by sample."""
     known = equations.prepared or equations.sliding
-    return equations.model.replace(start_values(equations)) if known else equations.model
+    return _with_laws(equations, equations.model.replace(start_values(equations))) if known else equations.model
+
+
+def _with_laws(equations: Equations, model: RigModel) -> RigModel:
+    # The values of described contacts from their recorded force: a simulation that sticks where the rig slips leads nowhere.
+    free = base_parameters(model)
+    for element in equations.elements():
+        law = f"contacts.{element.contact.name}.law." if element.contact is not None else ""
+        if not law or sum(f.path.startswith(law) for f in free) < 2:
+            continue  # a level alone follows from the equation
+        force = element_force(equations, element.name, DRY_FRICTION)
+        solved = fitted_form(model, free, element, force) if force is not None else None
+        if solved is not None:
+            with suppress(ModelError):
+                model = model.replace(solved.values)
+    return model
 
 
 def _values_of(equations: Equations, balance: Balance, explanation: Explanation | None) -> dict[str, float]:
     # The values of an equation's parameters by path.
     unknown = [path for path, _, _ in equations.unknown_rows(balance)]
     found: dict[str, float] = {}
-    dry = explanation is not None and explanation.what == "dry friction"
+    dry = explanation is not None and explanation.what == DRY_FRICTION.name
     rubbed = next((e for e, _ in balance.crossing if dry and explanation is not None and e.name == explanation.place), None)
     in_time = equations.in_time(balance, rubbed, sliding=True) if rubbed is not None else None
     if balance.name in equations.prepared and in_time is None:

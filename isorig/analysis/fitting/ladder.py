@@ -38,6 +38,9 @@ UNROLLED, HOLDS = (16.0, 30.0), 3.0
 UNCHANGED = 2.0
 #: Steps of a fit on all that fits may see.
 LAST_STEPS = 4
+#: Maximum number of further steps of a baseline that has not converged yet, and the relative fall of the cost that ends them.
+#: Chosen: a single pull of a cart with stick and slip took fifty.
+VALLEY_STEPS, VALLEY_FALL = 80, 5e-3
 #: Seconds of each run for the first short fits, and the share of a model's misfit that must appear in them.
 SCREENS = (4.0, 10.0)
 SHOWN = 0.3
@@ -94,16 +97,16 @@ def baseline_fit(starts: Sequence[RigModel], trials: Sequence[Trial], *, misfits
     if closest is not starts[0]:  # the given values may explain the data
         given = tried(closest, free, last)
         if given is not None and given.cost < TELLING:
-            return finished(given, trials)
+            return _converged(finished(given, trials), trials)
     # Values from the equations of motion are usually close: then nothing diverges.
     quick = tried(starts[0], free, last)
     if quick is not None and quick.cost < ((STAYS / SIGNAL_SHARE) ** 2 if misfits else TELLING):
-        return finished(quick, trials)
+        return _converged(finished(quick, trials), trials)
     fits = [done for start in starts if (done := tried(start, free, first))]
     for shorter, rung in pairwise((first, *longer)):
         kept = fits if shorter.seconds < UNDECIDED else [_trusted(fits, starts[0].name)]
         fits = [done for each in kept if (done := tried(each.model, free, rung))]
-    return finished(_returned(_trusted(fits, starts[0].name), starts[-1], (first, *longer)[-1]), trials)
+    return _converged(finished(_returned(_trusted(fits, starts[0].name), starts[-1], (first, *longer)[-1]), trials), trials)
 
 
 def not_fitted(model: RigModel) -> Fit:
@@ -172,6 +175,13 @@ def finished(rough: Fit, trials: Sequence[Trial]) -> Fit:
     """
     whole = [replace(trial, ceiling=trial.sample_rate / 2.0) for trial in trials]
     return fit(rough.model, rough.free, Problem(whole, share=SIMULATION_LIMIT), iterations=LAST_STEPS, tolerance=1e-3)
+
+
+def _converged(done: Fit, trials: Sequence[Trial]) -> Fit:
+    # Dry friction leaves narrow valleys, in which steps are short: the fit goes on as long as they reduce its misfit.
+    if done.converged:
+        return done
+    return fit(done.model, done.free, Problem(trials, share=SIMULATION_LIMIT), iterations=VALLEY_STEPS, tolerance=VALLEY_FALL)
 
 
 def unrolled(rough: Fit, trials: Sequence[Trial]) -> Fit:

@@ -257,5 +257,5 @@ def improvement(before: Score, after: Score, floor: float, *, draws: int = RESAM
     removed = ((one - other) / np.maximum(one - floor, 1e-12))[shows if shows.any() else slice(None)]
     return Improvement(
         before=interval(one), after=interval(other), removed_interval=interval(removed),
-        removed=(before.figure - after.figure) / max(before.figure - floor, 1e-12),
+        removed=(before.figure - after.figure) / (before.figure - floor) if before.figure > floor else 0.0,
     )  # fmt: skip

@@ -117,6 +117,8 @@ class Fit:
         its entries for each trial.
     known
         What determines the uncertainty of the values (`uncertainty`); None of a fit that is only compared with others.
+    converged
+        Whether it ended before its maximum number of steps.
     """
 
     model: RigModel
@@ -128,6 +130,7 @@ class Fit:
     residual: FloatArray = field(default_factory=lambda: np.zeros(0), repr=False)
     sizes: tuple[int, ...] = ()
     known: Spread | None = field(default=None, repr=False)
+    converged: bool = True
 
     @property
     def values(self) -> dict[str, float]:
@@ -310,7 +313,7 @@ def fit(
     residual, cost = misfit(theta)
     if not np.isfinite(cost):
         raise FitError(f"the model {model.name!r} cannot be simulated at its starting values; correct its parameters")
-    evaluations, damping = 1, 1e-3
+    evaluations, damping, converged = 1, 1e-3, False
     jacobian = np.zeros((len(residual), len(free)))
     taken, steps, fresh, rough, at = 0, 0, True, coarse, theta
     while taken < iterations or not fresh:
@@ -340,13 +343,13 @@ def fit(
             damping *= 8.0
         small = before - cost <= tolerance * before
         moved = before - linear > tolerance * before if coarse is None else _size(jacobian @ (theta - at)) > NEAR
-        if small and rough is None and (fresh or not moved):
+        converged = small and rough is None and (fresh or not moved)
+        if converged:
             break
-        reused = not fresh and (coarse is None or steps > len(free))
-        fresh = small or reused or before - cost < FORETOLD * (before - foretold)
+        fresh = small or (not fresh and (coarse is None or steps > len(free))) or before - cost < FORETOLD * (before - foretold)
     return Fit(
         model=build(theta), free=free, covariance=_covariance(jacobian, residual, theta, free), cost=cost / problem.size,
-        evaluations=evaluations, jacobian=jacobian, residual=residual, sizes=problem.sizes,
+        evaluations=evaluations, jacobian=jacobian, residual=residual, sizes=problem.sizes, converged=converged,
     )  # fmt: skip
 
 
@@ -482,6 +485,8 @@ def disagreement(fitted: Fit) -> FloatArray:
     Leaving one trial out moves the values by (A - A_g)^-1 J_g' r_g to first order, A = J'J and A_g the trial's share of it. A
     model that is wrong asks for other values in every run, which residuals taken as noise do not tell (Efron and Stein 1981).
     """
+    if len(fitted.sizes) < 2:
+        return np.zeros((len(fitted.free),) * 2)
     whole = fitted.jacobian.T @ fitted.jacobian
     scale = np.sqrt(np.maximum(np.diag(whole), 1e-300))
     # Along the axes in which all trials together have the same information in every direction.
@@ -497,8 +502,6 @@ def disagreement(fitted: Fit) -> FloatArray:
         inverse = np.where(shares > ALONE, 1.0 / np.maximum(shares, ALONE), 0.0)
         moves.append(axes @ (ways @ (inverse * (ways.T @ (own.T @ residual)))) / scale)
     count = len(moves)
-    if count < 2:
-        return np.zeros_like(whole)
     steps = np.array(moves) - np.mean(moves, axis=0)
     slope = np.array([fitted.model.get(f.path) if f.log else 1.0 for f in fitted.free])
     return np.asarray((count - 1.0) / count * steps.T @ steps * np.outer(slope, slope))

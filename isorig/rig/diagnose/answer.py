@@ -49,7 +49,8 @@ def findings_of(
     improvement = diagnosis.improvement
     baseline, extended = (_budget(budget) for budget in diagnosis.budgets)
     name = "description" if campaign.description is not None else origin["baseline"]
-    rough = diagnosis.extended.known is None and diagnosis.extended.free
+    force = diagnosis.required_force
+    rough = diagnosis.extended.known is None and diagnosis.extended.free and force is None
     remarks = [
         _of_given_masses(diagnosis, campaign), *diagnosis.zero_errors, diagnosis.spread,
         *missing(campaign, diagnosis.baseline.model), ROUGH if rough else "",
@@ -79,6 +80,7 @@ def findings_of(
         tolerance=diagnosis.tolerance, cut_short=diagnosis.cut_short,
         pointed=diagnosis.pointed
         and msgspec.convert({"kind": diagnosis.pointed[0], "location": diagnosis.pointed[1]}, stored.KindAt),
+        required_force=stored.RequiredForce(baseline=force.before, extended=force.after) if force is not None else None,
         time_limit_s=limit, driven=_driven(campaign, diagnosis.baseline.model),
         steps=[_step(step, share, diagnosis.extended) for step, share in zip(diagnosis.steps, diagnosis.shares, strict=True)],
         candidates=msgspec.convert(diagnosis.considered, list[stored.TriedCause], from_attributes=True),

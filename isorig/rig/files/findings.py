@@ -196,6 +196,14 @@ class HeldOut(msgspec.Struct, frozen=True, kw_only=True):
     how: str
 
 
+class RequiredForce(msgspec.Struct, frozen=True, kw_only=True):
+    """Shares of the force that the recorded motion requires at the first step's place which the baseline and the extended model
+    leave on held-out samples."""
+
+    baseline: float
+    extended: float
+
+
 class Findings(msgspec.Struct, frozen=True, kw_only=True, tag_field="format", tag="rig-findings"):
     """The answer of a diagnosis.
 
@@ -226,6 +234,8 @@ class Findings(msgspec.Struct, frozen=True, kw_only=True, tag_field="format", ta
     pointed
         The kind of cause and the place to which the equations of motion clearly point, if no simulation confirms any cause:
         none follows the records, or the time limit ended the search.
+    required_force
+        What confirms the first step if no simulation can follow the motion; None if simulations do.
     time_limit_s
         The given time limit, s; None for none.
     driven
@@ -255,6 +265,7 @@ class Findings(msgspec.Struct, frozen=True, kw_only=True, tag_field="format", ta
     tolerance: float
     cut_short: bool
     pointed: KindAt | None = None
+    required_force: RequiredForce | None = None
     time_limit_s: float | None
     driven: bool = True
     steps: list[NamedCause]

@@ -176,6 +176,12 @@ def _nature(findings: Findings) -> str:
 
 def _error(findings: Findings) -> str:
     holdout = findings.holdout
+    if findings.required_force is not None:
+        force = findings.required_force
+        return (
+            f"no simulation can follow this motion, but the model leaves {in_per_cent(force.extended)} of the force that it "
+            f"requires there on held-out data, and without the cause {in_per_cent(force.baseline)}"
+        )
     before, after = in_per_cent(holdout.baseline), in_per_cent(holdout.extended)
     falls, left = (f"falls from {before} to {after}", holdout.extended) if findings.steps else (f"is {before}", holdout.baseline)
     disturbed, size = _disturbed(findings), noise_alone(holdout.noise_floor)

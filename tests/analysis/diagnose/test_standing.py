@@ -452,8 +452,14 @@ def test_a_form_whose_values_are_zero_within_their_uncertainty_is_none(value: fl
     assert vanishes(replace(delayed, candidate=replace(delayed.candidate, free=free), fit=fit)) is zero
 
 
-def test_a_value_that_has_one_sign_only_does_not_vanish() -> None:
-    assert not vanishes(entry("sensor_gain", "x", 0.01))
+@pytest.mark.parametrize(("std", "zero"), [(0.99, False), (1.01, True)])
+def test_a_positive_value_below_its_uncertainty_shows_no_effect(std: float, zero: bool) -> None:
+    gained = entry("sensor_gain", "x", 0.01)
+    free = (Free(path="sensors.x.chain.gain"),)
+    fit = Fit(
+        model=stage().replace({"sensors.x.chain.gain": 1.0}), free=free, covariance=np.array([[std**2]]), cost=1.0, evaluations=1
+    )
+    assert vanishes(replace(gained, candidate=replace(gained.candidate, free=free), fit=fit)) is zero
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.suspects import ALIKE, BROKEN, LEAST_SCORE, REPAIRED, SHOWN, repairs, suspected, suspects
 from isorig.analysis.equations.balances import balances
 from isorig.analysis.equations.columns import relaxing
-from isorig.analysis.equations.forms import element_force, fitted_form, start_values
+from isorig.analysis.equations.forms import element_force, fitted_form, shape_of, start_values
 from isorig.analysis.equations.hidden import estimable, estimated
 from isorig.analysis.equations.motion import derivatives
 from isorig.analysis.equations.ranking import HINTS, OWN, Explanation, ranking
@@ -73,7 +73,7 @@ def test_the_curve_of_a_stiff_link_is_read_from_where_noise_is_small() -> None:
     best, second, *_ = ranking(equations).explanations
     assert (best.place, best.what) == ("heatblock", "force over deflection")
     assert best.score > 5.0 * second.score
-    force = element_force(equations, best)
+    force = element_force(equations, best.place, shape_of(best))
     assert force is not None
     assert np.std(force.left) < 0.05 * np.std(force.force)
     columns = np.stack([force.deflection, force.deflection**3, force.velocity], 1)
@@ -193,7 +193,10 @@ def test_values_beside_an_unknown_factor_of_the_drive_follow_from_the_given_mass
     assert (best.kind, best.place) == ("friction_shape", "wall")
     values = start_values(equations, best)
     assert [values[path] for path in free] == pytest.approx([truth.get(path) for path in free], rel=0.05)
-    force, element = element_force(equations, best), next(e for e in equations.elements() if e.name == "wall")
+    force, element = (
+        element_force(equations, best.place, shape_of(best)),
+        next(e for e in equations.elements() if e.name == "wall"),
+    )
     path = "contacts.wall.law.friction_force"
     own = [Free(path=path, low=0.01, high=50.0), *(Free(path=f"links.wall.{name}") for name in ("stiffness", "damping"))]
     assert force is not None
@@ -207,7 +210,7 @@ def test_a_form_is_fitted_to_the_recorded_force() -> None:
     given = guessed(carts(), SEED + 4)
     equations = equations_of(played(truth, seed=SEED + 4), given)
     best = next(x for x in ranking(equations).explanations if (x.place, x.what) == ("between", "force over deflection"))
-    force = element_force(equations, best)
+    force = element_force(equations, best.place, shape_of(best))
     assert force is not None
     assert np.std(force.left) < 0.1 * np.std(force.force)
     start = with_law(given, "between", laws.Cubic(cubic_stiffness=1e4))
@@ -227,7 +230,7 @@ def test_a_form_with_memory_is_fitted_to_the_recorded_force() -> None:
     equations = equations_of(campaign, given)
     best = ranking(equations).explanations[0]
     assert (best.kind, best.place, best.what) == ("memory", "rail", "slip")
-    force, path = element_force(equations, best), "links.rail.laws.0"
+    force, path = element_force(equations, best.place, shape_of(best)), "links.rail.laws.0"
     assert force is not None
     start = with_law(given, "rail", laws.ElastoSlip(spring_stiffness=500.0, slip_force=0.5))
     free = [Free(path=f"{path}.{name}", low=1e-3, high=1e6) for name in ("spring_stiffness", "slip_force")]

@@ -1,5 +1,6 @@
 """The counts of whole diagnoses of foreign campaigns: what is right, and a table that continues where it ended."""
 
+import json
 import sys
 from pathlib import Path
 
@@ -9,6 +10,10 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from diagnosed import COLUMNS, Line, append, diagnosed, group_of, judged, lines_of, table
 from foreign_campaign import Setting, draw
+
+from isorig.analysis.diagnose.diagnosis import diagnose
+from isorig.rig.files.recording import read
+from isorig.rig.model.baseline import baseline_model
 
 HARDENING = {"effect": "fifth power", "cause": None, "kinds": ["spring_shape"], "place": "l0"}
 GAIN = {"effect": "sensor_gain", "cause": "sensor_gain", "kinds": ["sensor"], "place": "a1"}
@@ -62,3 +67,18 @@ def test_a_wrong_gain_beside_play_is_not_taken_for_a_wrong_mass(tmp_path: Path) 
     line = diagnosed(tmp_path / "1949.h5", tmp_path / "1949.json")
     assert line.hidden == "backlash at rail; sensor_gain at x"
     assert line.outcome == "right"
+
+
+def test_play_whose_motion_no_simulation_can_follow_is_named(tmp_path: Path) -> None:
+    """A large play below a shaken stage: the true rig's simulation leaves the record within three periods."""
+    assert draw("base", 2665, Setting(severity=None, soiled=None, effects=None), tmp_path) is not None
+    campaign, truth = read(tmp_path / "2665.h5"), json.loads((tmp_path / "2665.json").read_text())
+    found = diagnose(campaign, baseline_model(campaign))
+    assert [(step.cause, step.location) for step in found.steps] == [("backlash", "lower")]
+    assert found.verdict == "explained"
+    value, std, _ = found.steps[0].parameters["clearance"]
+    true = truth["effects"][0]["parameters"]["clearance"]
+    assert abs(value - true) < 5e-4 * true
+    assert abs(value - true) < 4.0 * std
+    assert found.required_force is not None
+    assert found.required_force.after < 0.01 < found.required_force.before

@@ -1,0 +1,120 @@
+"""A cause that the required force shows where no simulation can follow the motion.
+
+Play, stops and other strong nonlinearities can make a motion so sensitive that noise in the recorded drive alone changes a
+simulation of the true rig by as much as the signal. Then no simulation confirms or refutes a cause. The force that the recorded
+motion requires at a link does, sample by sample: the values of a cause follow from its first part in every run, and the rest
+shows how much of it the cause leaves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from isorig.analysis.diagnose.considered import ConsideredCandidate
+from isorig.analysis.diagnose.search import Job
+from isorig.analysis.diagnose.step import Entry, Found, curve_of, found_step
+from isorig.analysis.equations.balances import Element
+from isorig.analysis.equations.forms import ElementForce, fitted_form, force_left
+from isorig.analysis.fitting.candidate import Candidate
+from isorig.analysis.fitting.score import score
+from isorig.analysis.fitting.solve import Fit, Free
+from isorig.analysis.fitting.trials import FIT_SHARE
+from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.wording import in_per_cent
+
+#: Noise floor of a model, as a share of the signal, from which no simulation of it can follow the motion. Chosen: two simulations
+#: that differ by noise alone have lost half of the motion.
+SENSITIVE = 0.5
+#: Share of the required force that a cause may leave on held-out samples to be named. Chosen: as `LITTLE` of a curve.
+REMAINS = 0.3
+#: Number of parts of the samples of a fit, each left out once for the uncertainty of its values (jackknife; Efron 1982).
+PARTS = 6
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShownByForce:
+    """A cause, and the shares of the required force that the baseline and the cause leave on held-out samples."""
+
+    found: Found
+    before: float
+    after: float
+
+    @property
+    def share(self) -> float:
+        """Share of the mean square force left by the baseline that the cause removes."""
+        return 1.0 - (self.after / self.before) ** 2
+
+    def considered(self, candidates: Sequence[ConsideredCandidate]) -> tuple[ConsideredCandidate, ...]:
+        """All considered candidates, the cause with what the required force says of it."""
+        named = self.found.entry.candidate.key
+        return tuple(
+            one if (one.cause, one.location) != named
+            else replace(one, standing="established", share=self.share, why=self.sentence)
+            for one in candidates
+        )  # fmt: skip
+
+    @property
+    def sentence(self) -> str:
+        """What was compared, and why no simulation."""
+        return (
+            "No simulation can follow this motion, which noise alone changes as much as any cause. So the force that the "
+            f"recorded motion requires at {self.found.step.location} was compared, sample by sample: without the cause the model "
+            f"leaves {in_per_cent(self.before)} of it, with it {in_per_cent(self.after)}, on the last "
+            f"{100.0 * (1.0 - FIT_SHARE):.0f} % of every run."
+        )
+
+
+def shown_by_force(job: Job) -> ShownByForce | None:
+    """The cause that the equations of motion show alone, if no simulation of it can follow the motion and it explains the force
+    that the records require there; None otherwise."""
+    chosen = _chosen(job)
+    recorded = job.suspects.recorded(chosen) if job.suspects is not None and chosen is not None else None
+    if job.suspects is None or chosen is None or recorded is None:
+        return None
+    (element, force), start = recorded, job.suspects.started(chosen, job.current.free)[0]
+    if not float(np.median(job.floors)) < SENSITIVE <= float(np.median(job.allowed(start))):
+        return None
+    early = force.until(FIT_SHARE)
+    free, first, later = chosen.parameters(start, job.current.free), force.part(early), force.part(~early)
+    bare, solved = fitted_form(job.current.model, job.current.free, element, first), fitted_form(start, free, element, first)
+    if bare is None or solved is None:
+        return None
+    size = float(np.std(later.force)) or 1.0
+    before = force_left(job.current.model.replace(bare.values), element, later, bare.offset) / size
+    after = force_left(start.replace(solved.values), element, later, solved.offset) / size
+    if after > REMAINS * min(before, 1.0):
+        return None
+    fitted = _with_uncertainty(start.replace(solved.values), tuple(f for f in free if f.path in solved.values), element, first)
+    entry = Entry(candidate=chosen, fit=fitted, score=score(fitted.model, job.fine))
+    curve = curve_of(chosen, fitted, job.evidence)
+    found = found_step(entry, [entry], job.now, set(), 1.0, curve=curve)
+    shown = ShownByForce(found=replace(found, shown=True), before=before, after=after)
+    return replace(shown, found=replace(shown.found, step=replace(found.step, evidence=(shown.sentence,))))
+
+
+def _chosen(job: Job) -> Candidate | None:
+    # The simplest form that leaves as little of the recorded force as any curve, or the curve if none does.
+    suspects, current = job.suspects, job.current
+    if suspects is None or suspects.clear is None:
+        return None
+    forms = [
+        form for form in suspects.candidates(current, job.evidence)
+        if suspects.shown(*form.key) and suspects.stands(form, current, job.evidence)
+    ]  # fmt: skip
+    if forms:
+        return min(forms, key=lambda form: (form.rank, len(form.free)))
+    curve = suspects.curve(current, job.evidence)
+    return curve[0] if curve is not None and suspects.shown(*curve[0].key) else None
+
+
+def _with_uncertainty(model: RigModel, own: tuple[Free, ...], element: Element, force: ElementForce) -> Fit:
+    # The values, with their uncertainty from fits without one part each.
+    parts = np.array_split(np.argsort(force.time), PARTS)
+    without = (fitted_form(model, own, element, force.part(~np.isin(np.arange(len(force.time)), part))) for part in parts)
+    values = np.array([[again.values[f.path] for f in own] for again in without if again is not None])
+    spread = values - values.mean(axis=0)
+    covariance = (len(values) - 1.0) / len(values) * spread.T @ spread
+    return Fit(model=model, free=own, covariance=covariance, cost=np.nan, evaluations=0)
