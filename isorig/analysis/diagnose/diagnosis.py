@@ -266,7 +266,7 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
             search.entries = searched  # errors at the beginnings have another shape
     keep_time(AFTER_FITS * preparing)
     progress("computing the uncertainties")
-    found = search.settled(found)
+    found = search.settled(found if contradicted else search.confirmed_by_force(found))
     progress("gathering the evidence")
     stages, first, last = found.stages, found.stages[0], found.stages[found.kept]
     fine = tuple(refined(trial) for trial in trials)
@@ -408,9 +408,10 @@ class _Search:
         quiet = self._quiet(stages, judged)
         calibration = self._calibration(stages[0], divide, quiet)
         enough = adequacy_threshold(calibration)
-        shown = self._by_required_force(stages, division, quiet, enough)
-        if shown is not None:
-            return shown
+        if not (self._most_steps == 0 or self._equations.hidden or self._ends(stages, quiet, enough)):
+            job = self._job(stages, division, _allowed(quiet), 1.0, [], forms_only=False)
+            if (shown := self._by_required_force(job, stages, division, enough, searched=False)) is not None:
+                return shown
         tries, repeated = 0, False
         while len(stages) <= self._most_steps and not self._ends(stages, quiet, enough):
             now, floors = stages[-1], _allowed(quiet)
@@ -466,22 +467,27 @@ class _Search:
         )  # fmt: skip
 
     def _by_required_force(
-        self, stages: Sequence[SearchStage], division: Division, quiet: FloatArray, enough: float
+        self, job: Job, stages: Sequence[SearchStage], division: Division, enough: float, *, searched: bool
     ) -> _Found | None:  # fmt: skip
-        # The cause that the required force shows if no simulation of it can follow the motion.
-        if self._most_steps == 0 or self._equations.hidden or self._ends(stages, quiet, enough):
-            return None
+        # The cause that the required force shows if no simulation can follow the motion, or, after the search, none does.
         shown = None
         with self.until_the_time_ends():
-            shown = shown_by_force(self._job(stages, division, _allowed(quiet), 1.0, [], forms_only=False))
+            shown = shown_by_force(job, searched=searched)
         if shown is None:
             return None
         both = [stages[0], stage_of(stages[0].score, shown.found)]
         self.entries.append((stages[0].score, shown.found.entries))
         return _Found(
-            division=division, stages=both, verdict="explained", kept=1, enough=enough, calibration=None,
-            quiet=self._quiet(both, division.judged), replaced=frozenset(), exchanged={}, required_force=shown,
+            division=division, stages=both, verdict="partly explained" if searched else "explained", kept=1, enough=enough,
+            calibration=None, quiet=self._quiet(both, division.judged), replaced=frozenset(), exchanged={}, required_force=shown,
         )  # fmt: skip
+
+    def confirmed_by_force(self, found: _Found) -> _Found:
+        """A search without an answer, with the cause that the required force shows instead, if there is one."""
+        if found.verdict != "unexplained" or self._equations.hidden or self.first is None or out_of_time():
+            return found
+        shown = self._by_required_force(self.first, found.stages, found.division, found.enough, searched=True)
+        return found if shown is None else shown
 
     def _concluded(
         self, stages: Sequence[SearchStage], division: Division, floors: FloatArray, enough: float

@@ -1,9 +1,9 @@
-"""A cause that the required force shows where no simulation can follow the motion.
+"""A cause that the required force shows where no simulation follows the motion.
 
 Play, stops and other strong nonlinearities can make a motion so sensitive that noise in the recorded drive alone changes a
-simulation of the true rig by as much as the signal. Then no simulation confirms or refutes a cause. The force that the recorded
-motion requires at a link does, sample by sample: the values of a cause follow from its first part in every run, and the rest
-shows how much of it the cause leaves.
+simulation of the true rig by as much as the signal; or no fit finds the values with which a simulation follows. Then no
+simulation confirms or refutes a cause. The force that the recorded motion requires at a link does, sample by sample: the values
+of a cause follow from its first part in every run, and the rest shows how much of it the cause leaves.
 """
 
 from __future__ import annotations
@@ -32,15 +32,24 @@ SENSITIVE = 0.5
 REMAINS = 0.3
 #: Number of parts of the samples of a fit, each left out once for the uncertainty of its values (jackknife; Efron 1982).
 PARTS = 6
+#: Share of the required force that the baseline must leave for a cause without a simulation. Chosen: sensors err by less.
+VISIBLE = 0.05
+#: Why the required force decides.
+CANNOT_FOLLOW = "No simulation can follow this motion, which noise alone changes as much as any cause."
+DOES_NOT_FOLLOW = "No simulation with this cause follows the records."
 
 
 @dataclass(frozen=True, kw_only=True)
 class ShownByForce:
-    """A cause, and the shares of the required force that the baseline and the cause leave on held-out samples."""
+    """A cause, and the shares of the required force that the baseline and the cause leave on held-out samples.
+
+    `sensitive` is whether noise alone changes a simulation with the cause as much as the cause does.
+    """
 
     found: Found
     before: float
     after: float
+    sensitive: bool
 
     @property
     def share(self) -> float:
@@ -60,22 +69,26 @@ class ShownByForce:
     def sentence(self) -> str:
         """What was compared, and why no simulation."""
         return (
-            "No simulation can follow this motion, which noise alone changes as much as any cause. So the force that the "
-            f"recorded motion requires at {self.found.step.location} was compared, sample by sample: without the cause the model "
-            f"leaves {in_per_cent(self.before)} of it, with it {in_per_cent(self.after)}, on the last "
+            f"{CANNOT_FOLLOW if self.sensitive else DOES_NOT_FOLLOW} So the force that the recorded motion requires at "
+            f"{self.found.step.location} was compared, sample by sample: without the cause the model leaves "
+            f"{in_per_cent(self.before)} of it, with it {in_per_cent(self.after)}, on the last "
             f"{100.0 * (1.0 - FIT_SHARE):.0f} % of every run."
         )
 
 
-def shown_by_force(job: Job) -> ShownByForce | None:
-    """The cause that the equations of motion show alone, if no simulation of it can follow the motion and it explains the force
-    that the records require there; None otherwise."""
-    chosen = _chosen(job)
+def shown_by_force(job: Job, *, searched: bool) -> ShownByForce | None:
+    """The cause that the equations of motion show alone and that explains the force that the records require there.
+
+    Before the search for causes only one that no simulation can follow; after it has found none, `searched`, any: then as a kind
+    at a place, with its curve.
+    """
+    chosen = _chosen(job, form=not searched)
     recorded = job.suspects.recorded(chosen) if job.suspects is not None and chosen is not None else None
     if job.suspects is None or chosen is None or recorded is None:
         return None
     (element, force), start = recorded, job.suspects.started(chosen, job.current.free)[0]
-    if not float(np.median(job.floors)) < SENSITIVE <= float(np.median(job.allowed(start))):
+    sensitive = float(np.median(job.floors)) < SENSITIVE <= float(np.median(job.allowed(start)))
+    if not (sensitive or searched):
         return None
     early = force.until(FIT_SHARE)
     free, first, later = chosen.parameters(start, job.current.free), force.part(early), force.part(~early)
@@ -85,27 +98,27 @@ def shown_by_force(job: Job) -> ShownByForce | None:
     size = float(np.std(later.force)) or 1.0
     before = force_left(job.current.model.replace(bare.values), element, later, bare.offset) / size
     after = force_left(start.replace(solved.values), element, later, solved.offset) / size
-    if after > REMAINS * min(before, 1.0):
+    if before < VISIBLE or after > REMAINS * min(before, 1.0):
         return None
     fitted = _with_uncertainty(start.replace(solved.values), tuple(f for f in free if f.path in solved.values), element, first)
     entry = Entry(candidate=chosen, fit=fitted, score=score(fitted.model, job.fine))
     curve = curve_of(chosen, fitted, job.evidence)
     found = found_step(entry, [entry], job.now, set(), 1.0, curve=curve)
-    shown = ShownByForce(found=replace(found, shown=True), before=before, after=after)
+    shown = ShownByForce(found=replace(found, shown=True), before=before, after=after, sensitive=sensitive)
     return replace(shown, found=replace(shown.found, step=replace(found.step, evidence=(shown.sentence,))))
 
 
-def _chosen(job: Job) -> Candidate | None:
-    # The simplest form that leaves as little of the recorded force as any curve, or the curve if none does.
+def _chosen(job: Job, *, form: bool) -> Candidate | None:
+    # The simplest form, if one is wanted, that leaves as little of the recorded force as any curve, or the curve.
     suspects, current = job.suspects, job.current
     if suspects is None or suspects.clear is None:
         return None
     forms = [
-        form for form in suspects.candidates(current, job.evidence)
-        if suspects.shown(*form.key) and suspects.stands(form, current, job.evidence)
+        one for one in (suspects.candidates(current, job.evidence) if form else ())
+        if suspects.shown(*one.key) and suspects.stands(one, current, job.evidence)
     ]  # fmt: skip
     if forms:
-        return min(forms, key=lambda form: (form.rank, len(form.free)))
+        return min(forms, key=lambda one: (one.rank, len(one.free)))
     curve = suspects.curve(current, job.evidence)
     return curve[0] if curve is not None and suspects.shown(*curve[0].key) else None
 

@@ -192,6 +192,13 @@ class Job:
         """Whether it makes the model adequate, or removes as much of the baseline's error as an explanation does."""
         return (self.left >= 1.0 and self.removes_most(entry)) or adequate(entry.score, self.floors)
 
+    def contradicts(self, entry: Entry) -> bool:
+        """Whether the equations of motion clearly show another kind or place, and it does not make the model adequate."""
+        found = self.suspects
+        if found is None or not found.exact or found.clear is None or not found.shown(*found.clear):
+            return False
+        return not found.shown(*entry.candidate.key) and not adequate(entry.score, self.floors)
+
     def removes_most(self, entry: Entry) -> bool:
         """Whether it removes as much of the current model's excess as an explanation does of the baseline's."""
         return share_removed(self.now.error, entry.score.error, self.floors) >= POLICY.explained
@@ -316,7 +323,7 @@ def next_step(job: Job) -> Found | None:
             if both is not None:
                 return both
         more = job.finished(rough)
-        allowed = [entry for entry in more if job.explains(entry) or each.allows(entry)]
+        allowed = [one for one in more if (job.explains(one) or each.allows(one)) and not job.contradicts(one)]
         source = each if source is None or (more and not source.leads) or job.helps(allowed) else source
         forms = best_fits([*forms, *allowed], job.floors)
         if more and (out_of_time() or not each.doubtful(forms)):

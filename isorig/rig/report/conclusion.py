@@ -179,8 +179,8 @@ def _error(findings: Findings) -> str:
     if findings.required_force is not None:
         force = findings.required_force
         return (
-            f"no simulation can follow this motion, but the model leaves {in_per_cent(force.extended)} of the force that it "
-            f"requires there on held-out data, and without the cause {in_per_cent(force.baseline)}"
+            f"no simulation follows this motion, but of the force that it requires there the model leaves "
+            f"{in_per_cent(force.extended)} on held-out data, and without the cause {in_per_cent(force.baseline)}"
         )
     before, after = in_per_cent(holdout.baseline), in_per_cent(holdout.extended)
     falls, left = (f"falls from {before} to {after}", holdout.extended) if findings.steps else (f"is {before}", holdout.baseline)
