@@ -3,8 +3,9 @@
 The standard uncertainty of a value is the larger of that from the residual, frequency bin by bin (`deviations`), and that from
 draws of the noise in drive and responses (`drive_noise`). Where runs ask for values that differ by more than this noise, that of
 the runs takes its place. A smaller time step is added. A model that misfits biases every value; its error relative to the signal
-bounds the bias and is added, too. If the recording gives the uncertainty of its sensors' calibration and of the weighed masses
-(`CALIBRATION`, `MASS_STD`), it is propagated through the fit; otherwise these are treated as exact.
+bounds the bias and is added, too. If the description gives the uncertainty of a mass or of the drive's factor (`mass_std`,
+`factor_std`), or the recording that of its sensors' calibration or of the weighed masses (`CALIBRATION`, `MASS_STD`), it is
+propagated through the fit; otherwise these are treated as exact.
 """
 
 from __future__ import annotations
@@ -84,7 +85,7 @@ class Assessed:
 
 
 def uncertain_values(known: Mapping[str, float], fitted: Fit) -> dict[str, float]:
-    """Standard uncertainties of the values that a recording treats as known, by path in the model.
+    """Standard uncertainties of the values that a recording or a description treats as known, by path in the model.
 
     Parameters
     ----------
@@ -94,8 +95,10 @@ def uncertain_values(known: Mapping[str, float], fitted: Fit) -> dict[str, float
         The fit, whose own values are not known.
     """
     model = fitted.model
-    there = {HEAD, *(f"bodies.{body.name}.mass" for body in model.bodies)}
-    found = {path: known[name] for name, path in MASS_STD.items() if name in known and path in there - fitted.values.keys()}
+    stated = {HEAD: model.drive.factor_std, **{f"bodies.{body.name}.mass": body.mass_std for body in model.bodies}}
+    stated |= {f"more_drives.{drive.channel}.factor": drive.factor_std for drive in model.more_drives}
+    stated |= {path: known[name] for name, path in MASS_STD.items() if name in known and path in stated}
+    found = {path: std for path, std in stated.items() if path not in fitted.values}
     if CALIBRATION in known:
         paths = ("drive.chain.gain", *(f"sensors.{sensor.channel}.chain.gain" for sensor in model.sensors))
         found |= dict.fromkeys(paths, known[CALIBRATION])
