@@ -314,7 +314,7 @@ def _of_damping(given: RigModel, found: WrongScale) -> Doubt:
     return Doubt(
         parameter="+".join(f"links.{link.name}.damping" for link in links), kind="unit", ratio=1.0,
         text=f"The given damping of {' and '.join(found.names)}, {values}, is far below what the records show, but agrees with "
-        f"them as a damping ratio: give it in {unit}, 2 times ratio times square root of stiffness times mass, about {likely}.",
+        f"them as a damping ratio: give it in {unit}, twice the ratio times √(stiffness × mass), about {likely}.",
     )  # fmt: skip
 
 
