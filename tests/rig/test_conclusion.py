@@ -229,6 +229,14 @@ def test_a_kind_without_a_form_is_named_with_the_closest_form() -> None:
     assert cause_in_words(step(**without)).endswith("at the coupling, of no catalogued form")
 
 
+def test_the_closest_form_is_not_said_to_be_ruled_out() -> None:
+    shaped = named(form=None, level="kind", cause="spring_shape", closest_form={"cause": "hardening_stiffness", "share": 0.7})
+    said = conclude(findings(steps=[shaped]))
+    assert "closest to hardening stiffness" in said.answer
+    assert "hardening stiffness" not in said.ruled_out
+    assert "softening stiffness at the coupling (20 %)" in said.ruled_out
+
+
 def test_a_drive_that_acts_later_is_ahead_of_the_others() -> None:
     def said(delay: float) -> str:
         late = {"cause": "channel_delay", "location": "motor", "kind": "sensor", "form": "channel_delay"}
