@@ -25,6 +25,7 @@ from isorig.analysis.fitting.score import Score, adequate, noise_floor, score
 from isorig.analysis.fitting.solve import Fit, Free, bending, disagreement
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.jackknife import deviation
+from isorig.analysis.model.rig_model import RigModel
 
 #: Held-out error, as a share of the signal, above which an error is a misfit and never noise. Chosen: where model and measurement
 #: drift apart that far, what is left is no longer coherent with the simulated motion, and sensors are better than a tenth.
@@ -78,10 +79,10 @@ class Assessed:
     misfit: float
     noise: str
 
-    @property
-    def floor(self) -> float:
-        """What noise alone causes: the median over runs and channels."""
-        return float(np.median(self.floors))
+
+def stated_floor(model: RigModel, trials: Sequence[Trial]) -> float:
+    """The error that noise and disturbance alone typically cause: the median over runs and channels."""
+    return float(np.median(np.hypot(noise_floor(model, trials, typical=True), disturbance(model, trials))))
 
 
 def uncertain_values(known: Mapping[str, float], fitted: Fit) -> dict[str, float]:

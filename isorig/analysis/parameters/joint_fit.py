@@ -19,7 +19,16 @@ from isorig.analysis.fitting.plausible import Doubt, doubts
 from isorig.analysis.fitting.score import Score
 from isorig.analysis.fitting.solve import Fit, Free
 from isorig.analysis.fitting.trials import Trial, prepare
-from isorig.analysis.fitting.uncertainty import ANY_SIGN, CALIBRATION, HEAD, assessed, uncertain_values, unseen, value_kind
+from isorig.analysis.fitting.uncertainty import (
+    ANY_SIGN,
+    CALIBRATION,
+    HEAD,
+    assessed,
+    stated_floor,
+    uncertain_values,
+    unseen,
+    value_kind,
+)
 from isorig.analysis.model.parameter_units import physical_parameters, unit_of
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate.natural import natural_modes
@@ -157,7 +166,8 @@ def characterize(
     table = (_bonder_table(known, given) if bonder else {}) | (_table(known) if fitted or not bonder else {})
     return Characterization(
         table=table, head_mass=_mass(known, HEAD, "head_mass", given) if bonder else None,
-        calibrated=CALIBRATION in campaign.known, fit=done, trials=fine, score=final.score, floor=final.floor,
+        calibrated=CALIBRATION in campaign.known, fit=done, trials=fine, score=final.score,
+        floor=float(np.median(final.floors)) if final.noise else stated_floor(done.model, fine),
         adequate=final.explained, noise=final.noise, faults=wrong, doubts=doubts(model, (done,), campaign),
     )  # fmt: skip
 
