@@ -3,11 +3,13 @@
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from isorig.analysis.campaign import FloatArray
+from isorig.analysis.diagnose.causes.cogging import Cogging
 from isorig.analysis.diagnose.causes.extra_mode import ExtraMode
 from isorig.analysis.diagnose.observe import misfit_frequencies, observe
 from isorig.analysis.fitting import trials
@@ -164,3 +166,16 @@ def test_a_parameter_with_only_rounding_effects_stays(square: float) -> None:
     step = damped_step(np.diag([4.0, square]), np.array([2.0, 1e-160]), 0.0)
     assert step.tolist() == [-0.5, 0.0]
     assert damped_step(np.diag([4.0, 1.01 * FAINT]), np.array([2.0, FAINT]), 0.0)[1] < -0.9
+
+
+@pytest.mark.parametrize(("coordinate", "value"), [(-43.98, 14.0 * np.pi - 43.98), (3.0, 3.0), (3.3, 3.3 - 2.0 * np.pi)])
+def test_an_angle_is_within_half_a_turn(coordinate: float, value: float) -> None:
+    angle = Free(path="links.l.laws.0.phase", low=-np.inf, log=False, turn=2.0 * np.pi)
+    assert angle.decode(coordinate) == pytest.approx(value, abs=1e-4)
+    assert Free(path="x", low=-np.inf, log=False).decode(coordinate) == coordinate
+
+
+def test_the_phase_of_a_force_that_repeats_with_the_position_is_an_angle() -> None:
+    link = SimpleNamespace(stiffness=1e3, deflection=1e-3, resistance=0.0)
+    *_, phase = Cogging().free(link)  # type: ignore[arg-type]
+    assert (phase.path, phase.turn) == ("phase", 2.0 * np.pi)

@@ -230,7 +230,7 @@ def test_one_channel_that_disagrees_is_enough_for_more_draws(monkeypatch: pytest
         calls.append(0 if clean else 1)
         k = sum(calls) - 1
         uneven = np.where(np.arange(N) % 4 == 0, 1.0, 0.0)
-        first = 0.0 if clean else (0.02, 0.04, 0.06, 0.0, 0.0, 0.0, 0.0, 0.0)[k]
+        first = 0.0 if clean else (0.02, 0.04, 0.06, 0.01, 0.01, 0.01, 0.01, 0.01)[k % 8]
         last = 0.0 if clean else 0.01
         return SimpleNamespace(channels={"m": SIGNAL + first * uneven, "n": SIGNAL + last, "o": SIGNAL + 2.0 * last})
 
@@ -240,6 +240,9 @@ def test_one_channel_that_disagrees_is_enough_for_more_draws(monkeypatch: pytest
     # A quarter of the samples off by 0.06 is 0.03 rms; sensor noise adds in square.
     np.testing.assert_allclose(found, [0.03 / size, np.hypot(0.01, 0.3) / size, 0.02 / size], rtol=1e-6)
     assert sum(calls) == 8
+    # The same draws typically cause less.
+    found = scores.noise_floor(RIG, [replace(three, drive_noise=1.0)], typical=True)[0]
+    np.testing.assert_allclose(found, [0.005 / size, np.hypot(0.01, 0.3) / size, 0.02 / size], rtol=1e-6)
 
 
 def test_the_noise_added_to_the_drive_has_no_mean_and_the_given_deviation(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,11 +6,13 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from strange_rigs import StrangeRig, campaign
 
 import isorig as iso
+from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting import uncertainty
 from isorig.analysis.fitting.deviations import normalised
 from isorig.analysis.fitting.drive_noise import DriveNoise
@@ -20,7 +22,8 @@ from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.fitting.uncertainty import Known
 from isorig.analysis.model.rig_model import RigModel
 from isorig.rig.cli import main
-from isorig.rig.files.rigfile import description_text
+from isorig.rig.files.rigfile import description_text, read_rig
+from isorig.rig.virtual.described import described_campaign
 from isorig.rig.wire_bonder.description import wire_bonder
 
 ONE = np.ones(1)
@@ -127,6 +130,29 @@ def test_the_page_and_characterize_agree(tmp_path: Path) -> None:
             other = table["parameters"][path]
             assert row["std"] == pytest.approx(other["std"], rel=0.25), path
             assert abs(row["value"] - other["value"]) < 0.2 * row["std"], path
+
+
+def test_the_stated_uncertainty_of_a_mass_is_in_all_values_that_scale_with_it() -> None:
+    """Only the first mass is given: forces, stiffnesses and the other mass scale with it, natural frequencies do not."""
+    share, given = 0.05, read_rig("two-carts")
+    first, *others = given.model.bodies
+    made = described_campaign(given, seed=1, seconds=6.0)
+    stated = msgspec.structs.replace(given.model, bodies=(msgspec.structs.replace(first, mass_std=share * first.mass), *others))
+    exact, uncertain = (iso.characterize(made, model).table for model in (given.model, stated))
+    assert uncertain["bodies.first.mass"].std == share * first.mass
+    for path in given.model.free:
+        whole = np.hypot(exact[path].std or 0.0, share * given.model.get(path))
+        assert uncertain[path].std == pytest.approx(whole, rel=0.05), path
+    for name in ("mode1.frequency", "mode2.damping"):
+        row = uncertain[name]
+        assert row.std is not None
+        assert row.value is not None
+        assert row.std < 0.02 * share * row.value, name
+
+
+def test_an_uncertainty_as_large_as_its_value_is_refused() -> None:
+    with pytest.raises(ModelError, match="body 'table' has mass_std 300; give the standard uncertainty of its mass 250"):
+        wire_bonder().replace({"bodies.table.mass": 250.0, "bodies.table.mass_std": 300.0})
 
 
 def test_a_value_without_any_effect_has_a_finite_uncertainty() -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from strange_rigs import Law, StrangeRig, campaign, cubic, dry, play
 
-from isorig.analysis.campaign import MOTION, ROTARY, Campaign, Gap, Quantity
+from isorig.analysis.campaign import MOTION, ROTARY, Campaign, Gap, Quantity, Run
 from isorig.analysis.fitting.linear_spectra import LinearRig, dampers, given_parameters, spectra_of, spectrum_of
 from isorig.analysis.fitting.plausible import Doubt, _held_back, doubts_of_records
 from isorig.analysis.fitting.resonances import Resonance, _peak
@@ -127,6 +127,37 @@ def test_sound_rigs_have_no_doubts(first: int) -> None:
 def test_sound_rigs_with_a_cause_have_none(name: str, cause: str) -> None:
     for seed in range(3):
         assert not told(RIGS[name].description(guessed(RIGS[name], seed)), recorded(name, cause)), seed
+
+
+def backwards(measured: Campaign) -> Campaign:
+    def reversed_run(run: Run) -> Run:
+        channels = {
+            name: dataclasses.replace(channel, samples=channel.read()[::-1], scale=1.0) for name, channel in run.channels.items()
+        }
+        return dataclasses.replace(run, channels=channels)
+
+    return dataclasses.replace(measured, runs=tuple(map(reversed_run, measured.runs)))
+
+
+def test_records_in_reverse_order() -> None:
+    for seed in range(8):
+        rig = drawn(seed)
+        measured = campaign(rig, (1.0,), seconds=8.0, band=(1.0, 50.0), seed=seed)
+        (doubt,) = told(rig.description(guessed(rig, seed)), backwards(measured))
+        assert doubt.kind == "reversed", seed
+
+
+@pytest.mark.parametrize(("name", "cause"), [("stage", "friction"), ("one", "friction"), ("three", "play")])
+def test_a_known_small_damping_with_a_cause_is_no_damping_ratio(name: str, cause: str) -> None:
+    """Friction that is not described looks like a larger damping."""
+    rig = RIGS[name]
+    joints = tuple((a, b, stiffness, 0.02) for a, b, stiffness, _ in rig.joints)
+    measured = campaign(
+        dataclasses.replace(rig, joints=joints, laws={0: CAUSES[name, cause]}), (LEVELS[name],), seconds=6.0, seed=1
+    )
+    known = dataclasses.replace(rig, joints=joints)
+    errors = {path: factor for path, factor in guessed(rig, 3).items() if not path.endswith("damping")}
+    assert not told(known.description(errors, tuple(f"links.l{k}.stiffness" for k in range(len(joints)))), measured)
 
 
 #: Rig, channel, recorded value divided by the true one, and what is reported.

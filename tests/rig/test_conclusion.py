@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
@@ -14,10 +15,11 @@ from some_findings import findings, named
 
 from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.diagnose.policy import POLICY
+from isorig.analysis.fitting.solve import Fit
 from isorig.analysis.simulate.natural import natural_modes
 from isorig.analysis.wording import SIZED, in_per_cent, noise_alone, sized
 from isorig.rig.cli import main
-from isorig.rig.diagnose.answer import PERIODS, missing
+from isorig.rig.diagnose.answer import PERIODS, _of_given_masses, missing
 from isorig.rig.files.findings import Findings, NamedCause, read_findings
 from isorig.rig.files.recording import write
 from isorig.rig.files.rigfile import read_rig, write_model
@@ -227,6 +229,14 @@ def test_a_kind_without_a_form_is_named_with_the_closest_form() -> None:
     assert cause_in_words(step(**without)).endswith("at the coupling, of no catalogued form")
 
 
+def test_the_closest_form_is_not_said_to_be_ruled_out() -> None:
+    shaped = named(form=None, level="kind", cause="spring_shape", closest_form={"cause": "hardening_stiffness", "share": 0.7})
+    said = conclude(findings(steps=[shaped]))
+    assert "closest to hardening stiffness" in said.answer
+    assert "hardening stiffness" not in said.ruled_out
+    assert "softening stiffness at the coupling (20 %)" in said.ruled_out
+
+
 def test_a_drive_that_acts_later_is_ahead_of_the_others() -> None:
     def said(delay: float) -> str:
         late = {"cause": "channel_delay", "location": "motor", "kind": "sensor", "form": "channel_delay"}
@@ -287,6 +297,15 @@ def test_what_a_recording_lacks_is_said() -> None:
     assert missing(runs([1.0, 1.0], long_enough, repeat_of="r0"), model) == []
     (said,) = missing(runs([1.0, 1.0], too_short, repeat_of="r0"), model)
     assert "run 'r0' and 1 more; record at least" in said
+
+
+def test_a_mass_with_a_stated_uncertainty_is_not_taken_as_exact() -> None:
+    model = wire_bonder()
+    stated = tuple(msgspec.structs.replace(body, mass_std=0.1 if body.name == "motor" else 0.0) for body in model.bodies)
+    fit = Fit(model=msgspec.structs.replace(model, bodies=stated), free=(), covariance=np.eye(0), cost=1.0, evaluations=0)
+    named = SimpleNamespace(parameters={"friction_force": (1.0, 0.1, "N")})
+    said = _of_given_masses(SimpleNamespace(baseline=fit, extended=fit, steps=(named,)), runs([1.0]))  # type: ignore[arg-type]
+    assert said.startswith("Uncertainties are given the described masses (the table, the heatblock): ")
 
 
 def test_a_released_run_lacks_neither_length_nor_a_repeated_drive() -> None:

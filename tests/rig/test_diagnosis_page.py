@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import re
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,10 @@ addEventListener("load", () => setTimeout(async () => {
     cut: [...document.querySelectorAll(".bartext")].filter((t) => {
       const inside = t.closest(".chart").getBoundingClientRect().right;
       return t.getBoundingClientRect().right > inside + 1; }).map((t) => t.textContent),
+    plots: [...document.querySelectorAll(".chart")].map((c) => c._fullLayout?._size.w / c.clientWidth),
+    names: [...document.querySelectorAll(".chart .ytick text")].map((t) => {
+      const own = t.getBoundingClientRect(), chart = t.closest(".chart").getBoundingClientRect();
+      return { begin: own.left - chart.left, top: own.top, bottom: own.bottom, text: t.textContent }; }),
     bars: document.querySelectorAll(".bartext").length, inner: innerWidth, wide: document.documentElement.scrollWidth,
     peaks: [...document.querySelectorAll(".peaks")].map((p) => p.textContent) });
   parent.postMessage(JSON.stringify(told), "*");
@@ -144,6 +149,21 @@ def test_the_number_of_the_longest_bar_is_readable(tmp_path: Path, width: int) -
     first = First(sketch="", measured=Section(title="Runs"), pictures=(chart, chart))
     told = told_by(build_report(Report(title="t", verdict="v", summary=(), sections=(), first=first)), PROBE, width, tmp_path)
     assert (told["bars"], told["cut"]) == (8, [])
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine: install Debian's package to run this test")
+@pytest.mark.parametrize("width", [1280, 420])
+def test_long_names_of_bodies_leave_half_of_the_chart_to_its_bars(tmp_path: Path, width: int) -> None:
+    plate, holder = "granite_base_plate_of_the_interferometer", "aluminium_sample_holder_with_cryostat"
+    chart = residual_chart({plate: 0.18, f"{plate} + {holder}": 0.3, holder: 11.0, "Messtischfundamentplattendaempfer": 1.0})
+    assert chart is not None
+    first = First(sketch="", measured=Section(title="Runs"), pictures=(chart,))
+    told = told_by(build_report(Report(title="t", verdict="v", summary=(), sections=(), first=first)), PROBE, width, tmp_path)
+    assert min(told["plots"]) > 0.5
+    names = told["names"]
+    assert len(names) == 4
+    assert all(name["begin"] >= 0.0 for name in names)
+    assert all(one["bottom"] <= other["top"] for one, other in pairwise(sorted(names, key=lambda name: name["top"])))
 
 
 def test_the_second_of_the_largest_error_is_found_across_runs_and_channels() -> None:

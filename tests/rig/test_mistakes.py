@@ -144,6 +144,10 @@ def of_another_run(files: Files) -> Files:
     return replace(files, columns={**files.columns, "a": values})
 
 
+def backwards(files: Files) -> Files:
+    return replace(files, columns={name: v if name == "t" else v[::-1] for name, v in files.columns.items()})
+
+
 def clipped(files: Files) -> Files:
     most = 0.5 * files.columns["a"].std()
     return replace(files, columns={**files.columns, "a": np.clip(files.columns["a"], -most, most)})
@@ -196,6 +200,11 @@ MISTAKES: dict[str, tuple[Mistake, str]] = {
         ),
         "The description still has the drafted values of table and device and foot and upper: give the rig's own masses",
     ),
+    "damping ratios": (
+        described(("damping = 9.0", "damping = 0.05"), ("damping = 8.0", "damping = 0.05"), ("foot.damping", "foot.stiffness"),
+                  ("upper.damping", "upper.stiffness")),
+        "The given damping of foot and upper, 0.05 and 0.05 N s/m, is far below what the records show, but agrees with them as a",
+    ),
     # signs
     "inverted sensor": (times("a", -1.0), "top has the opposite sign of what the given rig predicts: check the direction"),
     "inverted force": (times("F", -1.0), "All responses have the opposite sign of what the given rig predicts"),
@@ -233,6 +242,9 @@ MISTAKES: dict[str, tuple[Mistake, str]] = {
         both(times("t", 1e3), mapped('time = "t"', 'time = "t"\nsample_rate = 256.0')),
         "0.256 Hz by its time column 't': its times look like ms, so write time_unit = 'ms'",
     ),
+    # excitations
+    "noise as a sweep": (mapped('"random"', '"sweep"'), "states the excitation sweep, but its drive 'force' has all of its"),
+    "noise as free": (mapped('"random"', '"free"'), "states the excitation free, but its drive 'force' and all responses are as"),
     # values of zero
     "gain of 0": (mapped("gain = 1.0", "gain = 0.0"), "run 'first' has gain 0, but is driven; give the amplifier's setting"),
     "factor of 0": (described(("factor = 1.0", "factor = 0.0")), "the drive has factor 0, so it drives nothing"),
@@ -242,6 +254,7 @@ MISTAKES: dict[str, tuple[Mistake, str]] = {
     # records
     "dead": (times("x", 0.0), "low is dead (constant 0 m); check its cable and its supply"),
     "clipped": (clipped, "top seems clipped"),
+    "reversed in time": (backwards, "agree with the given rig only if time runs backwards: their samples are in reverse order"),
     "of another run": (of_another_run, "top has a coherence of"),
     "another quantity": (
         mapped('"mm"', '"mm/s"'), "'low' is recorded in m/s, but the description has it as displacement (m): correct the unit"

@@ -69,7 +69,7 @@ from isorig.analysis.fitting.score import (
 from isorig.analysis.fitting.screen import Progress
 from isorig.analysis.fitting.solve import Fit
 from isorig.analysis.fitting.trials import Trial, prepare, zero_errors
-from isorig.analysis.fitting.uncertainty import assessed
+from isorig.analysis.fitting.uncertainty import assessed, stated_floor
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.spectra.quality import faults
 from isorig.analysis.wording import in_per_cent
@@ -288,7 +288,7 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
     if found.required_force is not None:
         said[0] = (*said[0], Sign(text=found.required_force.sentence))
     steps = (stage.step for stage in stages[1 : found.kept + 1])
-    floor = float(np.median(search.floors([last.fit.model], found.division.judged)))
+    floor = stated_floor(last.fit.model, found.division.judged)
     by_force = found.required_force
     considered = all_considered(
         search.entries, [stage.step for stage in stages[1 : found.kept + 1] if stage.step], found.replaced, found.exchanged,

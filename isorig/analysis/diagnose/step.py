@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.diagnose.causes import GENERALIZED
+from isorig.analysis.diagnose.causes import GENERALIZED, supported
 from isorig.analysis.diagnose.causes.base import Evidence, Kind
 from isorig.analysis.diagnose.evidence import Sign
 from isorig.analysis.diagnose.free_shapes import tabulated
@@ -25,6 +25,10 @@ from isorig.analysis.laws import FrictionCurve
 from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.model.rig_model import Contact, Link, RigModel
 from isorig.analysis.wording import in_per_cent
+
+#: Kinds of curves whose values are forces of either sign, and causes that differ by direction.
+OF_BOTH_SIGNS = {"spring_shape", "damping_shape"}
+UNEVEN = {cause for cause, _ in supported("uneven directions")}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,6 +62,14 @@ class Curve:
     points: tuple[tuple[float, float, float], ...]
     reached: tuple[float, float]
     paths: tuple[str, ...] = ()
+
+    @property
+    def is_odd(self) -> bool:
+        """Whether a force over deflection or velocity is as large in both directions, within its uncertainty."""
+        x, y, std = np.array(self.points).T
+        size = x[(x > 0.0) & (x <= -x[0])]
+        (y, std), (other, its) = ([np.interp(at, x, each) for each in (y, std)] for at in (size, -size))
+        return bool(np.all(np.abs(y + other) <= POLICY.zero * np.hypot(std, its)))
 
     def known(self, std: Mapping[str, float]) -> Curve:
         """The curve with the standard uncertainties of a fit, by path."""
@@ -269,9 +281,20 @@ def best_kind(
             if other is not chosen and form is not None and ratio(form.score.error, carried.score.error, floors) < POLICY.matters:
                 twins = twins - {other.candidate.key} | {form.candidate.key}
         return found_step(carried, entries, now, twins, sureness)
-    shares = ((mate.candidate.cause, share_removed(now.error, mate.score.error, floors)) for mate in mates)
-    closest = next((pair for pair in shares if pair[1] >= POLICY.main), None)
-    return found_step(chosen, entries, now, twins, sureness, closest, curve_of(chosen.candidate, chosen.fit, evidence))
+    curve = curve_of(chosen.candidate, chosen.fit, evidence)
+    odd = chosen.kind in OF_BOTH_SIGNS and curve is not None and curve.is_odd
+    return found_step(chosen, entries, now, twins, sureness, _closest(mates, now, floors, odd=odd), curve)
+
+
+def _closest(mates: Sequence[Entry], now: Score, floors: FloatArray, *, odd: bool) -> tuple[str, float] | None:
+    # The form that removes most, or the simplest of those that remove hardly less; an odd curve is close to no form that differs
+    # by direction.
+    shares = [(mate, share_removed(now.error, mate.score.error, floors)) for mate in mates]
+    shares = [pair for pair in shares if pair[1] >= POLICY.main and not (odd and pair[0].candidate.cause in UNEVEN)]
+    most = max((share for _, share in shares), default=0.0)
+    near = [(mate, share) for mate, share in shares if share * POLICY.matters >= most]
+    form = min(near, key=lambda pair: (len(pair[0].candidate.free), -pair[1]), default=None)
+    return form and (form[0].candidate.cause, form[1])
 
 
 def _same_curve(shape: Entry, chosen: Entry) -> bool:

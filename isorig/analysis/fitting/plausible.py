@@ -8,7 +8,7 @@ large, and the model may still agree with the data. So the records are compared 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from math import exp, inf, log, pi
@@ -20,7 +20,7 @@ from isorig.analysis.errors import ModelError, SimulationError
 from isorig.analysis.fitting.linear_spectra import Spectrum, spectra_of
 from isorig.analysis.fitting.resonances import Resonance, resonance
 from isorig.analysis.fitting.swapped import swapped_channels
-from isorig.analysis.fitting.wrong_scale import ELSEWHERE, LINEAR, WrongScale, wrong_scale
+from isorig.analysis.fitting.wrong_scale import ELSEWHERE, LINEAR, WrongScale, as_ratio, wrong_scale
 from isorig.analysis.model.drafted import drafted
 from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.model.rig_model import RigModel
@@ -72,20 +72,21 @@ class Doubt:
         Its path in the model, or drive, sensors or channels with the channel's name, or sample_rate; several are joined by "+".
     kind
         "drafted": the records contradict values that are still those of a draft; "swapped": two channels or masses are exchanged;
-        "place": a sensor or a drive is on another body; "clock": its samples have another rate; "sign": inverted; "derivative":
+        "place": a sensor or a drive is on another body; "clock": its samples have another rate; "reversed": the records run
+        backwards in time; "sign": inverted; "derivative":
         another derivative of the motion; "unit": different by a unit conversion factor; "decade": different by another factor, of
         three or more for records and ten or more for fitted values; "limit": at a bound.
     ratio
         Fitted divided by given, or recorded by predicted; for drafted values and a sample rate that of the largest resonance; for
         a given value that the records contradict, given divided by likely; for a limit the value divided by it, for swapped
-        channels or masses, another body and another derivative 1, for inverted ones -1; of a clock the distance of its samples
-        divided by that of the drive's.
+        channels or masses, another body, another derivative, reversed records and damping ratios 1, for inverted ones -1; of a
+        clock the distance of its samples divided by that of the drive's.
     text
         One sentence.
     """
 
     parameter: str
-    kind: Literal["drafted", "swapped", "place", "clock", "sign", "derivative", "unit", "decade", "limit"]
+    kind: Literal["drafted", "swapped", "place", "clock", "reversed", "sign", "derivative", "unit", "decade", "limit"]
     ratio: float
     text: str
 
@@ -269,8 +270,12 @@ def _of_scale(given: RigModel, found: WrongScale, units: Mapping[str, str], spec
             text=f"{text} about {found.ratio:.3g} times what the records show, the factor between {other} and {si}: give "
             f"{'it' if len(paths) == 1 else 'them'} in {si} in the description.",
         )  # fmt: skip
-    if found.kind in (*ELSEWHERE, "derivative"):
-        return _of_derivative(given, found, spectra) if found.kind == "derivative" else _of_place(given, found)
+    others: dict[str, Callable[[], Doubt]] = {
+        "derivative": lambda: _of_derivative(given, found, spectra), "damping": lambda: _of_damping(given, found),
+        "reversed": _of_reversed, **dict.fromkeys(ELSEWHERE, lambda: _of_place(given, found)),
+    }  # fmt: skip
+    if found.kind in others:
+        return others[found.kind]()
     paths, channels = _suspects(given, found)
     near = [text for name, ratio in channels.items() for text in _near(_quantity(given, name), name, ratio, units.get(name))]
     between = f", as if {' or '.join(near)}" if near else ", which no confusion of units explains"
@@ -288,6 +293,28 @@ def _of_scale(given: RigModel, found: WrongScale, units: Mapping[str, str], spec
     return Doubt(
         parameter="+".join(paths), kind="unit" if near else "decade", ratio=found.ratio,
         text=f"{subject} about {found.ratio:.3g} times as large as {relative}{between}{said}",
+    )  # fmt: skip
+
+
+def _of_reversed() -> Doubt:
+    return Doubt(
+        parameter="channels", kind="reversed", ratio=1.0,
+        text="The records agree with the given rig only if time runs backwards: their samples are in reverse order; reverse "
+        "the order of the rows in the files.",
+    )  # fmt: skip
+
+
+def _of_damping(given: RigModel, found: WrongScale) -> Doubt:
+    links = [given.link(name) for name in found.names]
+    unit = unit_of(f"links.{links[0].name}.damping", given)
+    values, likely = (
+        " and ".join(f"{value:.3g}" for value in each) + f" {unit}"
+        for each in ([link.damping for link in links], [as_ratio(given, link) for link in links])
+    )
+    return Doubt(
+        parameter="+".join(f"links.{link.name}.damping" for link in links), kind="unit", ratio=1.0,
+        text=f"The given damping of {' and '.join(found.names)}, {values}, is far below what the records show, but agrees with "
+        f"them as a damping ratio: give it in {unit}, twice the ratio times √(stiffness × mass), about {likely}.",
     )  # fmt: skip
 
 

@@ -94,12 +94,13 @@ def score(model: RigModel, trials: Sequence[Trial]) -> Score:
     return Score(*(np.stack([r[k] for r in results]) for k in range(3)))
 
 
-def noise_floor(model: RigModel, trials: Sequence[Trial]) -> FloatArray:
+def noise_floor(model: RigModel, trials: Sequence[Trial], *, typical: bool = False) -> FloatArray:
     """The error of a perfect model in each run and channel, shape (runs, channels).
 
     The responses' own noise, and the drive channel's propagated through the model: the change of the simulation due to noise of
-    its size, added to the recorded drive. If two draws of it disagree, the motion is sensitive, and the largest of more draws is
-    used. A recorded drive that jumps between two samples, e.g. at a release, acts at an unknown moment between them.
+    its size, added to the recorded drive. If two draws of it disagree, the motion is sensitive and more draws are used: the
+    largest, which a perfect model hardly exceeds, or the median for a `typical` error. A recorded drive that jumps between two
+    samples, e.g. at a release, acts at an unknown moment between them.
     """
     generator = np.random.default_rng(7)
 
@@ -123,9 +124,11 @@ def noise_floor(model: RigModel, trials: Sequence[Trial]) -> FloatArray:
     def one(job: tuple[Trial, FloatArray, FloatArray]) -> FloatArray:
         trial, noises, signal = job
         power = through(trial, list(noises[:2]))
-        if np.any(power.max(axis=0) > SENSITIVE * power.min(axis=0)):
+        drawn = power.max(axis=0)
+        if np.any(drawn > SENSITIVE * power.min(axis=0)):
             power = np.concatenate([power, through(trial, list(noises[2:]))])
-        return np.asarray(np.sqrt((trial.usable_noise**2 + power.max(axis=0) + between_samples(trial)) / signal))
+            drawn = np.median(power, axis=0) if typical else power.max(axis=0)
+        return np.asarray(np.sqrt((trial.usable_noise**2 + drawn + between_samples(trial)) / signal))
 
     noises = [generator.normal(0.0, trial.drive_noise, (DRAWS, len(trial.excitation.recorded))) for trial in trials]
     return np.stack(side_by_side(one, list(zip(trials, noises, signal_powers(trials), strict=True))))

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, field
+from math import remainder
 from typing import Protocol, Self
 
 import numpy as np
@@ -51,6 +52,8 @@ class Free:
         Whether it is searched on a logarithmic scale (it is positive).
     step
         Finite difference: relative if `log`, absolute otherwise.
+    turn
+        Period of an angle: its value is within half of one around zero.
     follows, give
         For a point of a curve: its expected value from its neighbours, as (path, weight), and the deviation from it that costs as
         much as one residual of 1. It holds the points without data.
@@ -61,6 +64,7 @@ class Free:
     high: float = np.inf
     log: bool = True
     step: float = 1e-5
+    turn: float = np.inf
     follows: tuple[tuple[str, float], ...] = ()
     give: float = np.inf
 
@@ -70,7 +74,7 @@ class Free:
 
     def decode(self, coordinate: float) -> float:
         """The value of a search coordinate, within the bounds."""
-        value = float(np.exp(min(coordinate, 700.0))) if self.log else coordinate
+        value = float(np.exp(min(coordinate, 700.0))) if self.log else remainder(coordinate, self.turn)
         return float(min(max(value, self.low), self.high))
 
     def at_upper_bound(self, coordinate: float) -> bool:

@@ -3,8 +3,9 @@
 The standard uncertainty of a value is the larger of that from the residual, frequency bin by bin (`deviations`), and that from
 draws of the noise in drive and responses (`drive_noise`). Where runs ask for values that differ by more than this noise, that of
 the runs takes its place. A smaller time step is added. A model that misfits biases every value; its error relative to the signal
-bounds the bias and is added, too. If the recording gives the uncertainty of its sensors' calibration and of the weighed masses
-(`CALIBRATION`, `MASS_STD`), it is propagated through the fit; otherwise these are treated as exact.
+bounds the bias and is added, too. If the description gives the uncertainty of a mass or of the drive's factor (`mass_std`,
+`factor_std`), or the recording that of its sensors' calibration or of the weighed masses (`CALIBRATION`, `MASS_STD`), it is
+propagated through the fit; otherwise these are treated as exact.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from isorig.analysis.fitting.score import Score, adequate, noise_floor, score
 from isorig.analysis.fitting.solve import Fit, Free, bending, disagreement
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.jackknife import deviation
+from isorig.analysis.model.rig_model import RigModel
 
 #: Held-out error, as a share of the signal, above which an error is a misfit and never noise. Chosen: where model and measurement
 #: drift apart that far, what is left is no longer coherent with the simulated motion, and sensors are better than a tenth.
@@ -77,14 +79,14 @@ class Assessed:
     misfit: float
     noise: str
 
-    @property
-    def floor(self) -> float:
-        """What noise alone causes: the median over runs and channels."""
-        return float(np.median(self.floors))
+
+def stated_floor(model: RigModel, trials: Sequence[Trial]) -> float:
+    """The error that noise and disturbance alone typically cause: the median over runs and channels."""
+    return float(np.median(np.hypot(noise_floor(model, trials, typical=True), disturbance(model, trials))))
 
 
 def uncertain_values(known: Mapping[str, float], fitted: Fit) -> dict[str, float]:
-    """Standard uncertainties of the values that a recording treats as known, by path in the model.
+    """Standard uncertainties of the values that a recording or a description treats as known, by path in the model.
 
     Parameters
     ----------
@@ -94,8 +96,10 @@ def uncertain_values(known: Mapping[str, float], fitted: Fit) -> dict[str, float
         The fit, whose own values are not known.
     """
     model = fitted.model
-    there = {HEAD, *(f"bodies.{body.name}.mass" for body in model.bodies)}
-    found = {path: known[name] for name, path in MASS_STD.items() if name in known and path in there - fitted.values.keys()}
+    stated = {HEAD: model.drive.factor_std, **{f"bodies.{body.name}.mass": body.mass_std for body in model.bodies}}
+    stated |= {f"more_drives.{drive.channel}.factor": drive.factor_std for drive in model.more_drives}
+    stated |= {path: known[name] for name, path in MASS_STD.items() if name in known and path in stated}
+    found = {path: std for path, std in stated.items() if path not in fitted.values}
     if CALIBRATION in known:
         paths = ("drive.chain.gain", *(f"sensors.{sensor.channel}.chain.gain" for sensor in model.sensors))
         found |= dict.fromkeys(paths, known[CALIBRATION])

@@ -18,10 +18,18 @@ from typing import Literal
 import numpy as np
 
 from isorig.analysis.campaign import MOTION, BoolArray, ComplexArray, FloatArray, IntArray, Quantity
-from isorig.analysis.fitting.linear_spectra import LinearRig, Spectrum, dampers, friction_level, given_parameters, pushes_of
+from isorig.analysis.fitting.linear_spectra import (
+    LEAST_DAMPING,
+    LinearRig,
+    Spectrum,
+    dampers,
+    friction_level,
+    given_parameters,
+    pushes_of,
+)
 from isorig.analysis.fitting.resonances import Resonance, resonance
 from isorig.analysis.model.parameter_units import unit_of
-from isorig.analysis.model.rig_model import GROUND, RigModel, direction
+from isorig.analysis.model.rig_model import GROUND, Link, RigModel, direction
 from isorig.analysis.units import GIVEN
 
 #: Usual errors of given values, as standard deviations of the logarithm: a mass that was weighed, a mass or stiffness that is an
@@ -81,12 +89,13 @@ class WrongScale:
         "responses": all responses compared with the drive; "sensor"; "drive": one of several drives; "stiffness"; "mass";
         "rate": the sample rate; "sign": inverted records; "derivative": records of another derivative of the motion;
         "place": a sensor on another body, or two on each other's; "pushed": a drive that acts on another body; "exchange": the
-        masses of two bodies.
+        masses of two bodies; "damping": given dampings are damping ratios; "reversed": the records run backwards in time.
     names
-        The channels, links or bodies; all responses or the only drive for "responses", nothing for "rate".
+        The channels, links or bodies; all responses or the only drive for "responses", nothing for "rate" and "reversed".
     ratio
         Recorded over predicted level; given over likely value for "stiffness" and "mass"; given over likely sample rate; -1 for
-        inverted records. For another derivative 1, or the factor of a drive whose factor is unknown.
+        inverted records, 1 for reversed ones and damping ratios. For another derivative 1, or the factor of a drive whose factor
+        is unknown.
     derivative
         Number of time derivatives of the records minus that of the given rig's sensors or drive.
     bodies
@@ -98,7 +107,8 @@ class WrongScale:
     """
 
     kind: Literal[
-        "responses", "sensor", "drive", "stiffness", "mass", "rate", "sign", "derivative", "place", "pushed", "exchange"
+        "responses", "sensor", "drive", "stiffness", "mass", "rate", "sign", "derivative", "place", "pushed", "exchange",
+        "damping", "reversed",
     ]  # fmt: skip
     names: tuple[str, ...]
     ratio: float
@@ -113,7 +123,8 @@ class _Explanation:
     # further time derivatives are those of sensors, or of drives if `driven`; `bodies` are those on which the sensors are
     # ("place"), or on which the drive acts ("pushed").
     kind: Literal[
-        "sound", "responses", "sensor", "drive", "stiffness", "mass", "rate", "sign", "derivative", "place", "pushed", "exchange"
+        "sound", "responses", "sensor", "drive", "stiffness", "mass", "rate", "sign", "derivative", "place", "pushed", "exchange",
+        "damping", "reversed",
     ]  # fmt: skip
     places: tuple[int, ...] = ()
     factor: float | None = 1.0
@@ -151,13 +162,19 @@ def wrong_scale(given: RigModel, spectra: Sequence[Spectrum]) -> tuple[WrongScal
         explanations = list(_explanations(given))
         begun = dict(zip(explanations, compared.begun(explanations), strict=True))
         # An explanation that must beat the sound rig by a margin beats it by as much at the given values.
-        likely = [each for each in sorted(begun, key=lambda each: begun[each]) if begun[each] + MARGIN < before]
+        # Dampings have an effect only where the resonances are as described.
+        likely = [
+            each for each in sorted(begun, key=lambda each: begun[each])
+            if begun[each] + MARGIN < before or each.kind == "damping"
+        ]  # fmt: skip
         shown = resonance(given, spectra) if any(each.kind == "rate" for each in likely[:FITTED]) else None
         for each, (cost, here) in zip(likely, compared.fitted(likely[:FITTED], settled), strict=False):
             far = cost + PRICE < sound
             if each.kind in ELSEWHERE:
                 enough = compared.repairs(each, here, described, far=far)
             else:
+                # Friction that is not described yet looks like a larger damping.
+                far = far and each.kind != "damping"
                 enough = far or _confirmed(each, shown) or compared.agree(each, cost, here)
                 enough = enough and (each.kind != "derivative" or compared.correlation(each, here).min() >= TURNED)
             if cost < least and cost + MARGIN < sound and enough:
@@ -170,15 +187,20 @@ def wrong_scale(given: RigModel, spectra: Sequence[Spectrum]) -> tuple[WrongScal
     agreement = np.abs(correlation)
     if best.kind == "sound":
         inverted = tuple(np.flatnonzero(correlation < INVERTED).tolist())
-        if not inverted:
+        backwards = compared.correlation(best, found, backwards=True)
+        if backwards.min() >= AGREES and _left(backwards) <= REPAIRED * _left(correlation):
+            best, agreement = _Explanation("reversed"), backwards
+        elif inverted:
+            best, ratio = _Explanation("sign", inverted), -1.0
+        else:
             return None, agreement
-        best, ratio = _Explanation("sign", inverted), -1.0
     channels, drives = [sensor.channel for sensor in given.sensors], [drive.channel for drive in given.drives]
     names = {
         "sensor": channels, "responses": channels, "sign": channels, "drive": drives,
         "derivative": drives if best.driven else channels, "place": channels, "pushed": drives,
         "exchange": [b.name for b in given.bodies],
         "stiffness": [link.name for link in given.links], "mass": [body.name for body in given.bodies],
+        "damping": [link.name for link in given.links],
     }  # fmt: skip
     assert best.kind != "sound"
     wrong = tuple(names.get(best.kind, [])[k] for k in best.places)
@@ -225,8 +247,21 @@ def _explanations(given: RigModel) -> Iterator[_Explanation]:
     )
     yield from _given("stiffness", stiff, [unit_of(f"links.{link.name}.stiffness", given) for link in given.links])
     yield from _given("mass", heavy, [unit_of(f"bodies.{body.name}.mass", given) for body in given.bodies])
+    if ratios := tuple(k for k in stiff if _may_be_ratio(given, given.links[k])):
+        yield _Explanation("damping", ratios)
     # A rate shows in the frequencies of resonances; without a spring there are none.
     yield from (_Explanation("rate", (), factor) for factor in RATES if stiff)
+
+
+def as_ratio(given: RigModel, link: Link) -> float:
+    """The damping of a link in N s/m whose given one is a damping ratio, relative to the lighter of its ends."""
+    return 2.0 * link.damping * float(np.sqrt(link.stiffness * given.constants_of(link).mass))
+
+
+def _may_be_ratio(given: RigModel, link: Link) -> bool:
+    # Whether a given damping is hardly any as described; a damping that is fitted may have any starting value.
+    little = 0.0 < link.damping**2 < LEAST_DAMPING * as_ratio(given, link)
+    return little and link.damping < 1.0 and f"links.{link.name}.damping" not in given.free
 
 
 def _derivatives(given: RigModel, alike: Mapping[Quantity, tuple[int, ...]], factor: float | None) -> Iterator[_Explanation]:
@@ -413,14 +448,16 @@ class _Compared:
         """Share of power that an explanation with these parameters leaves, on average over the records that a mistake is about:
         the sensor's of a wrong place, or all."""
         rows = list(mistake.places) if mistake.kind == "place" else slice(None)
-        return float(np.mean(1.0 - np.maximum(self.correlation(explanation, theta)[rows], 0.0) ** 2))
+        return _left(self.correlation(explanation, theta)[rows])
 
-    def correlation(self, explanation: _Explanation, theta: FloatArray) -> FloatArray:
-        """Mean over runs and bands of the correlation of each response with its prediction, shape (responses,)."""
+    def correlation(self, explanation: _Explanation, theta: FloatArray, *, backwards: bool = False) -> FloatArray:
+        """Mean over runs and bands of the correlation of each response with its prediction, shape (responses,); of records that
+        are read backwards in time if `backwards`."""
         rows = []
         every = zip(self._spectra, self._known, self._responses(self._sets(explanation, theta[:, None])), strict=True)
         for spectrum, known, response in every:
-            together = np.einsum("cdg,dcg->cg", response[:, :, 0].conj(), spectrum.across).real
+            across = spectrum.across.conj() if backwards else spectrum.across
+            together = np.einsum("cdg,dcg->cg", response[:, :, 0].conj(), across).real
             predicted = spectrum.predicted(response)[:, 0]
             sums = [spectrum.in_bands(known * each) for each in (together, predicted, spectrum.power)]
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -446,7 +483,8 @@ class _Compared:
         rows = {
             kind: np.zeros((len(each), count))
             for kind, each in (
-                ("mass", given.bodies), ("stiffness", given.links), ("drive", given.drives), ("sensor", given.sensors)
+                ("mass", given.bodies), ("stiffness", given.links), ("damping", given.links), ("drive", given.drives),
+                ("sensor", given.sensors),
             )
         }  # fmt: skip
         if explanation.kind in ("mass", "stiffness", "drive"):
@@ -455,6 +493,9 @@ class _Compared:
             rows["drive"] += log_factor
         elif explanation.kind == "sensor":
             rows["sensor"][places] = log_factor
+        elif explanation.kind == "damping":
+            ratios = [as_ratio(given, given.links[k]) for k in places]
+            rows["damping"][places] = np.log(np.array(ratios)[:, None] / self._values.damping[places])
         elif explanation.kind == "exchange":
             rows["drive"] += log_factor
             masses = [given.bodies[k].mass for k in places]
@@ -466,8 +507,8 @@ class _Compared:
         (driven_orders if explanation.driven else orders)[places if explanation.derivative else []] = explanation.derivative
         rates = log_factor if explanation.kind == "rate" else np.zeros(count)
         return _Sets(
-            thetas=thetas[: len(self._usual)], mass=rows["mass"], stiffness=rows["stiffness"], drives=rows["drive"],
-            sensors=rows["sensor"], rates=rates, orders=orders, driven_orders=driven_orders,
+            thetas=thetas[: len(self._usual)], mass=rows["mass"], stiffness=rows["stiffness"], damping=rows["damping"],
+            drives=rows["drive"], sensors=rows["sensor"], rates=rates, orders=orders, driven_orders=driven_orders,
             bodies=bodies, pushed=pushed,
         )  # fmt: skip
 
@@ -501,7 +542,8 @@ class _Compared:
         change = np.exp(np.clip(sets.thetas, -20.0, 20.0))
         forces = self._forces * change[b + 2 * k : b + 2 * k + len(self._forces)]
         values = replace(
-            given, mass=given.mass * change[:b] * np.exp(sets.mass), damping=given.damping * change[b + k : b + 2 * k],
+            given, mass=given.mass * change[:b] * np.exp(sets.mass),
+            damping=given.damping * change[b + k : b + 2 * k] * np.exp(sets.damping),
             stiffness=given.stiffness * change[b : b + k] * np.exp(sets.stiffness),
         )  # fmt: skip
         drives, places, pushes = np.exp(sets.drives), self._places(sets), self._pushes(sets)
@@ -523,11 +565,12 @@ class _Compared:
 @dataclass(frozen=True, kw_only=True)
 class _Sets:
     # Sets of parameters in columns: logarithms of the changes of given values, and of the factors of an explanation on masses,
-    # stiffnesses, drives, records and the sample rate; further derivatives of the records and of the drives;
+    # stiffnesses, dampings, drives, records and the sample rate; further derivatives of the records and of the drives;
     # the body of each sensor, and that on which each drive acts, -1 as described.
     thetas: FloatArray
     mass: FloatArray
     stiffness: FloatArray
+    damping: FloatArray
     drives: FloatArray
     sensors: FloatArray
     rates: FloatArray
@@ -544,6 +587,11 @@ class _Sets:
     def joined(cls, several: Sequence[_Sets]) -> _Sets:
         names = [field.name for field in fields(cls)]
         return cls(**{name: np.concatenate([getattr(each, name) for each in several], axis=-1) for name in names})
+
+
+def _left(correlation: FloatArray) -> float:
+    # Share of power that predictions with these correlations leave.
+    return float(np.mean(1.0 - np.maximum(correlation, 0.0) ** 2))
 
 
 def _levels(spectrum: Spectrum, known: BoolArray, power: FloatArray) -> FloatArray:

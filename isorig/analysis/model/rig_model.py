@@ -36,10 +36,14 @@ class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 
 class Body(Part, frozen=True, kw_only=True):
-    """A coordinate with its mass in kg; for a rotation an angle in rad with its moment of inertia in kg m^2."""
+    """A coordinate with its mass in kg; for a rotation an angle in rad with its moment of inertia in kg m^2.
+
+    `mass_std` is the standard uncertainty of a given mass, in the same unit; 0 if it is not stated.
+    """
 
     name: str
     mass: float
+    mass_std: float = 0.0
     motion: Literal["straight", "rotation"] = "straight"
 
 
@@ -99,11 +103,13 @@ class Drive(Part, frozen=True, kw_only=True):
 
     The force is `factor` * the drive channel's value, on each coordinate of `pushes` by its weight. For a head of mass m whose
     acceleration is recorded, `factor` is m (kg) and `pushes` is {"motor": -1.0}. With `imposes` the channel is the motion of that
-    body, whatever force it takes: a shaken base, the ground, an actuator under displacement control.
+    body, whatever force it takes: a shaken base, the ground, an actuator under displacement control. `factor_std` is the standard
+    uncertainty of a given factor; 0 if it is not stated.
     """
 
     channel: str
     factor: float = 1.0
+    factor_std: float = 0.0
     pushes: dict[str, float] = msgspec.field(default_factory=dict)
     imposes: str | None = None
     quantity: Quantity = "acceleration"
@@ -587,6 +593,7 @@ def _check_numbers(model: RigModel, given: Mapping[str, Any]) -> None:
     for body in model.bodies:
         if not (0.0 < body.mass < float("inf")):
             raise ModelError(f"body {body.name!r} has mass {body.mass:g}; give a finite mass above zero")
+        _uncertain(f"body {body.name!r}", "mass", body.mass, body.mass_std)
     for link in model.links:
         for key in ("stiffness", "damping"):
             value = getattr(link, key)
@@ -595,6 +602,7 @@ def _check_numbers(model: RigModel, given: Mapping[str, Any]) -> None:
     names = [body.name for body in model.bodies]
     for drive in model.drives:
         _driven(model, names, drive)
+        _uncertain(f"the drive {drive.channel!r}", "factor", drive.factor, drive.factor_std)
     _finite(given)
     _chained(model)
 
@@ -665,6 +673,14 @@ def _driven(model: RigModel, names: list[str], drive: Drive) -> None:
         raise ModelError(f"{here} imposes a motion, but its quantity is {drive.quantity}; give one of {', '.join(MOTION)}")
     if model.imposed.count(drive.imposes) > 1:
         raise ModelError(f"two drives impose the motion of body {drive.imposes!r}; leave one out")
+
+
+def _uncertain(where: str, key: str, value: float, std: float) -> None:
+    if not 0.0 <= std < abs(value):
+        raise ModelError(
+            f"{where} has {key}_std {std:g}; give the standard uncertainty of its {key} {value:g} in the same unit, from zero to "
+            "less than that"
+        )
 
 
 def _chained(model: RigModel) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import pi, sqrt
 
@@ -19,7 +19,16 @@ from isorig.analysis.fitting.plausible import Doubt, doubts
 from isorig.analysis.fitting.score import Score
 from isorig.analysis.fitting.solve import Fit, Free
 from isorig.analysis.fitting.trials import Trial, prepare
-from isorig.analysis.fitting.uncertainty import ANY_SIGN, CALIBRATION, HEAD, assessed, uncertain_values, unseen, value_kind
+from isorig.analysis.fitting.uncertainty import (
+    ANY_SIGN,
+    CALIBRATION,
+    HEAD,
+    assessed,
+    stated_floor,
+    uncertain_values,
+    unseen,
+    value_kind,
+)
 from isorig.analysis.model.parameter_units import physical_parameters, unit_of
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate.natural import natural_modes
@@ -157,7 +166,8 @@ def characterize(
     table = (_bonder_table(known, given) if bonder else {}) | (_table(known) if fitted or not bonder else {})
     return Characterization(
         table=table, head_mass=_mass(known, HEAD, "head_mass", given) if bonder else None,
-        calibrated=CALIBRATION in campaign.known, fit=done, trials=fine, score=final.score, floor=final.floor,
+        calibrated=CALIBRATION in campaign.known, fit=done, trials=fine, score=final.score,
+        floor=float(np.median(final.floors)) if final.noise else stated_floor(done.model, fine),
         adequate=final.explained, noise=final.noise, faults=wrong, doubts=doubts(model, (done,), campaign),
     )  # fmt: skip
 
@@ -189,10 +199,10 @@ def _table(known: _Known) -> dict[str, Entry]:
     }
     for path in physical_parameters(fitted.model):
         if path not in table:
-            value, method = fitted.model.get(path), "held" if ".law" in path else "given"
-            table[path] = Entry(value=value, std=0.0, unit=unit_of(path, fitted.model), method=method, note="")
+            value, method, std = fitted.model.get(path), "held" if ".law" in path else "given", known.given.get(path, 0.0)
+            table[path] = Entry(value=value, std=std, unit=unit_of(path, fitted.model), method=method, note="")
     for configuration in dict.fromkeys(trial.run.configuration for trial in known.trials):
-        slopes = _mode_slopes(fitted, configuration)
+        slopes = _mode_slopes(fitted.model, (*fitted.values, *known.given), configuration)
         for k, mode in enumerate(natural_modes(fitted.model, configuration)):
             # A single configuration needs no name.
             name = f"mode{k + 1}" if len(fitted.model.configurations) == 1 else f"{configuration}.mode{k + 1}"
@@ -201,15 +211,16 @@ def _table(known: _Known) -> dict[str, Entry]:
     return table
 
 
-def _mode_slopes(fitted: Fit, configuration: str) -> list[tuple[dict[str, float], dict[str, float]]]:
-    # Non-zero derivatives of each mode's frequency and damping with respect to the fitted values, by central differences.
-    modes = natural_modes(fitted.model, configuration)
+def _mode_slopes(model: RigModel, paths: Iterable[str], configuration: str) -> list[tuple[dict[str, float], dict[str, float]]]:
+    # Non-zero derivatives of each mode's frequency and damping with respect to the values at paths, by central differences.
+    modes = natural_modes(model, configuration)
     slopes: list[tuple[dict[str, float], dict[str, float]]] = [({}, {}) for _ in modes]
-    for path, value in fitted.values.items():
+    for path in paths:
+        value = model.get(path)
         step = SLOPE * abs(value)
         if not step or not path.startswith(("bodies.", "links.", "configurations.")):
             continue
-        above, below = (natural_modes(fitted.model.replace({path: value + way * step}), configuration) for way in (1.0, -1.0))
+        above, below = (natural_modes(model.replace({path: value + way * step}), configuration) for way in (1.0, -1.0))
         if not len(above) == len(below) == len(modes):
             continue
         for found, mode, high, low in zip(slopes, modes, above, below, strict=True):
@@ -225,7 +236,7 @@ class _Known:
 
     def __init__(self, fitted: Fit, trials: tuple[Trial, ...], note: str, given: Mapping[str, float]) -> None:
         self.fitted, self.trials, self._note = fitted, trials, note
-        self._given = given
+        self.given = given
         self._order, self._untraced = [free.path for free in fitted.free], untraced(fitted)
 
     def entry(self, slopes: Mapping[str, float], value: float, unit: str, kind: str) -> Entry:
@@ -235,7 +246,7 @@ class _Known:
             return Entry(value=None, std=None, unit=unit, method="joint fit", note=note)
         slope = np.array([slopes.get(path, 0.0) for path in self._order])
         # A mass treated as known affects the fitted values, and directly a quantity whose formula contains it.
-        own = np.array([slopes.get(path, 0.0) * std for path, std in self._given.items()])
+        own = np.array([slopes.get(path, 0.0) * std for path, std in self.given.items()])
         moves = np.zeros_like(own) if self.fitted.known is None else self.fitted.known.given @ slope
         variance = self.fitted.deviation(slope) ** 2 + float(((moves + own) ** 2 - moves**2).sum())
         whole = float(np.hypot(np.sqrt(variance), unseen(value, kind)))
@@ -250,7 +261,7 @@ def _mass(known: _Known, path: str, name: str, given: Mapping[str, float]) -> En
     if path in known.fitted.values:
         return known.entry({path: 1.0}, mass, "kg", "mass")
     note = WEIGHED if name in given else ASSUMED
-    return Entry(value=mass, std=given.get(f"{name}_std", 0.0), unit="kg", method="given", note=note)
+    return Entry(value=mass, std=known.given.get(path, 0.0), unit="kg", method="given", note=note)
 
 
 def _rows(known: _Known, body: str, link: str, given: Mapping[str, float]) -> dict[str, Entry]:

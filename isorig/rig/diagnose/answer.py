@@ -101,16 +101,17 @@ def _parameters(fitted: Fit) -> dict[str, stored.Value]:
 
 
 def _of_given_masses(diagnosis: Diagnosis, campaign: Campaign) -> str:
-    # What the uncertainties of the named forces and stiffnesses take as exact, unless the recording gives its uncertainty.
+    # What the uncertainties of the named forces and stiffnesses take as exact, unless its own uncertainty is stated.
     model, fitted = diagnosis.baseline.model, diagnosis.extended
-    held = [b.name for b in model.bodies if f"bodies.{b.name}.mass" not in fitted.values and b.name not in model.imposed]
+    known = {*fitted.values, *uncertain_values(campaign.known, fitted)}
+    held = [b.name for b in model.bodies if f"bodies.{b.name}.mass" not in known and b.name not in model.imposed]
     forces = any(unit.startswith("N") and std > 0.0 for step in diagnosis.steps for _, std, unit in step.parameters.values())
-    if not (held and forces) or uncertain_values(campaign.known, fitted):
+    if not (held and forces):
         return ""
     what = "masses" if any(model.body(name).motion == "straight" for name in held) else "moments of inertia"
     return (
         f"Uncertainties are given the described {what} ({first_of([*map(with_article, held)], MASSES)}): forces, stiffnesses and "
-        "dampings may be off by as many per cent as these are."
+        "dampings may be off by as many per cent as these are; state how well they are known (mass_std) to include that."
     )
 
 

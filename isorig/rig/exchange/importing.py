@@ -20,6 +20,7 @@ from isorig.analysis.model.rig_model import Drive, RigModel
 from isorig.analysis.spectra.overload import extremes
 from isorig.analysis.spectra.quality import clipped_or_dead, fault_sentences
 from isorig.analysis.spectra.stated_bands import wrong_bands
+from isorig.analysis.spectra.stated_excitations import wrong_excitations
 from isorig.analysis.spectra.zero_errors import zero_errors
 from isorig.analysis.units import KGF
 from isorig.analysis.wording import did_you_mean
@@ -452,7 +453,7 @@ def shortcomings(campaign: Campaign) -> list[str]:
             )
         elif len(run) < SHORTEST:
             found.append(f"{begin}, but fits need at least {SHORTEST}: record longer runs.")
-    return [*found, *means.values(), *wrong_bands(campaign, drive)]
+    return [*found, *means.values(), *wrong_bands(campaign, drive), *wrong_excitations(campaign, drive)]
 
 
 def other_quantities(campaign: Campaign) -> list[str]:

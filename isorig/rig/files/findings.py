@@ -49,7 +49,7 @@ class DoubtfulValue(msgspec.Struct, frozen=True, kw_only=True):
     """An implausible unit, channel or given value, to be checked first."""
 
     parameter: str
-    kind: Literal["drafted", "swapped", "place", "clock", "sign", "derivative", "unit", "decade", "limit"]
+    kind: Literal["drafted", "swapped", "place", "clock", "reversed", "sign", "derivative", "unit", "decade", "limit"]
     ratio: Number
     text: str
 

@@ -194,6 +194,9 @@ def _error(findings: Findings) -> str:
 def _ruled_out(findings: Findings) -> str:
     unconfirmed, out = _fitted(findings, "not confirmed"), _removing(_fitted(findings, "ruled out"))
     named = {(step.cause, step.location) for step in findings.steps}
+    # What is said to be closest to a named curve is not said to be ruled out.
+    closest = {(step.closest_form.cause, step.location) for step in findings.steps if step.closest_form is not None}
+    out = [pair for pair in out if (pair[1].cause, pair[1].location) not in closest]
     # Those that the data cannot distinguish from a named cause are listed as such.
     open_ones = ("main contributor",) if findings.steps else ("main contributor", "one of several")
     unsure = [pair for pair in _removing(_fitted(findings, *open_ones)) if (pair[1].cause, pair[1].location) not in named]

@@ -65,7 +65,13 @@
     return high / low < 2000 ? { dtick: "D2", tickformat: high < 1e5 && low > 1e-4 ? "~g" : ".0e", ...small } : { dtick: 1, exponentformat: "power", ...small };
   }
 
-  function layout(chart, theme, narrow, width) {
+  // Lines of a bar's name, of two fifths of a chart's width at most; a longer word is broken.
+  function lines(text, width) {
+    const most = Math.max(12, Math.floor((0.4 * width) / (width < 560 ? 6 : 7)));
+    return text.match(new RegExp(`.{1,${most}}(?:\\s+|$)|\\S{${most}}`, "g")) ?? [text];
+  }
+
+  function layout(chart, theme, narrow, width, space) {
     const ink = theme === "dark" ? "#e6e8ea" : "#1c2024", line = theme === "dark" ? "#33393f" : "#d9dce0";
     const style = { color: ink, gridcolor: line, zerolinecolor: line, linecolor: line, ticks: "outside", automargin: true };
     const total = chart.panels.reduce((sum, p) => sum + p.height, 0), gap = 0.05;
@@ -97,7 +103,9 @@
       top -= height + gap;
     });
     if (bars) {
-      Object.assign(out.yaxis, { type: "category", autorange: "reversed", title: {} , ticks: "", dtick: 1 });
+      const names = chart.traces[0].x;
+      Object.assign(out.yaxis, { type: "category", autorange: "reversed", title: {}, ticks: "",
+        tickmode: "array", tickvals: names, ticktext: names.map((name) => lines(name, space).join("<br>")) });
       out.xaxis.anchor = "y";
       const [low, high] = reach(chart, 0);
       // The number at the end of the longest bar takes up to a fifth of the axis.
@@ -112,9 +120,14 @@
     const narrow = div.clientWidth < 560;
     // A legend of several rows takes no height from the panels.
     const names = [...new Set(charts[number].traces.map((t) => t.name))];
+    const space = width || div.clientWidth;
+    if (charts[number].traces[0].style === "bars") {
+      const bars = charts[number].traces[0].x;
+      div.style.setProperty("--lines", bars.length * Math.max(...bars.map((name) => lines(name, space).length)));
+    }
     const per = Math.max(1, Math.floor((div.clientWidth - 80) / (45 + (narrow ? 5.5 : 7) * Math.max(...names.map((n) => n.length)))));
     div.style.setProperty("--rows", Math.max(0, Math.ceil(names.length / per) - 1));
-    return Plotly.react(div, traces(charts[number], theme), layout(charts[number], theme, narrow && !width, width), {
+    return Plotly.react(div, traces(charts[number], theme), layout(charts[number], theme, narrow && !width, width, space), {
       responsive: !width, displaylogo: false, displayModeBar: narrow ? false : "hover",
       modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
       toImageButtonOptions: { filename: charts[number].name, format: "svg" },

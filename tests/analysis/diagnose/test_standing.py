@@ -18,7 +18,7 @@ from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.diagnose.revise import Revision, SearchStage, merged, near_rivals
 from isorig.analysis.diagnose.search import _extends
-from isorig.analysis.diagnose.step import Entry, Found, Step, best_form, best_kind, determined, vanishes
+from isorig.analysis.diagnose.step import Curve, Entry, Found, Step, _closest, best_form, best_kind, determined, vanishes
 from isorig.analysis.equations.system import equations_of
 from isorig.analysis.fitting.candidate import Candidate, Shape
 from isorig.analysis.fitting.division import ends
@@ -67,6 +67,32 @@ def test_a_form_that_removes_little_of_the_error_is_not_the_closest_to_a_curve(s
     assert found is not None
     assert found.step.form is None
     assert (found.step.closest and found.step.closest[0]) == closest
+
+
+@pytest.mark.parametrize(
+    ("odd", "factor", "closest"),
+    [(False, 0.99, "hardening_stiffness"), (False, 1.01, "asymmetric_stiffness"), (True, 1.01, "hardening_stiffness")],
+)
+def test_the_form_with_fewer_parameters_is_the_closest_unless_another_removes_more(
+    odd: bool, factor: float, closest: str
+) -> None:
+    """An odd curve is close to no form that differs by direction."""
+    first, now, most = FLOORS[0, 0], scored(0.1), 0.9
+    shares = {"hardening_stiffness": most / (1.0 + factor * (POLICY.matters - 1.0)), "asymmetric_stiffness": most}
+    forms = [entry(cause, "x", float(np.sqrt(first**2 + (1.0 - share) * (0.1**2 - first**2)))) for cause, share in shares.items()]
+    forms[1] = replace(forms[1], candidate=replace(forms[1].candidate, free=2 * forms[1].candidate.free))
+    found = _closest(forms, now, FLOORS, odd=odd)
+    assert found == (closest, pytest.approx(shares[closest]))
+
+
+@pytest.mark.parametrize(
+    ("even", "odd"), [(0.0, True), (0.9 * POLICY.zero * np.sqrt(2.0), True), (1.1 * POLICY.zero * np.sqrt(2.0), False)]
+)
+def test_a_curve_is_odd_if_its_even_part_is_zero_within_its_uncertainty(even: float, odd: bool) -> None:
+    positions = np.linspace(-1.0, 1.0, 9)
+    points = [(float(x), float(50.0 * np.sinh(x) + 0.5 * even * (abs(x) == 0.75)), 0.0 if x == 0.0 else 1.0) for x in positions]
+    curve = Curve(over="deflection", unit="m", value_unit="N", points=tuple(points), reached=(-1.0, 1.0))
+    assert curve.is_odd == odd
 
 
 def test_a_form_elsewhere_that_is_as_good_is_reported_by_its_name() -> None:

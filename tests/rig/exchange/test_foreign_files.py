@@ -136,6 +136,32 @@ def test_a_cut_file_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert "function 1 (head) has" in refused_draft(capsys, cut)
 
 
+@pytest.mark.parametrize(
+    ("form", "lines", "said"),
+    [
+        (0, 5, "dataset 2 ends in its header"),
+        (0, 13, f"dataset 2 ends after 0 lines of its {N} values"),
+        (0, 15, f"dataset 2 ends after 2 lines of its {N} values"),
+        (1, 15, "dataset 2 has no line -1 at its end"),
+    ],
+)
+def test_a_dataset_without_its_end_is_named(
+    form: int, lines: int, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The first dataset is whole."""
+    one, two = (dataset(rsp_ent_name=name, binary=form, data=Y) for name in ("head", "table"))
+    whole, first = uff(tmp_path / "whole.uff", one, two).read_bytes(), uff(tmp_path / "first.uff", one).read_bytes()
+    cut = tmp_path / "cut.uff"
+    cut.write_bytes(first + b"".join(whole[len(first) :].splitlines(keepends=True)[:lines]))
+    assert f"{said}: the file was truncated; copy it again from its source" in refused_draft(capsys, cut)
+
+
+def test_a_dataset_with_half_a_header_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = uff(tmp_path / "whole.uff", dataset()).read_text().splitlines()
+    (tmp_path / "half.uff").write_text("\n".join([*text[:8], "    -1", ""]))
+    assert "dataset 1 cannot be read" in refused_draft(capsys, tmp_path / "half.uff")
+
+
 def test_an_interval_that_is_no_interval(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = uff(tmp_path / "a.uff", dataset())
     stated = f"{TIME[1]:13.5e}"

@@ -62,7 +62,7 @@ class Cogging(LinkCause):
         return (
             Free(path="periodic_force", low=1e-4 * _scale(link), high=1e2 * _scale(link)),
             Free(path="pitch"),
-            Free(path="phase", low=-np.inf, log=False, step=1e-3),
+            Free(path="phase", low=-np.inf, log=False, step=1e-3, turn=2.0 * np.pi),
         )
 
     def sized_law(self, link: LinkInRuns, size: float, sizes: Sizes) -> Periodic:

@@ -18,6 +18,7 @@ from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.clock import even_rate, seconds_per
 from isorig.rig.exchange.table import Column, ForeignTable, Format
 from isorig.rig.exchange.units import known_unit
+from isorig.rig.files.output import reason
 from isorig.rig.files.recording import VALUE_MOST
 
 #: Function types of dataset 58 over frequency, and their names in the recording format.
@@ -42,6 +43,10 @@ ENTITY_LONGEST = 10
 RESPONSE, REFERENCE = "response ", "reference "
 #: Hz per unit of frequency, in lower case.
 FREQUENCY_UNITS = {"hz": 1.0, "khz": 1e3, "rad/s": 0.5 / np.pi, "rpm": 1.0 / 60.0}
+#: The line that begins and ends every dataset; after binary values it may have no line break before it.
+MARK = re.compile(rb" {4}-1(?=[\r\n]| {74}|\Z)")
+#: Lines of dataset 58 up to its values, and the one that states their number.
+HEADER, FORM = 13, 8
 #: A unit system as given by dataset 164: file units per m and per N.
 System = tuple[float, float]
 SI: System = (1.0, 1.0)
@@ -95,11 +100,36 @@ def read_uff(path: Path) -> ForeignTable:
 def _sets(path: Path) -> list[dict[str, Any]]:
     import pyuff
 
+    _refuse_truncated(path)
     # The package prints its progress.
     with contextlib.redirect_stdout(io.StringIO()):
         file = pyuff.UFF(str(path))
         places = [k for k, kind in enumerate(file.get_set_types()) if int(kind) in (58, 164)]
-        return [file.read_sets(k) for k in places]
+        found = []
+        for k in places:
+            try:
+                found.append(file.read_sets(k))
+            except Exception as error:
+                # The package raises bare exceptions.
+                raise RecordingError(
+                    f"{path}, dataset {k + 1} cannot be read ({reason(error)}): its header or its values are incomplete or not "
+                    f"of the stated form; {UFF.advice}"
+                ) from None
+        return found
+
+
+def _refuse_truncated(path: Path) -> None:
+    # Raise RecordingError if the last dataset has no end: the package ignores it.
+    data = path.read_bytes()
+    marks = [mark.start() for mark in MARK.finditer(data)]
+    lines = data[marks[-1] :].splitlines() if len(marks) % 2 else []
+    if not any(line.strip() for line in lines[1:]):
+        return
+    has = "has no line -1 at its end"
+    if lines[1].strip() == b"58":  # the values of 58b are no lines
+        stated = lines[FORM][10:20].decode(errors="replace").strip() if len(lines) >= HEADER else ""
+        has = f"ends after {len(lines) - HEADER} lines of its {stated} values" if stated else "ends in its header"
+    raise RecordingError(f"{path}, dataset {len(marks) // 2 + 1} {has}: the file was truncated; copy it again from its source")
 
 
 def _function(item: Mapping[str, Any], names: tuple[str, str], x: FloatArray, values: Any, system: System) -> Column | Spectrum:
