@@ -78,6 +78,10 @@ from isorig.analysis.wording import in_per_cent
 MOST_STEPS = 3
 #: Kinds of causes that may explain data with a wrong unit.
 MAY_STAND_FOR_UNITS = {"sensor", "known_value"}
+#: Doubts by the ratio of measured to predicted levels; and ratio of the largest residuals that the best explanations leave, with
+#: the drive as described and with its factor corrected by that ratio, below which such a doubt is refuted. Chosen: with a wrong
+#: unit it is far above one, with friction and a ripple in the rig as described 0.56.
+OF_LEVELS, REFUTES = {"unit", "decade"}, 0.7
 #: Time that is kept for what follows the search (uncertainties, evidence, page), and for evidence and page alone, as multiples of
 #: the time in which runs and equations are prepared. Chosen: evidence and page took 0.4 to 2.4 times that time.
 AFTER_SEARCH, AFTER_FITS = 5.0, 2.5
@@ -312,7 +316,7 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
         searched=tuple((before, tuple(_lean(entry) for entry in entries)) for before, entries in search.entries),
         tolerance=tolerance, cut_short=search.cut_short,
         residuals=residuals, pointed=shown_by_equations, spread=blamed.spread if blamed is not None else "",
-        doubts=contradicted or _standing(doubts(model, _credible(found), campaign), model, equations),
+        doubts=contradicted or _standing(doubts(model, _credible(found), campaign), campaign, model, equations),
         zero_errors=tuple(zero_errors(campaign, model).values()), required_force=by_force,
     )  # fmt: skip
 
@@ -332,23 +336,31 @@ def _baseline(starts: Sequence[RigModel], trials: Sequence[Trial], *, misfits: b
 
 
 def _contradictions(campaign: Campaign, model: RigModel, equations: Equations) -> tuple[Doubt, ...]:
-    found = _standing(doubts_of_records(model, campaign), model, equations)
+    found = _standing(doubts_of_records(model, campaign), campaign, model, equations)
     if not found:
         with suppress(OutOfTimeError):
             return exchanged_sensors(campaign, model, equations)
     return found
 
 
-def _standing(found: Sequence[Doubt], model: RigModel, equations: Equations) -> tuple[Doubt, ...]:
-    # The doubts without those of a link's value that the equations of motion, with what explains them best, give as described:
-    # strong friction holds two bodies together as a far stiffer link would.
-    if not any(doubt.parameter.startswith("links.") for doubt in found):
+def _standing(found: Sequence[Doubt], campaign: Campaign, model: RigModel, equations: Equations) -> tuple[Doubt, ...]:
+    # The doubts without those that the equations of motion, with what explains them best, refute. Strong friction holds two
+    # bodies together as a far stiffer link would, and moves levels as a drive in another unit would.
+    drive = f"drive.{model.drive.channel}"
+    if not any(doubt.parameter == drive or doubt.parameter.startswith("links.") for doubt in found):
         return tuple(found)
     blamed = None
     with suppress(OutOfTimeError):
         blamed = suspects(equations)
     values = start_values(equations, blamed.chosen[0] if blamed is not None else None)
-    return tuple(d for d in found if d.parameter not in values or not is_near(values[d.parameter], model.get(d.parameter)))
+
+    def refuted(doubt: Doubt) -> bool:
+        if doubt.parameter != drive or doubt.kind not in OF_LEVELS or blamed is None or not blamed.exact:
+            return doubt.parameter in values and is_near(values[doubt.parameter], model.get(doubt.parameter))
+        other = suspects(equations_of(campaign, model.replace({"drive.factor": model.drive.factor * doubt.ratio})))
+        return other is not None and blamed.remains < REFUTES * other.remains
+
+    return tuple(doubt for doubt in found if not refuted(doubt))
 
 
 def _credible(found: _Found) -> tuple[Fit, ...]:

@@ -432,7 +432,7 @@ def sources(job: Job) -> Iterator[Source]:
         if found is not None and found.exact and possible.includes(found.chosen[0].place):
             yield Suspected(job=job, found=found)
         yield Screened(job=job, places=possible)
-    elif not job.judged_by_drive and job.suspects is not None:
+    elif job.suspects is not None and (not job.judged_by_drive or job.suspects.clear is not None):
         yield Suspected(job=job, found=job.suspects)
         refuted = job.suspects.ranking.broken
         others = job.suspects.others if refuted and job.left >= 1.0 else None

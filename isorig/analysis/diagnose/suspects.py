@@ -179,6 +179,11 @@ class Suspects:
             if one.name in before and one.name not in self.equations.with_estimates
         )
 
+    @property
+    def remains(self) -> float:
+        """The largest residual that the best explanation leaves, over noise."""
+        return max(self.chosen[0].residuals.values())
+
     def blamed(self, cause: str, place: str) -> bool:
         """Whether no explanation of another kind or place is clearly better."""
         return self.score_of(cause, place) >= NEARLY * self.chosen[0].score
