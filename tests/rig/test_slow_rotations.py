@@ -144,6 +144,16 @@ def test_a_hidden_friction_is_named(tmp_path: Path) -> None:
     assert answer["steps"][0]["location"] in ("motor_bearing", "load_bearing")
 
 
+def test_friction_and_cogging_are_both_named(tmp_path: Path) -> None:
+    """Beside friction the cogging is the only further cause that the equations show, and no doubt about the drive's unit."""
+    answer = diagnosed(campaign(4, lambda angle, speed: 0.05 * np.tanh(speed / 1e-3) + 0.03 * np.sin(9.0 * angle)), tmp_path)
+    assert not answer["doubts"]
+    assert {step["cause"] for step in answer["steps"]} >= {"coulomb_friction", "cogging"}
+    step = next(step for step in answer["steps"] if step["cause"] == "cogging")
+    assert step["parameters"]["pitch"]["value"] == pytest.approx(2.0 * np.pi / 9.0, rel=0.01)
+    assert step["parameters"]["periodic_force"]["value"] == pytest.approx(0.03, rel=0.1)
+
+
 #: The rig with a tachometer at the load, and known friction in the motor's bearing.
 WITH_TACHOMETER = msgspec.structs.replace(
     RIG,
@@ -298,8 +308,13 @@ def test_a_gear_of_ratio_one_to_twenty_is_the_same_rig() -> None:
             run.channels["load_angle"], samples=run.channels["load_angle"].read() / ratio)})
         for run in plain.runs
     ))  # fmt: skip
-    of_plain, of_geared = (equations_of(*pair).residuals() for pair in ((plain, SOFT), (slowed, geared)))
-    assert of_geared == pytest.approx(of_plain, rel=0.05)
+    # The same twist, motor - 20 load, of a shaft that is described as one to the ground.
+    to_ground = replaced(geared, links=(replaced(shaft, a="motor", b="ground", arms={"load": -ratio}), *geared.links[1:]))
+    of_plain, *of_geared = (
+        equations_of(*pair).residuals() for pair in ((plain, SOFT), (slowed, geared), (slowed, to_ground))
+    )  # fmt: skip
+    for each in of_geared:
+        assert each == pytest.approx(of_plain, rel=0.05)
     drives = [prepare(found, model)[0] for found, model in ((plain, SOFT), (slowed, geared))]
     needed = [required_drive(model, trial.motion) for trial, model in zip(drives, (SOFT, geared), strict=True) if trial.motion]
     assert needed[1] == pytest.approx(needed[0], abs=1e-6 * np.abs(needed[0]).max())
