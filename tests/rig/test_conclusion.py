@@ -15,6 +15,7 @@ from some_findings import findings, named
 
 from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.diagnose.policy import POLICY
+from isorig.analysis.fitting.excess import SIMULATION_LIMIT
 from isorig.analysis.fitting.solve import Fit
 from isorig.analysis.simulate.natural import natural_modes
 from isorig.analysis.wording import SIZED, in_per_cent, noise_alone, sized
@@ -25,7 +26,7 @@ from isorig.rig.files.recording import write
 from isorig.rig.files.rigfile import read_rig, write_model
 from isorig.rig.frf.transfer import transfer_functions
 from isorig.rig.model.prediction import predicted
-from isorig.rig.report.conclusion import cause_in_words, conclude
+from isorig.rig.report.conclusion import OPEN, cause_in_words, conclude
 from isorig.rig.report.sections import unbroken
 from isorig.rig.virtual.described import described_campaign
 from isorig.rig.wire_bonder.description import wire_bonder
@@ -50,6 +51,14 @@ def test_the_answer_names_the_cause_with_its_size_and_the_error() -> None:
     )
     assert "out/model.json" in said.next
     assert said.lines == [said.answer, said.ruled_out, said.next]
+
+
+@pytest.mark.parametrize(("times", "told"), [(0.99, False), (1.01, True)])
+def test_an_explanation_far_above_the_noise_is_said_to_lack_a_part(times: float, told: bool) -> None:
+    found = findings()
+    left = times * OPEN * np.hypot(found.holdout.noise_floor, SIMULATION_LIMIT)
+    large = msgspec.structs.replace(found, holdout=msgspec.structs.replace(found.holdout, extended=left))
+    assert ("a part of this one, is not found" in conclude(large, "out").answer) is told
 
 
 def test_what_was_tried_on_top_of_an_uncertain_cause_does_not_rule_it_out() -> None:
