@@ -496,7 +496,7 @@ class _Search:
 
     def confirmed_by_force(self, found: _Found) -> _Found:
         """A search without an answer, with the cause that the required force shows instead, if there is one."""
-        if found.verdict != "unexplained" or self._equations.hidden or self.first is None or out_of_time():
+        if found.verdict != "unexplained" or self._equations.hidden or self.first is None or self.cut_short or out_of_time():
             return found
         shown = self._by_required_force(self.first, found.stages, found.division, found.enough, searched=True)
         return found if shown is None else shown
