@@ -47,7 +47,7 @@ bench: .venv/bench
 study: setup
 	$(BIN)/python -m pytest -q -m study
 	$(BIN)/python tests/blind/study.py --minutes $(MINUTES)
-	$(BIN)/python tests/blind/foreign/diagnosed.py --seeds 2294-2693 --minutes $(MINUTES) --csv docs/study/foreign.csv
+	$(BIN)/python tests/blind/foreign/diagnosed.py --seeds 2662-2991 --minutes $(MINUTES) --csv docs/study/foreign.csv
 	$(BIN)/python tests/blind/cause_coverage.py --minutes $(MINUTES)
 	$(BIN)/python tests/blind/tally.py
 
