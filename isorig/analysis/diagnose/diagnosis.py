@@ -39,7 +39,7 @@ from isorig.analysis.diagnose.step import Entry, Found, Step, updated, with_evid
 from isorig.analysis.diagnose.suspects import BROKEN, Suspects, suspects
 from isorig.analysis.equations.forms import fit_start, start_values
 from isorig.analysis.equations.system import Equations, equations_of
-from isorig.analysis.errors import FitError, OutOfTimeError
+from isorig.analysis.errors import FitError, OutOfTimeError, SimulationError
 from isorig.analysis.fitting.division import Divide, Division, beginnings, ends, refined
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT, is_adequate, log_excess, ratio, share_removed
 from isorig.analysis.fitting.ladder import (
@@ -483,7 +483,7 @@ class _Search:
     ) -> _Found | None:  # fmt: skip
         # The cause that the required force shows if no simulation can follow the motion, or, after the search, none does.
         shown = None
-        with self.until_the_time_ends():
+        with self.until_the_time_ends(), suppress(SimulationError):  # a motion that grows without bound
             shown = shown_by_force(job, searched=searched)
         if shown is None:
             return None

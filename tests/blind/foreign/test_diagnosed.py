@@ -4,6 +4,7 @@ import json
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -11,7 +12,13 @@ sys.path.insert(0, str(Path(__file__).parent))
 from diagnosed import COLUMNS, Line, append, diagnosed, group_of, judged, lines_of, table
 from foreign_campaign import Setting, draw
 
+from isorig.analysis.campaign import Campaign
+from isorig.analysis.deadline import Deadline
+from isorig.analysis.diagnose import diagnosis, required_force
 from isorig.analysis.diagnose.diagnosis import diagnose
+from isorig.analysis.diagnose.required_force import shown_by_force
+from isorig.analysis.diagnose.search import Job
+from isorig.analysis.errors import OutOfTimeError
 from isorig.rig.files.recording import read
 from isorig.rig.model.baseline import baseline_model
 
@@ -69,16 +76,47 @@ def test_a_wrong_gain_beside_play_is_not_taken_for_a_wrong_mass(tmp_path: Path) 
     assert line.outcome == "right"
 
 
-def test_play_whose_motion_no_simulation_can_follow_is_named(tmp_path: Path) -> None:
-    """A large play below a shaken stage: the true rig's simulation leaves the record within three periods."""
-    assert draw("base", 2665, Setting(severity=None, soiled=None, effects=None), tmp_path) is not None
-    campaign, truth = read(tmp_path / "2665.h5"), json.loads((tmp_path / "2665.json").read_text())
+@pytest.fixture(scope="module")
+def sensitive(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, float]:
+    """A campaign with a large play below a shaken stage, and half of that: the true rig's simulation soon leaves the record."""
+    folder = tmp_path_factory.mktemp("sensitive")
+    assert draw("base", 2665, Setting(severity=None, soiled=None, effects=None), folder) is not None
+    truth = json.loads((folder / "2665.json").read_text())
+    return read(folder / "2665.h5"), float(truth["effects"][0]["parameters"]["clearance"])
+
+
+def test_play_whose_motion_no_simulation_can_follow_is_named(sensitive: tuple[Campaign, float]) -> None:
+    campaign, true = sensitive
     found = diagnose(campaign, baseline_model(campaign))
     assert [(step.cause, step.location) for step in found.steps] == [("backlash", "lower")]
     assert found.verdict == "explained"
     value, std, _ = found.steps[0].parameters["clearance"]
-    true = truth["effects"][0]["parameters"]["clearance"]
     assert abs(value - true) < 5e-4 * true
     assert abs(value - true) < 4.0 * std
     assert found.required_force is not None
     assert found.required_force.after < 0.01 < found.required_force.before
+
+
+def test_the_required_force_must_show_enough(sensitive: tuple[Campaign, float], monkeypatch: pytest.MonkeyPatch) -> None:
+    """At the thresholds: of the noise floor, of the force that the baseline leaves, and of that which the cause leaves."""
+    jobs: list[Job] = []
+
+    def taken(job: Job, *, searched: bool) -> None:
+        jobs.append(job)
+        raise OutOfTimeError("the job is all that is asked for")
+
+    monkeypatch.setattr(diagnosis, "shown_by_force", taken)
+    with Deadline(20.0):
+        diagnose(sensitive[0], baseline_model(sensitive[0]))
+    shown = shown_by_force(jobs[0], searched=False)
+    assert shown is not None
+    assert jobs[0].suspects is not None
+    begun = jobs[0].suspects.started(shown.found.entry.candidate, jobs[0].current.free)[0]
+    floor = float(np.median(jobs[0].allowed(begun)))
+    limits = {"VISIBLE": shown.before, "REMAINS": shown.after / min(shown.before, 1.0), "SENSITIVE": floor}
+    for name, at in limits.items():
+        kept, lost = (0.9, 1.1) if name != "REMAINS" else (1.1, 0.9)
+        for factor in (kept, lost):
+            with monkeypatch.context() as changed:
+                changed.setattr(required_force, name, factor * at)
+                assert (shown_by_force(jobs[0], searched=False) is not None) is (factor == kept), name
