@@ -193,11 +193,8 @@ class Job:
         return (self.left >= 1.0 and self.removes_most(entry)) or adequate(entry.score, self.floors)
 
     def contradicts(self, entry: Entry) -> bool:
-        """Whether the equations of motion clearly show another kind or place, and it does not make the model adequate."""
-        found = self.suspects
-        if found is None or not found.exact or found.clear is None or not found.shown(*found.clear):
-            return False
-        return not found.shown(*entry.candidate.key) and not adequate(entry.score, self.floors)
+        """Whether the equations of motion clearly show another kind at its place, and it leaves more than a small part."""
+        return self.suspects is not None and self.suspects.show_another(*entry.candidate.key) and not self.nearly(entry)
 
     def removes_most(self, entry: Entry) -> bool:
         """Whether it removes as much of the current model's excess as an explanation does of the baseline's."""

@@ -154,6 +154,12 @@ class Suspects:
                 pairs.append((score_of({name: before}, {name: own}), score_of({name: before}, {name: other})))
         return any(score >= SHOWN and score > other + APART for score, other in pairs)
 
+    def show_another(self, cause: str, location: str) -> bool:
+        """Whether an equation without estimated motions shows another kind than a cause has at its place, and nothing else."""
+        best = self.chosen[0]
+        clear = self.exact and self.clear is not None and self.shown(best.kind, best.place)
+        return clear and self._at(best, location) and not self.shown(cause, location)
+
     @property
     def broken(self) -> bool:
         """Whether an equation does not hold for certain."""

@@ -119,8 +119,9 @@ def given_moves(done: Fit, trials: Sequence[Trial], given: Mapping[str, float]) 
         done.model.replace({path: done.model.get(path) + share * std})
         for (path, std), share in zip(given.items(), shares, strict=True)
     ]
-    changes = np.nan_to_num(Problem(trials, share=SIMULATION_LIMIT).residuals(moved) - done.residual)
-    changes /= np.array(shares)[:, None]
+    # The stored residual may be that of a model which differs by as little.
+    here, *there = Problem(trials, share=SIMULATION_LIMIT).residuals([done.model, *moved])
+    changes = np.nan_to_num(np.array(there) - here) / np.array(shares)[:, None]
     scale, jacobian, bread = normalised(done)
     back = bread @ jacobian.T
     slope = np.array([done.model.get(f.path) if f.log else 1.0 for f in done.free])
