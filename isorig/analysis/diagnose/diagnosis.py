@@ -60,7 +60,7 @@ from isorig.analysis.fitting.score import (
     Improvement,
     Score,
     improvement,
-    noise_floor,
+    noise_floors,
     score,
     share_interval,
     surely_removes,
@@ -69,7 +69,7 @@ from isorig.analysis.fitting.score import (
 from isorig.analysis.fitting.screen import Progress
 from isorig.analysis.fitting.solve import Fit
 from isorig.analysis.fitting.trials import Trial, prepare, zero_errors
-from isorig.analysis.fitting.uncertainty import assessed, stated_floor
+from isorig.analysis.fitting.uncertainty import assessed
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.spectra.quality import faults
 from isorig.analysis.wording import in_per_cent
@@ -279,8 +279,6 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
         said = [record_signs(campaign, last.fit.model, fine)]
     else:
         said = [signs(campaign, stage.fit.model, fine, each) for stage, each in zip(stages, compared, strict=False)]
-    if found.required_force is not None:
-        said[0] = (*said[0], Sign(text=found.required_force.sentence))
     shown_by_equations, blamed = search.shown_by_equations(found, contradicted=bool(contradicted))
     if blamed is not None and blamed.clearly:
         followed = (
@@ -289,11 +287,11 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
             else "No simulation with it follows the records."
         )
         said[0] = (*said[0], Sign(text=f"Equations of motion: {blamed.clearly} {followed}"))
-    if found.required_force is not None:
-        said[0] = (*said[0], Sign(text=found.required_force.sentence))
-    steps = (stage.step for stage in stages[1 : found.kept + 1])
-    floor = stated_floor(last.fit.model, found.division.judged)
     by_force = found.required_force
+    if by_force is not None:
+        said[0] = (*said[0], Sign(text=by_force.sentence))
+    steps = (stage.step for stage in stages[1 : found.kept + 1])
+    floor = search.stated_floor(last.fit.model, found.division.judged)
     considered = all_considered(
         search.entries, [stage.step for stage in stages[1 : found.kept + 1] if stage.step], found.replaced, found.exchanged,
         first.score, _allowed(found.quiet), first.fit.model, trials, shown_by_equations,
@@ -357,8 +355,10 @@ def _standing(found: Sequence[Doubt], campaign: Campaign, model: RigModel, equat
     def refuted(doubt: Doubt) -> bool:
         if doubt.parameter != drive or doubt.kind not in OF_LEVELS or blamed is None or not blamed.exact:
             return doubt.parameter in values and is_near(values[doubt.parameter], model.get(doubt.parameter))
-        other = suspects(equations_of(campaign, model.replace({"drive.factor": model.drive.factor * doubt.ratio})))
-        return other is not None and blamed.remains < REFUTES * other.remains
+        with suppress(OutOfTimeError):
+            other = suspects(equations_of(campaign, model.replace({"drive.factor": model.drive.factor * doubt.ratio})))
+            return other is not None and blamed.remains < REFUTES * other.remains
+        return False
 
     return tuple(doubt for doubt in found if not refuted(doubt))
 
@@ -420,9 +420,10 @@ class _Search:
         quiet = self._quiet(stages, judged)
         calibration = self._calibration(stages[0], divide, quiet)
         enough = adequacy_threshold(calibration)
+        begun = None
         if not (self._most_steps == 0 or self._equations.hidden or self._ends(stages, quiet, enough)):
-            job = self._job(stages, division, _allowed(quiet), 1.0, [], forms_only=False)
-            if (shown := self._by_required_force(job, stages, division, enough, searched=False)) is not None:
+            begun = self._job(stages, division, _allowed(quiet), 1.0, forms_only=False)
+            if (shown := self._by_required_force(begun, stages, division, enough, searched=False)) is not None:
                 return shown
         tries, repeated = 0, False
         while len(stages) <= self._most_steps and not self._ends(stages, quiet, enough):
@@ -431,7 +432,9 @@ class _Search:
                 f"held-out error {in_per_cent(now.score.figure)}, noise floor {in_per_cent(float(np.median(quiet)))}; "
                 "searching for a cause"
             )
-            found = self._next_step(stages, division, floors, self._left(stages, quiet), forms_only=repeated)
+            # The first search goes on with what the required force took from the equations.
+            job = begun or self._job(stages, division, floors, self._left(stages, quiet), forms_only=repeated)
+            begun, found = None, self._next_step(job)
             if found is None:
                 break
             if found.then is not None and self._adequate(found.entry.score, floors, enough):
@@ -534,28 +537,25 @@ class _Search:
         # Share of the baseline's excess that the last stage leaves.
         return 1.0 - share_removed(stages[0].score.error, stages[-1].score.error, _allowed(quiet))
 
-    def _next_step(
-        self, stages: Sequence[SearchStage], division: Division, floors: FloatArray, left: float, *, forms_only: bool
-    ) -> Found | None:  # fmt: skip
+    def _next_step(self, job: Job) -> Found | None:
         # The next step, if there is one; what each candidate removes is kept in any case.
-        found, judged = None, list[Entry]()
+        found = None
         with self.until_the_time_ends():
             ask_time()
-            found = next_step(self._job(stages, division, floors, left, judged, forms_only=forms_only))
-        fitted = found.entries if found else tuple(best_fits(judged, floors))
+            found = next_step(job)
+        fitted = found.entries if found else tuple(best_fits(job.judged, job.floors))
         if fitted:
-            self.entries.append((stages[-1].score, fitted))
+            self.entries.append((job.now, fitted))
         return found
 
     def _job(
-        self, stages: Sequence[SearchStage], division: Division, floors: FloatArray, left: float, judged: list[Entry], *,
-        forms_only: bool,
+        self, stages: Sequence[SearchStage], division: Division, floors: FloatArray, left: float, *, forms_only: bool
     ) -> Job:  # fmt: skip
         step = stages[-1].step
         job = Job(
             campaign=self._campaign, described=self._described, guess=self._guess, current=stages[-1].fit, now=stages[-1].score,
             equations=self._equations_for(stages), trials=division.fits, fine=division.judged, floors=floors,
-            progress=self._progress, left=left, judged=judged, steps=self._most_steps - len(stages) + 1, forms_only=forms_only,
+            progress=self._progress, left=left, steps=self._most_steps - len(stages) + 1, forms_only=forms_only,
             allowed=lambda model: _allowed(self.floors([model], division.judged)),
             rubbing=step.location if step and step.kind == "friction_shape" else "",
             curved=(step.kind, step.location) if step and step.form is None and step.kind in SHAPED else None,
@@ -623,14 +623,18 @@ class _Search:
         Noise counts as in the model most sensitive to it; a disturbance is what no model explains of the difference between
         repeated runs, for example one with a drift.
         """
-        noise = np.max([self._noise_floor(model, judged) for model in models], axis=0)
+        noise = np.max([self._noise_floors_of(model, judged)[0] for model in models], axis=0)
         return np.asarray(np.hypot(noise, np.min([self._disturbance(model, judged) for model in models], axis=0)))
 
     def _disturbance(self, model: RigModel, judged: Sequence[Trial]) -> FloatArray:
         return _once(self._disturbances, model, judged, lambda: disturbance(model, judged))
 
-    def _noise_floor(self, model: RigModel, judged: Sequence[Trial]) -> FloatArray:
-        return _once(self._noise_floors, model, judged, lambda: noise_floor(model, judged))
+    def stated_floor(self, model: RigModel, judged: Sequence[Trial]) -> float:
+        """The error that noise and disturbance alone typically cause: the median over runs and channels."""
+        return float(np.median(np.hypot(self._noise_floors_of(model, judged)[1], self._disturbance(model, judged))))
+
+    def _noise_floors_of(self, model: RigModel, judged: Sequence[Trial]) -> FloatArray:
+        return _once(self._noise_floors, model, judged, lambda: noise_floors(model, judged))
 
     def settled(self, found: _Found) -> _Found:
         """The search with the last model at its minimum, and the uncertainty of its values; without time it stays as it is."""
@@ -645,7 +649,7 @@ class _Search:
         except (OutOfTimeError, FitError):
             return found
         # The refined values differ by less than their uncertainty, so noise passes through them alike.
-        self._noise_floors[fit.model.encoded, id(judged)] = judged, self._noise_floor(last.fit.model, judged)
+        self._noise_floors[fit.model.encoded, id(judged)] = judged, self._noise_floors_of(last.fit.model, judged)
         stage = replace(last, fit=fit, score=score(fit.model, judged))
         if ratio(stage.score.error, last.score.error, _allowed(floors)) > POLICY.matters:
             # A minimum that predicts less is that of a few events; the values before it have the same uncertainty.
@@ -677,7 +681,7 @@ class _Search:
 
     def budget(self, model: RigModel, division: Division) -> Budget:
         """Composition of a model's error."""
-        return budget(model, division.judged, self._noise_floor(model, division.judged))
+        return budget(model, division.judged, self._noise_floors_of(model, division.judged)[0])
 
     def _calibration(self, stage: SearchStage, divide: Divide, quiet: FloatArray) -> float | None:
         # Only needed near the noise; a rig judged by its drive has no simulated motion.

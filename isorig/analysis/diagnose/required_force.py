@@ -16,6 +16,7 @@ import numpy as np
 from isorig.analysis.diagnose.considered import ConsideredCandidate
 from isorig.analysis.diagnose.search import Job
 from isorig.analysis.diagnose.step import Entry, Found, curve_of, found_step
+from isorig.analysis.diagnose.suspects import Suspects
 from isorig.analysis.equations.balances import Element
 from isorig.analysis.equations.forms import ElementForce, fitted_form, force_left
 from isorig.analysis.fitting.candidate import Candidate
@@ -82,11 +83,14 @@ def shown_by_force(job: Job, *, searched: bool) -> ShownByForce | None:
     Before the search for causes only one that no simulation can follow; after it has found none, `searched`, any: then as a kind
     at a place, with its curve.
     """
-    chosen = _chosen(job, form=not searched)
-    recorded = job.suspects.recorded(chosen) if job.suspects is not None and chosen is not None else None
-    if job.suspects is None or chosen is None or recorded is None:
+    suspects = job.suspects
+    if suspects is None or suspects.clear is None:
         return None
-    (element, force), start = recorded, job.suspects.started(chosen, job.current.free)[0]
+    chosen = _chosen(job, suspects, form=not searched)
+    recorded = suspects.recorded(chosen) if chosen is not None else None
+    if chosen is None or recorded is None:
+        return None
+    (element, force), start = recorded, suspects.started(chosen, job.current.free)[0]
     sensitive = float(np.median(job.floors)) < SENSITIVE <= float(np.median(job.allowed(start)))
     if not (sensitive or searched):
         return None
@@ -108,11 +112,9 @@ def shown_by_force(job: Job, *, searched: bool) -> ShownByForce | None:
     return replace(shown, found=replace(shown.found, step=replace(found.step, evidence=(shown.sentence,))))
 
 
-def _chosen(job: Job, *, form: bool) -> Candidate | None:
+def _chosen(job: Job, suspects: Suspects, *, form: bool) -> Candidate | None:
     # The simplest form, if one is wanted, that leaves as little of the recorded force as any curve, or the curve.
-    suspects, current = job.suspects, job.current
-    if suspects is None or suspects.clear is None:
-        return None
+    current = job.current
     forms = [
         one for one in (suspects.candidates(current, job.evidence) if form else ())
         if suspects.shown(*one.key) and suspects.stands(one, current, job.evidence)

@@ -391,7 +391,7 @@ class Suspects:
         return self._fits[key]
 
     def _begin(self, candidate: Candidate, current: Sequence[Free]) -> _Begun:
-        explanation = next((e for e in self.chosen if self._is(e, candidate.cause, candidate.location)), None)
+        explanation = self._explanation_of(candidate)
         if explanation is None:
             return _Begun(models=[(None, start) for start in candidate.starts], explanation=None)
         kept = {free.path for free in candidate.parameters(candidate.starts[0], current)} - {f.path for f in candidate.free}
@@ -420,10 +420,13 @@ class Suspects:
                 found.append((solved.left, model.replace(solved.values)) if solved is not None else (None, model))
         return _Begun(models=sorted(found, key=lambda pair: pair[0] or 0.0), explanation=explanation)
 
+    def _explanation_of(self, candidate: Candidate) -> Explanation | None:
+        # The best explanation of which a candidate is a form.
+        return next((e for e in self.chosen if self._is(e, candidate.cause, candidate.location)), None)
+
     def recorded(self, candidate: Candidate) -> tuple[Element, ElementForce] | None:
         """The element of a suspected candidate and its recorded force; None if the equations do not give it."""
-        explanation = next((e for e in self.chosen if self._is(e, candidate.cause, candidate.location)), None)
-        element = self._element(candidate.location)
+        explanation, element = self._explanation_of(candidate), self._element(candidate.location)
         force = self._solved(explanation)[1] if explanation is not None else None
         return (element, force) if element is not None and force is not None else None
 

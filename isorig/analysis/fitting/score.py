@@ -95,12 +95,22 @@ def score(model: RigModel, trials: Sequence[Trial]) -> Score:
 
 
 def noise_floor(model: RigModel, trials: Sequence[Trial], *, typical: bool = False) -> FloatArray:
-    """The error of a perfect model in each run and channel, shape (runs, channels).
+    """The error of a perfect model in each run and channel, or its `typical` one (`noise_floors`), shape (runs, channels)."""
+    return np.asarray(noise_floors(model, trials)[int(typical)])
+
+
+def noise_floors(model: RigModel, trials: Sequence[Trial]) -> FloatArray:
+    """The error of a perfect model in each run and channel, which it hardly exceeds, and its typical one.
 
     The responses' own noise, and the drive channel's propagated through the model: the change of the simulation due to noise of
     its size, added to the recorded drive. If two draws of it disagree, the motion is sensitive and more draws are used: the
-    largest, which a perfect model hardly exceeds, or the median for a `typical` error. A recorded drive that jumps between two
-    samples, e.g. at a release, acts at an unknown moment between them.
+    largest of them, and their median for the typical error. A recorded drive that jumps between two samples, e.g. at a release,
+    acts at an unknown moment between them.
+
+    Returns
+    -------
+    ndarray
+        Shape (2, runs, channels).
     """
     generator = np.random.default_rng(7)
 
@@ -124,14 +134,14 @@ def noise_floor(model: RigModel, trials: Sequence[Trial], *, typical: bool = Fal
     def one(job: tuple[Trial, FloatArray, FloatArray]) -> FloatArray:
         trial, noises, signal = job
         power = through(trial, list(noises[:2]))
-        drawn = power.max(axis=0)
-        if np.any(drawn > SENSITIVE * power.min(axis=0)):
+        drawn = np.stack([power.max(axis=0)] * 2)
+        if np.any(drawn[0] > SENSITIVE * power.min(axis=0)):
             power = np.concatenate([power, through(trial, list(noises[2:]))])
-            drawn = np.median(power, axis=0) if typical else power.max(axis=0)
+            drawn = np.stack([power.max(axis=0), np.median(power, axis=0)])
         return np.asarray(np.sqrt((trial.usable_noise**2 + drawn + between_samples(trial)) / signal))
 
     noises = [generator.normal(0.0, trial.drive_noise, (DRAWS, len(trial.excitation.recorded))) for trial in trials]
-    return np.stack(side_by_side(one, list(zip(trials, noises, signal_powers(trials), strict=True))))
+    return np.stack(side_by_side(one, list(zip(trials, noises, signal_powers(trials), strict=True))), axis=1)
 
 
 def moved_jumps(drive: FloatArray) -> tuple[FloatArray, FloatArray]:
