@@ -16,6 +16,7 @@ from isorig.analysis.derivative import derivative
 from isorig.analysis.equations.balances import Balance, Element, Lock
 from isorig.analysis.equations.columns import (
     CORNERS,
+    DRY_FRICTION,
     PER_COEFFICIENT,
     PERIODIC,
     RARE_STOP,
@@ -191,7 +192,7 @@ class Regressions:
         ):
             return []
         # A contact's friction replaces the plain one; without a contact there is only the plain one and what it may become.
-        left_out = {"dry friction"} if rubbing else {s.name for s in SHAPES if s.with_friction and s.name != "slip"}
+        left_out = {DRY_FRICTION.name} if rubbing else {s.name for s in SHAPES if s.with_friction and s.name != "slip"}
         left_out |= {s.name for s in SHAPES if s.kind == "drift" and not self.on.timed}
         return [shape for shape in SHAPES if shape.name not in left_out]
 
@@ -242,7 +243,7 @@ class Regressions:
         left = self.on.shaped(balance, element, shape).residual
         if left <= self.least or before < self.least:
             return left
-        if shape.name in ("dry friction", PERIODIC):
+        if shape.name in (DRY_FRICTION.name, PERIODIC):
             return min(left, before * self.on.in_motion(balance, element, shape))
         found = self.on.in_time(balance, element)
         if found is None or found[0].residual(found[1]) < HINTS:

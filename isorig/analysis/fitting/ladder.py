@@ -97,16 +97,16 @@ def baseline_fit(starts: Sequence[RigModel], trials: Sequence[Trial], *, misfits
     if closest is not starts[0]:  # the given values may explain the data
         given = tried(closest, free, last)
         if given is not None and given.cost < TELLING:
-            return _converged(finished(given, trials), trials)
+            return _converged(given, trials)
     # Values from the equations of motion are usually close: then nothing diverges.
     quick = tried(starts[0], free, last)
     if quick is not None and quick.cost < ((STAYS / SIGNAL_SHARE) ** 2 if misfits else TELLING):
-        return _converged(finished(quick, trials), trials)
+        return _converged(quick, trials)
     fits = [done for start in starts if (done := tried(start, free, first))]
     for shorter, rung in pairwise((first, *longer)):
         kept = fits if shorter.seconds < UNDECIDED else [_trusted(fits, starts[0].name)]
         fits = [done for each in kept if (done := tried(each.model, free, rung))]
-    return _converged(finished(_returned(_trusted(fits, starts[0].name), starts[-1], (first, *longer)[-1]), trials), trials)
+    return _converged(_returned(_trusted(fits, starts[0].name), starts[-1], (first, *longer)[-1]), trials)
 
 
 def not_fitted(model: RigModel) -> Fit:
@@ -168,20 +168,19 @@ def _largest(model: RigModel, problem: Problem) -> float:
     return max(float(np.mean(part**2)) for part in parts)
 
 
-def finished(rough: Fit, trials: Sequence[Trial]) -> Fit:
+def finished(rough: Fit, trials: Sequence[Trial], steps: int = LAST_STEPS, tolerance: float = 1e-3) -> Fit:
     """A fit completed on all fit data, at all frequencies.
 
     A drive limited to a low band may excite a resonance above it nonetheless, where friction changes at once.
     """
     whole = [replace(trial, ceiling=trial.sample_rate / 2.0) for trial in trials]
-    return fit(rough.model, rough.free, Problem(whole, share=SIMULATION_LIMIT), iterations=LAST_STEPS, tolerance=1e-3)
+    return fit(rough.model, rough.free, Problem(whole, share=SIMULATION_LIMIT), iterations=steps, tolerance=tolerance)
 
 
-def _converged(done: Fit, trials: Sequence[Trial]) -> Fit:
+def _converged(rough: Fit, trials: Sequence[Trial]) -> Fit:
     # Dry friction leaves narrow valleys, in which steps are short: the fit goes on as long as they reduce its misfit.
-    if done.converged:
-        return done
-    return fit(done.model, done.free, Problem(trials, share=SIMULATION_LIMIT), iterations=VALLEY_STEPS, tolerance=VALLEY_FALL)
+    done = finished(rough, trials)
+    return done if done.converged else finished(done, trials, VALLEY_STEPS, VALLEY_FALL)
 
 
 def unrolled(rough: Fit, trials: Sequence[Trial]) -> Fit:
