@@ -380,8 +380,8 @@ def foreign_section(table: pd.DataFrame) -> str:
 converters with sharp filters and with descriptions up to a quarter off ({families}). They hide a cause of the catalogue, a
 form outside it, two causes or none. An answer is right if it names the place and kind of every cause and nothing else; a sound
 rig must be adequate. A disturbance that is in the rig, named instead, counts apart. A diagnosis
-takes {table["processor_s"].median():.0f} s of processor in the median, {table["processor_s"].max():.0f} s at most. All were
-diagnosed by one version of the program. Every campaign has a line in `docs/study/foreign.csv`, written by
+takes {table["processor_s"].median():.0f} s of processor in the median, {table["processor_s"].max():.0f} s at most.
+One version of the program diagnosed all of them. Every campaign has a line in `docs/study/foreign.csv`, written by
 `python tests/blind/foreign/diagnosed.py --seeds {table["seed"].min()}-{table["seed"].max()} --csv docs/study/foreign.csv`.
 
 {markdown(rows, ("hidden", "right", "only a disturbance", "one of two", "no name", "wrong name"))}

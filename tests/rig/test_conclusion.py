@@ -21,7 +21,7 @@ from isorig.analysis.simulate.natural import natural_modes
 from isorig.analysis.wording import SIZED, in_per_cent, noise_alone, sized
 from isorig.rig.cli import main
 from isorig.rig.diagnose.answer import PERIODS, _of_given_masses, missing
-from isorig.rig.files.findings import Findings, NamedCause, read_findings
+from isorig.rig.files.findings import Findings, NamedCause, RequiredForce, read_findings
 from isorig.rig.files.recording import write
 from isorig.rig.files.rigfile import read_rig, write_model
 from isorig.rig.frf.transfer import transfer_functions
@@ -391,3 +391,11 @@ def test_what_most_of_an_unexplained_error_is_stands_in_the_answer(low: float, s
     budget = msgspec.to_builtins(findings().budget.extended) | {"amplitude": {"value": 0.9, "low": low, "high": 0.98}}
     unexplained = findings(verdict="unexplained", steps=[], budget={"baseline": budget, "extended": budget})
     assert ("; 90 % of the error's power changes with the amplitude" in conclude(unexplained).answer) == said
+
+
+def test_an_answer_by_the_required_force_promises_no_prediction() -> None:
+    """The error of a simulation that cannot follow the motion says nothing."""
+    said = conclude(msgspec.structs.replace(findings(), required_force=RequiredForce(baseline=0.4, extended=0.0035)), "out")
+    assert "the model leaves 0.35 % on held-out data, and the model without the cause 40 %" in said.answer
+    assert "rig predict" not in said.next
+    assert "falls from" not in said.answer

@@ -183,7 +183,7 @@ def _error(findings: Findings) -> str:
         force = findings.required_force
         return (
             f"no simulation follows this motion, but of the force that it requires there the model leaves "
-            f"{in_per_cent(force.extended)} on held-out data, and without the cause {in_per_cent(force.baseline)}"
+            f"{in_per_cent(force.extended)} on held-out data, and the model without the cause {in_per_cent(force.baseline)}"
         )
     before, after = in_per_cent(holdout.baseline), in_per_cent(holdout.extended)
     falls, left = (f"falls from {before} to {after}", holdout.extended) if findings.steps else (f"is {before}", holdout.baseline)
@@ -193,7 +193,7 @@ def _error(findings: Findings) -> str:
         return f"the error on held-out data {falls}, below what noise{' and disturbance' * disturbed} may cause ({size})"
     said = f"the error on held-out data {falls}, noise {'and disturbance alone are' if disturbed else 'alone is'} {size}"
     is_open = findings.verdict == "explained" and _leaves_more_than_noise(findings, OPEN)
-    return f"{said}; what is left is no noise: a smaller cause, or a part of this one, is not found" if is_open else said
+    return f"{said}; the excess is not noise: a smaller cause, or a part of this one, is not found" if is_open else said
 
 
 def _ruled_out(findings: Findings) -> str:
@@ -283,4 +283,5 @@ def _next(findings: Findings, folder: str | None) -> str:
         return f"Next: use the model: rig predict {model} predicts other runs."
     if any(step.kind in ("sensor", "known_value") for step in findings.steps):
         return f"Next: correct the recording or the description; {model} contains the correction (rig predict)."
-    return f"Next: repair the place, or predict with {model}, which contains the cause (rig predict)."
+    if_followed = f", or predict with {model}, which contains the cause (rig predict)"
+    return f"Next: repair the place{if_followed if findings.required_force is None else '; no simulation predicts this motion'}."
