@@ -5,6 +5,8 @@ The motion is integrated here, not by the engine. No force is recorded, so all f
 
 from __future__ import annotations
 
+from math import exp
+
 import msgspec
 import numpy as np
 import pytest
@@ -13,19 +15,21 @@ from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.diagnose.causes.wrong_mass import WrongMass
 from isorig.analysis.diagnose.diagnosis import diagnose
 from isorig.analysis.diagnose.observe import observe
-from isorig.analysis.equations.forms import start_values
+from isorig.analysis.equations.forms import fit_start, start_values
 from isorig.analysis.equations.ranking import ranking
 from isorig.analysis.equations.system import equations_of
 from isorig.analysis.fitting.ladder import baseline_fit
 from isorig.analysis.fitting.score import signal_powers
 from isorig.analysis.fitting.trials import prepare
-from isorig.analysis.laws import Coulomb
+from isorig.analysis.laws import Coulomb, Stribeck
 from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel, Sensor
 
 #: kg, N/m, N s/m of the spring and of the rail, and the rail's dry friction in N.
 MASS, SPRING, DAMPING, RAIL, FRICTION = 2.0, 600.0, 1.5, 0.8, 5.0
 #: Samples and steps of the integration per second, seconds of a run, and the count of the encoders in m.
 RATE, FINE, SECONDS, COUNT = 500, 10_000, 10, 1e-5
+#: Velocity in m/s over which Stribeck friction falls.
+FADES = 0.02
 RIG = RigModel(
     name="sled on a rail",
     bodies=(Body(name="carrier", mass=5.0), Body(name="sled", mass=MASS)),
@@ -39,18 +43,22 @@ RIG = RigModel(
 )
 
 
-def pulled(speeds: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Positions of carrier and sled, counted, while the carrier moves at each of these speeds in m/s for an equal time."""
+def pulled(speeds: tuple[float, ...], extra: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Positions of carrier and sled, counted, while the carrier moves at each of these speeds in m/s for an equal time.
+
+    The rail holds the sled with `extra` N more than it brakes it in a fast motion (Stribeck friction, over `FADES` m/s).
+    """
     steps, h = SECONDS * FINE, 1.0 / FINE
     pace = np.repeat(speeds, steps // len(speeds))
     carrier = np.cumsum(pace) * h
     sled, x, v = np.empty(steps), 0.0, 0.0
     for k, (at, speed) in enumerate(zip(carrier.tolist(), pace.tolist(), strict=True)):
         force = SPRING * (at - x) + DAMPING * (speed - v) - RAIL * v
-        if v == 0.0 and abs(force) <= FRICTION:
+        friction = FRICTION + extra * exp(-((v / FADES) ** 2))
+        if v == 0.0 and abs(force) <= friction:
             after = 0.0
         else:
-            after = v + h * (force - FRICTION * np.copysign(1.0, v if v != 0.0 else force)) / MASS
+            after = v + h * (force - friction * np.copysign(1.0, v if v != 0.0 else force)) / MASS
             after = 0.0 if v * after < 0.0 else after
         v, x = after, x + h * after
         sled[k] = x
@@ -113,3 +121,21 @@ def test_a_fit_begins_with_the_given_values_where_those_are_closer(campaign: Cam
     far = given.replace({"links.spring.stiffness": 3.0 * SPRING, "contacts.rail.law.friction_force": 0.1 * FRICTION})
     found = baseline_fit([far, given], prepare(campaign, given))
     assert found.values["contacts.rail.law.friction_force"] == pytest.approx(FRICTION, rel=0.01)
+
+
+def test_a_described_friction_law_starts_from_its_recorded_force() -> None:
+    """One run of stick and slip: with values a sixth off, a simulation sticks where the sled slips: no gradient leads back."""
+    channels = {
+        name: Channel(name=name, samples=values, quantity="displacement", unit="m")
+        for name, values in zip(("carrier", "sled"), pulled((0.03, -0.02, 0.05, -0.04), extra=2.5), strict=True)
+    }
+    run = Run(id="there and back", configuration="unlocked", sample_rate=float(RATE), gain=1.0, channels=channels)
+    campaign = Campaign(runs=(run,), source="a pull with stick and slip")
+    law = Stribeck(friction_force=4.4, static_force=8.2, stribeck_velocity=0.017, exponent=2.0)
+    values = ("friction_force", "static_force", "stribeck_velocity")
+    rig = msgspec.structs.replace(
+        RIG, contacts=(Contact(name="rail", a="sled", law=law),), free=(*RIG.free, *(f"contacts.rail.law.{v}" for v in values))
+    )
+    found = baseline_fit((fit_start(equations_of(campaign, rig)), rig), prepare(campaign, rig)).values
+    assert found["links.spring.stiffness"] == pytest.approx(SPRING, rel=0.01)
+    assert [found[f"contacts.rail.law.{v}"] for v in values] == pytest.approx([FRICTION, FRICTION + 2.5, FADES], rel=0.05)

@@ -10,18 +10,20 @@ import numpy as np
 import pytest
 from small_rigs import guessed, played, stage
 
+from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose import diagnosis, revise
 from isorig.analysis.diagnose.causes.base import Kind
 from isorig.analysis.diagnose.considered import all_considered
-from isorig.analysis.diagnose.diagnosis import MOST_STEPS, _of_sensors, _Search
+from isorig.analysis.diagnose.diagnosis import MOST_STEPS, _of_sensors, _Search, _standing
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.diagnose.revise import Revision, SearchStage, merged, near_rivals
-from isorig.analysis.diagnose.search import _extends
+from isorig.analysis.diagnose.search import Suspected, _extends, sources
 from isorig.analysis.diagnose.step import Curve, Entry, Found, Step, _closest, best_form, best_kind, determined, vanishes
 from isorig.analysis.equations.system import equations_of
 from isorig.analysis.fitting.candidate import Candidate, Shape
 from isorig.analysis.fitting.division import ends
+from isorig.analysis.fitting.plausible import Doubt
 from isorig.analysis.fitting.score import BLOCKS, Score, score
 from isorig.analysis.fitting.solve import Fit, Free, base_parameters
 from isorig.analysis.fitting.trials import prepare
@@ -523,3 +525,31 @@ def test_a_last_fit_that_predicts_less_gives_the_uncertainty_only(
     assert last.fit.model == (before if kept else after).model
     assert last.fit.covariance[0, 0] == 2.0
     assert last.score.figure == pytest.approx(0.1 if kept else 0.1 * worse)
+
+
+@pytest.mark.parametrize(("remains", "kept"), [(0.69, False), (0.71, True)])
+def test_equations_refute_a_doubt_about_the_unit_of_the_drive(
+    monkeypatch: pytest.MonkeyPatch, remains: float, kept: bool
+) -> None:  # fmt: skip
+    """What the best explanation leaves, with the drive as described and with its factor corrected by the ratio of the doubt."""
+    rig, campaign = stage(), Campaign(runs=())
+    doubt = Doubt(parameter=f"drive.{rig.drive.channel}", kind="unit", ratio=4.0, text="")
+    blamed = {rig.drive.factor: remains, 4.0 * rig.drive.factor: 1.0}
+    monkeypatch.setattr(diagnosis, "equations_of", lambda campaign, model: model)
+    monkeypatch.setattr(diagnosis, "start_values", lambda equations, explanation: {})
+    monkeypatch.setattr(
+        diagnosis, "suspects",
+        lambda model: SimpleNamespace(exact=True, chosen=[None], remains=blamed[model.drive.factor]),
+    )  # fmt: skip
+    assert bool(_standing([doubt], campaign, rig, rig)) is kept  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("clear", [None, ("spring_shape", "bearing")])
+def test_equations_lead_the_search_for_a_further_cause_of_a_rig_judged_by_its_drive_if_they_are_clear(
+    clear: tuple[str, str] | None,
+) -> None:  # fmt: skip
+    equations = SimpleNamespace(hidden=(), complete=True, residuals=dict)
+    job = SimpleNamespace(
+        equations=equations, curved=None, judged_by_drive=True, left=0.3, rubbing="", suspects=SimpleNamespace(clear=clear)
+    )
+    assert isinstance(next(sources(job)), Suspected) is (clear is not None)  # type: ignore[arg-type]
