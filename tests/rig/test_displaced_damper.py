@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import pytest
 from msgspec.structs import replace
 
 import isorig as iso
@@ -16,7 +17,7 @@ from isorig.analysis.simulate.sampling import TAPS
 
 #: kg, N s/m, N/m, N/m^3; m, Hz, Hz and seconds of the sweeps; noise as a share of each record's rms.
 MASS, DAMPING, STIFFNESS, CUBIC = 0.694, 2383.0, 2247.0, 4.2e6
-AMPLITUDES, SWEEP, RATE, SECONDS, NOISE = (0.0048, 0.0096, 0.016), (0.67, 3.4), 500.0, 20.0, 0.005
+AMPLITUDES, SWEEP, RATE, SECONDS, NOISE, QUIET = (0.0048, 0.0096, 0.016), (0.67, 3.4), 500.0, 20.0, 0.005, 0.001
 RIG = RigModel(
     name="damper", bodies=(Body(name="rod", mass=MASS),), free=("links.damper.damping", "links.damper.stiffness"),
     links=(Link(name="damper", a="rod", b="ground", damping=1.07 * DAMPING, stiffness=0.96 * STIFFNESS),),
@@ -103,6 +104,44 @@ def test_damping_that_grows_with_the_velocity_in_short_fast_runs() -> None:
     assert (found.verdict, step.cause, step.location) == ("explained", "quadratic_damping", "oil")
     value, std, _ = step.parameters["quadratic_damping"]
     assert abs(value - quadratic) <= 3.0 * std <= 0.05 * quadratic
+
+
+def test_a_relaxation_beside_hysteresis_is_named_too() -> None:
+    """A rubber hose: both forces have a memory, and the equations show them as one.
+
+    The force has content above the band of the sweeps: cut at that, the equations have no samples between two reversals.
+    """
+    relaxation, within, friction, built_up = 2.0e4, 0.04, 80.0, 3.0e4
+    draw = np.random.default_rng(5)
+    runs = []
+    for k, amplitude in enumerate(AMPLITUDES):
+        fine = 20  # steps per sample of the explicit midpoint rule
+        time = np.arange(round(SECONDS * RATE) * fine) / (RATE * fine)
+        rise = (SWEEP[1] - SWEEP[0]) / SECONDS
+        angle, omega = 2.0 * np.pi * (SWEEP[0] * time + 0.5 * rise * time**2), 2.0 * np.pi * (SWEEP[0] + rise * time)
+        x, v = amplitude * np.sin(angle), amplitude * omega * np.cos(angle)
+        a = amplitude * (2.0 * np.pi * rise * np.cos(angle) - omega**2 * np.sin(angle))
+        middle = 0.5 * (v[1:] + v[:-1])
+        z, f = np.zeros(len(time)), np.zeros(len(time))
+        for n, speed in enumerate(middle):
+            rate = built_up / friction * speed * (1.0 - abs(z[n]) ** 1.5 * (0.5 * np.sign(speed * z[n]) + 0.5))
+            there = z[n] + 0.5 * rate / (RATE * fine)
+            rate = built_up / friction * speed * (1.0 - abs(there) ** 1.5 * (0.5 * np.sign(speed * there) + 0.5))
+            z[n + 1] = z[n] + rate / (RATE * fine)
+            half = f[n] + 0.5 * (relaxation * speed - f[n] / within) / (RATE * fine)
+            f[n + 1] = f[n] + (relaxation * speed - half / within) / (RATE * fine)
+        force = MASS * a + DAMPING * v + STIFFNESS * x + friction * z + f
+        stroke, load = (values[::fine] + draw.normal(0.0, QUIET * values.std(), len(values) // fine) for values in (x, force))
+        channels = {
+            "stroke": Channel(name="stroke", samples=stroke, quantity="displacement", unit="m"),
+            "load": Channel(name="load", samples=load, quantity="force", unit="N"),
+        }
+        runs.append(Run(id=f"r{k}", configuration="unlocked", sample_rate=RATE, gain=1.0, channels=channels, excitation="sweep"))
+    found = iso.diagnose(Campaign(runs=tuple(runs), source="hose"), RIG)
+    named = {step.cause: step.parameters for step in found.steps}
+    assert set(named) == {"hysteresis", "relaxation"}
+    assert named["relaxation"]["relaxation_stiffness"][0] == pytest.approx(relaxation, rel=0.05)
+    assert named["hysteresis"]["friction_force"][0] == pytest.approx(friction, rel=0.05)
 
 
 def test_where_an_imposed_speed_began_is_no_error() -> None:

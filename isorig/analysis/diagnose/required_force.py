@@ -92,9 +92,10 @@ def shown_by_force(job: Job, *, searched: bool) -> ShownByForce | None:
         return None
     (element, force), start = recorded, suspects.started(chosen, job.current.free)[0]
     sensitive = float(np.median(job.floors)) < SENSITIVE <= float(np.median(job.allowed(start)))
-    if not (sensitive or searched):
-        return None
     early = force.until(FIT_SHARE)
+    one_sided = early.all() or not early.any()  # samples near reversals of a sliding contact do not count
+    if one_sided or not (sensitive or searched):
+        return None
     free, first, later = chosen.parameters(start, job.current.free), force.part(early), force.part(~early)
     bare, solved = fitted_form(job.current.model, job.current.free, element, first), fitted_form(start, free, element, first)
     if bare is None or solved is None:

@@ -2,25 +2,28 @@
 
 A cause that was chosen while a later one was missing may have stood for some of that. With the later causes in place, it is left
 out if it explains nothing any more, or exchanged for a rival of its search that explains more, or for a simpler one at its place
-that explains as much. A law that replaces that of an earlier cause takes the place of its step.
+that explains as much. A law that replaces that of an earlier cause takes the place of its step. A form of a free shape's kind
+that comes as close takes the place of that.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.diagnose.cause_in_model import with_cause, without_cause
 from isorig.analysis.diagnose.causes.base import Evidence
-from isorig.analysis.diagnose.policy import POLICY, explains_better, is_superfluous
-from isorig.analysis.diagnose.step import Entry, Found, Step, found_step, rescored
+from isorig.analysis.diagnose.forms_of_curves import starts_from_curve
+from isorig.analysis.diagnose.policy import POLICY, explains_better, form_stands, is_superfluous
+from isorig.analysis.diagnose.step import Entry, Found, Step, found_step, is_determined, rescored, vanishes
 from isorig.analysis.errors import FitError, ModelError
 from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.division import Division
 from isorig.analysis.fitting.excess import ratio
-from isorig.analysis.fitting.ladder import finished, ladder, tried, widened
+from isorig.analysis.fitting.ladder import finished, ladder, tried, verified, widened
 from isorig.analysis.fitting.score import Score, confidence, score
 from isorig.analysis.fitting.screen import Progress
 from isorig.analysis.fitting.solve import Fit
@@ -102,6 +105,8 @@ class Revision:
                 stages, k = self._with_best_rival(stages, k), k + 1
             else:
                 stages = [*stages[:k], *later]
+        for k in range(1, len(stages)):
+            stages = self._with_form(stages, k)
         return stages
 
     def _leaner(self, stages: Sequence[SearchStage], k: int) -> list[SearchStage] | None:
@@ -143,6 +148,38 @@ class Revision:
             return [*stages[:k], replace(found, paired=gone.paired), *later]
         return stages
 
+    def _with_form(self, stages: list[SearchStage], k: int) -> list[SearchStage]:
+        # The stages with the free shape of stage k exchanged for a form that its search has not fitted, if one comes close to it.
+        gone, before, now = stages[k], stages[k - 1], stages[-1]
+        if gone.step is None or gone.step.curve is None or gone.candidate is None:
+            return stages
+        known = {entry.candidate.key for entry in gone.entries}
+        evidence, rung = self.evidence_of(before.fit.model), ladder(self.division.fits)[-1]
+        starts = starts_from_curve(gone.candidate, gone.fit, gone.step.curve, before.fit, evidence, known)
+        for candidate, rough in verified(starts, rung, self.progress):
+            form = self._finished(candidate, rough)
+            if form is None or vanishes(form) or not is_determined(form):
+                continue
+            alone = replace(now, fit=form.fit, score=form.score)
+            last = alone if now is gone else self._refitted(stages, k, now, form)
+            if last is None:
+                continue
+            if not form_stands(before.score.error, now.score.error, last.score.error, self.floors):
+                continue
+            sure = confidence(last.score, [entry.score for entry in gone.entries if entry.candidate.shape is None])
+            found = stage_of(before.score, found_step(form, [*gone.entries, form], before.score, set(), sure))
+            later = self._later(stages, k, form.score, last, form) if now is not gone else []
+            if later is not None:
+                return [*stages[:k], replace(found, paired=gone.paired), *later]
+        return stages
+
+    def _finished(self, candidate: Candidate, rough: Fit) -> Entry | None:
+        # A candidate's fit to all fit data, with its score.
+        with suppress(FitError):
+            done = finished(rough, self.division.fits)
+            return Entry(candidate=candidate, fit=done, score=score(done.model, self.division.judged))
+        return None
+
     def _later(
         self, stages: Sequence[SearchStage], k: int, before: Score, last: SearchStage, rival: Entry | None = None
     ) -> list[SearchStage] | None:  # fmt: skip
@@ -176,13 +213,13 @@ class Revision:
 
 
 def near_rivals(stage: SearchStage, floors: FloatArray) -> list[Entry]:
-    """The forms of other kinds or places, or simpler ones, that came close to a step (`Policy.form_close`), the closest first."""
+    """The other forms that came close to a step (`Policy.form_close`), the closest first."""
     step = stage.step
     assert step is not None
     near = [
         (apart, k, entry)
         for k, entry in enumerate(stage.entries)
-        if entry.candidate.shape is None and (entry.place != (step.kind, step.location) or _simpler(entry, stage))
+        if entry.candidate.shape is None and entry.candidate.key != (step.cause, step.location)
         if (apart := ratio(entry.score.error, stage.score.error, floors)) < POLICY.form_close
     ]
     return [entry for _, _, entry in sorted(near)[:RIVALS]]

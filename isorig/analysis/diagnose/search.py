@@ -31,7 +31,7 @@ from isorig.analysis.diagnose.suspects import ALWAYS, BROKEN, STANDS_ALIKE, Susp
 from isorig.analysis.equations.system import HOLDS, Equations, equations_of
 from isorig.analysis.errors import FitError, ModelError, OutOfTimeError
 from isorig.analysis.fitting.candidate import Candidate
-from isorig.analysis.fitting.excess import excess, ratio, share_removed
+from isorig.analysis.fitting.excess import excess, log_excess, ratio, share_removed
 from isorig.analysis.fitting.ladder import (
     AGREES,
     BEHIND,
@@ -251,11 +251,14 @@ class Job:
 
 
 def best_fits(entries: Sequence[Entry], floors: FloatArray) -> list[Entry]:
-    """Of several fits of one candidate the best."""
+    """Of several fits of one candidate the best by all runs and channels alike, so that a sensitive one does not decide.
+
+    The candidates with the least excess come first.
+    """
     best: dict[tuple[str, str], Entry] = {}
-    for entry in sorted(entries, key=lambda entry: excess(entry.score.error, floors)):
+    for entry in sorted(entries, key=lambda entry: log_excess(entry.score.error, floors)):
         best.setdefault(entry.candidate.key, entry)
-    return list(best.values())
+    return sorted(best.values(), key=lambda entry: excess(entry.score.error, floors))
 
 
 class Source(Protocol):
@@ -890,7 +893,9 @@ def _kind_and_form(
                 starts += [(candidate, free, start) for start in candidate.starts]
     if named is not None and named.step.curve is not None and place is not None:
         tried_there = {entry.candidate.key for entry in job.judged}
-        starts += starts_from_curve(named.entry, named.step.curve, job.current, job.evidence, tried_there)
+        starts += starts_from_curve(
+            named.entry.candidate, named.entry.fit, named.step.curve, job.current, job.evidence, tried_there
+        )
     if starts:
         more = followed(starts, job.rungs, job.current, job.progress, job.promising)
         extended = [entry for entry in job.finished(job.entries(more)) if _extends(entry, forms, job.floors)]

@@ -61,6 +61,9 @@ TELLS = 0.5
 #: Share of the mean square force that the free shape removes which a form may leave and stand for the shape; and the ratio of
 #: their remaining forces (as `Policy.form_alike`). Chosen: right forms left less than 1 %, those of another power 4 % and more.
 STANDS, STANDS_ALIKE = 0.02, POLICY.form_alike
+#: Share of the mean square force left at a place with a memory that one of another kind must remove there. Chosen: relaxation
+#: removed a fifth to nearly all of it where it was in the rig, and an eighth next to a friction of no catalogued form.
+OTHER_MEMORY = 0.2
 #: Causes that the equations do not see, or that their evidence already locates: they are always tried where they are proposed.
 ALWAYS = frozenset(cause.name for cause in CATALOGUE if cause.always_tried)
 
@@ -123,10 +126,17 @@ class Suspects:
         if not self._at(explanation, location):
             return False
         if explanation.what in FOUND_AS and cause != explanation.kind:
-            return cause in FOUND_AS[explanation.what]
+            # Next to one force with a memory, the records do not show which kind of memory another one has.
+            return cause in FOUND_AS[explanation.what] or (kind_of(cause) == explanation.kind and self._remembers(location))
         kind = kind_of(cause)
         # A friction that depends on the position is none over velocity.
         return kind == explanation.kind or (explanation.what != OVER_POSITION and _alike(kind, explanation.kind))
+
+    def _remembers(self, location: str) -> bool:
+        # Whether a link or contact has a law with a memory in the model.
+        model = self.equations.model
+        laws = [law for link in model.links if link.name == location for law in link.laws]
+        return any(law.remembers for law in [*laws, *(contact.law for contact in model.contacts if contact.name == location)])
 
     def only(self, kind: Kind, place: str) -> bool:
         """Whether all that is suspected is of one kind at one place."""
@@ -306,8 +316,17 @@ class Suspects:
         """The catalogue's candidates at the suspected places, and those that are always tried."""
         every = proposed(current.model, self._located(evidence))
         found = [c for c in every if c.cause in ALWAYS or c.key in self.untested or self.includes(c.cause, c.location)]
+        found = [c for c in found if self._shows_memory(c, current)]
         curves = {e: left for e in self.chosen if (left := self._of_curve(e, current, evidence)) is not None}
         return self._comparable(found, current, curves)
+
+    def _shows_memory(self, candidate: Candidate, current: Fit) -> bool:
+        # Whether a memory of another kind than the suspected one, next to one in the model, removes enough of the recorded force.
+        explanation = self._explanation_of(candidate)
+        if explanation is None or candidate.cause in FOUND_AS.get(explanation.what, {candidate.cause}):
+            return True
+        left, bare = self._begun(candidate, current.free).left, self._bare(explanation, current)
+        return left is not None and bare is not None and left**2 <= (1.0 - OTHER_MEMORY) * bare**2
 
     def _comparable(
         self, candidates: Sequence[Candidate], current: Fit, curves: Mapping[Explanation, float] | None = None

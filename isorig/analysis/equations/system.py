@@ -160,16 +160,27 @@ class Equations:
             self._prepare()
 
     def _pushed_edge(self, channel: str, derivatives: int) -> float:
-        # The `force_edge` of a sensor on the body that the drive pushes alone, over all runs; 0 for any other sensor.
-        drive = self.model.drive
-        sensor = next((sensor for sensor in self.model.sensors if sensor.channel == channel), None)
-        if sensor is None or self.model.more_drives or set(drive.pushes) != {sensor.body}:
+        # The `force_edge` of a motion that one recorded force causes alone, over all runs; 0 for any other channel.
+        cause = self._force_on(channel)
+        if cause is None:
             return 0.0
-        if sensor.relative_to != GROUND or sensor.arms:
-            return 0.0
-        push, mass = drive.factor * drive.pushes[sensor.body], self.model.body(sensor.body).mass
-        records = (r.channels for r in self.records if len(r.channels[channel]) > SHORTEST)
-        return max((force_edge(push * r[drive.channel], r[channel], self.rate, mass, derivatives) for r in records), default=0.0)
+        force, factor, body = cause
+        mass, records = self.model.body(body).mass, (r.channels for r in self.records if len(r.channels[channel]) > SHORTEST)
+        return max((force_edge(factor * r[force], r[channel], self.rate, mass, derivatives) for r in records), default=0.0)
+
+    def _force_on(self, channel: str) -> tuple[str, float, str] | None:
+        # The channel of the force behind a recorded motion, its factor, and the body: the only drive pushes it alone, or imposes
+        # the motion with a measured force.
+        drive, sensors = self.model.drive, self.model.sensors
+        if self.model.more_drives:
+            return None
+        if channel == drive.channel and drive.imposes:
+            force = next((sensor.channel for sensor in sensors if sensor.force_in == f"drive.{channel}"), None)
+            return (force, 1.0, drive.imposes) if force is not None else None
+        sensor = next((sensor for sensor in sensors if sensor.channel == channel), None)
+        if sensor is None or set(drive.pushes) != {sensor.body} or sensor.relative_to != GROUND or sensor.arms:
+            return None
+        return drive.channel, drive.factor * drive.pushes[sensor.body], sensor.body
 
     def _left(self, assumed: RigModel) -> float:
         # What the equations leave if the motion of bodies without sensors is that of a rig with these values.

@@ -18,7 +18,7 @@ from isorig.analysis.diagnose.diagnosis import MOST_STEPS, _of_sensors, _Search,
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.diagnose.revise import Revision, SearchStage, merged, near_rivals
-from isorig.analysis.diagnose.search import Suspected, _extends, sources
+from isorig.analysis.diagnose.search import Suspected, _extends, best_fits, sources
 from isorig.analysis.diagnose.step import Curve, Entry, Found, Step, _closest, best_form, best_kind, determined, vanishes
 from isorig.analysis.equations.system import equations_of
 from isorig.analysis.fitting.candidate import Candidate, Shape
@@ -553,3 +553,12 @@ def test_equations_lead_the_search_for_a_further_cause_of_a_rig_judged_by_its_dr
         equations=equations, curved=None, judged_by_drive=True, left=0.3, rubbing="", suspects=SimpleNamespace(clear=clear)
     )
     assert isinstance(next(sources(job)), Suspected) is (clear is not None)  # type: ignore[arg-type]
+
+
+def test_a_run_that_is_sensitive_to_noise_does_not_decide_between_two_fits_of_a_candidate() -> None:
+    """After a few slips noise on the drive explains as much of one run's error as the better fit leaves there."""
+    floors = np.array([[0.008], [0.042], [0.010]])
+    right, wrong = (np.array(errors)[:, None] for errors in ([0.008, 0.047, 0.013], [0.012, 0.0425, 0.019]))
+    fits = [replace(entry("sensor_gain", "x", 0.1), score=replace(scored(0.1, (3, 1)), error=each)) for each in (wrong, right)]
+    (best,) = best_fits(fits, floors)
+    assert best.score.error is right
