@@ -28,8 +28,8 @@ from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel
 MASS, SPRING, DAMPING, RAIL, FRICTION = 2.0, 600.0, 1.5, 0.8, 5.0
 #: Samples and steps of the integration per second, seconds of a run, and the count of the encoders in m.
 RATE, FINE, SECONDS, COUNT = 500, 10_000, 10, 1e-5
-#: Velocity in m/s over which Stribeck friction falls.
-FADES = 0.02
+#: Velocity in m/s over which Stribeck friction falls, and by how much in N.
+FADES, EXTRA = 0.02, 2.5
 RIG = RigModel(
     name="sled on a rail",
     bodies=(Body(name="carrier", mass=5.0), Body(name="sled", mass=MASS)),
@@ -123,14 +123,28 @@ def test_a_fit_begins_with_the_given_values_where_those_are_closer(campaign: Cam
     assert found.values["contacts.rail.law.friction_force"] == pytest.approx(FRICTION, rel=0.01)
 
 
-def test_a_described_friction_law_starts_from_its_recorded_force() -> None:
-    """One run of stick and slip: with values a sixth off, a simulation sticks where the sled slips: no gradient leads back."""
+def stick_and_slip(*speeds: float) -> Campaign:
+    """One run in which the sled sticks and slips, while the carrier moves at these speeds in m/s."""
     channels = {
         name: Channel(name=name, samples=values, quantity="displacement", unit="m")
-        for name, values in zip(("carrier", "sled"), pulled((0.03, -0.02, 0.05, -0.04), extra=2.5), strict=True)
+        for name, values in zip(("carrier", "sled"), pulled(speeds, extra=EXTRA), strict=True)
     }
     run = Run(id="there and back", configuration="unlocked", sample_rate=float(RATE), gain=1.0, channels=channels)
-    campaign = Campaign(runs=(run,), source="a pull with stick and slip")
+    return Campaign(runs=(run,), source="a pull with stick and slip")
+
+
+def test_friction_that_falls_with_velocity_is_named_where_dry_friction_alone_follows_no_slip() -> None:
+    """The rig is described without any friction; the equations show dry friction, with which no simulation slips and sticks."""
+    found = diagnose(stick_and_slip(0.0, 0.06, 0.06, -0.04, -0.04), RIG)
+    (step,) = found.steps
+    assert (found.verdict, step.cause, step.location) == ("explained", "stribeck_friction", "rail")
+    named = [step.parameters[name][0] for name in ("friction_force", "static_force", "stribeck_velocity", "exponent")]
+    assert named == pytest.approx([FRICTION, FRICTION + EXTRA, FADES, 2.0], rel=0.05)
+
+
+def test_a_described_friction_law_starts_from_its_recorded_force() -> None:
+    """With values a sixth off, a simulation sticks where the sled slips: no gradient leads back."""
+    campaign = stick_and_slip(0.03, -0.02, 0.05, -0.04)
     law = Stribeck(friction_force=4.4, static_force=8.2, stribeck_velocity=0.017, exponent=2.0)
     values = ("friction_force", "static_force", "stribeck_velocity")
     rig = msgspec.structs.replace(
@@ -138,4 +152,4 @@ def test_a_described_friction_law_starts_from_its_recorded_force() -> None:
     )
     found = baseline_fit((fit_start(equations_of(campaign, rig)), rig), prepare(campaign, rig)).values
     assert found["links.spring.stiffness"] == pytest.approx(SPRING, rel=0.01)
-    assert [found[f"contacts.rail.law.{v}"] for v in values] == pytest.approx([FRICTION, FRICTION + 2.5, FADES], rel=0.05)
+    assert [found[f"contacts.rail.law.{v}"] for v in values] == pytest.approx([FRICTION, FRICTION + EXTRA, FADES], rel=0.05)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 
 import numpy as np
 
-from isorig.analysis.diagnose.causes import GENERALIZED, proposed
-from isorig.analysis.diagnose.causes.base import Evidence, Kind
+from isorig.analysis.diagnose.causes import containing, proposed
+from isorig.analysis.diagnose.causes.base import Evidence
 from isorig.analysis.diagnose.kinds import kind_of
 from isorig.analysis.diagnose.step import Curve
 from isorig.analysis.equations.balances import elements
@@ -16,8 +16,7 @@ from isorig.analysis.equations.forms import ElementForce, fitted_form
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.ladder import Starts
-from isorig.analysis.fitting.solve import Fit
-from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.fitting.solve import Fit, Free
 
 #: Points of the curve that a form is fitted to. Chosen: ten between two of the densest curve's.
 POINTS = 500
@@ -50,31 +49,28 @@ def starts_from_curve(
     if kind_of(shape.cause) == "friction_shape":  # the curve shows levels of dry friction, without the link's damping
         values = values * np.sign(at) + (0.0 if element.link is None else fitted.model.link(element.link.name).damping * at)
     force = ElementForce(deflection=d, velocity=v, time=still, force=values, left=still, motions=(), rate=1.0)
-    starts: Starts = []
-    for candidate in _forms(current.model, evidence, (kind_of(shape.cause), place)):
-        if candidate.key in known:
-            continue
-        free, own = candidate.parameters(current.model, current.free), {f.path for f in candidate.free}
-        with_shape = {f.path for f in fitted.free}
+    with_shape = {f.path for f in fitted.free}
+
+    def begun(candidate: Candidate, free: Sequence[Free]) -> Starts:
+        starts: Starts = []
         for start in candidate.starts:
             with suppress(ModelError):  # values that exclude the form's own
-                values = {f.path: fitted.model.get(f.path) for f in free if f.path in with_shape - own}
-                model = start.replace(values)
+                taken = with_shape.intersection(f.path for f in free) - {f.path for f in candidate.free}
+                model = start.replace({path: fitted.model.get(path) for path in taken})
                 form = fitted_form(model, free, element, force)
                 if form is not None:
-                    starts.append((candidate, free, model.replace(form.values)))
-    return starts
+                    starts.append((candidate, tuple(free), model.replace(form.values)))
+        return starts
 
-
-def _forms(model: RigModel, evidence: Evidence, there: tuple[Kind, str]) -> list[Candidate]:
-    # The forms of a kind at a place, those included that take the place of a law that the rig may lack (friction by direction).
-    own = [form for form in proposed(model, evidence) if (kind_of(form.cause), form.location) == there]
-    causes = {form.cause for form in own}
-    more = [
-        form
-        for simple in own
-        if simple.starts and any(simple.cause in general for general in GENERALIZED.values())
-        for form in proposed(simple.starts[0], evidence)
-        if (kind_of(form.cause), form.location) == there and form.cause not in causes
-    ]
-    return [*own, *{form.cause: form for form in more}.values()]
+    starts: Starts = []
+    there = kind_of(shape.cause), place
+    forms = [form for form in proposed(current.model, evidence) if (kind_of(form.cause), form.location) == there]
+    for simple in forms:
+        free = simple.parameters(current.model, current.free)
+        own = begun(simple, free)
+        starts += own
+        # Forms that contain it and for which the model lacks a law have their sizes from it.
+        for form, its in containing(simple, own[0][2], free, evidence) if own else ():
+            if kind_of(form.cause) == there[0] and all(form.cause != other.cause for other in forms):
+                starts += begun(form, its)
+    return [start for start in starts if start[0].key not in known]

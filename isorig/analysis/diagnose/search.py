@@ -18,7 +18,7 @@ import numpy as np
 from isorig.analysis.campaign import Campaign, FloatArray
 from isorig.analysis.deadline import out_of_time
 from isorig.analysis.diagnose.cause_in_model import without_cause
-from isorig.analysis.diagnose.causes import GENERALIZED, proposed, same_form
+from isorig.analysis.diagnose.causes import GENERALIZED, containing, proposed, same_form
 from isorig.analysis.diagnose.causes.base import Evidence, Kind
 from isorig.analysis.diagnose.forms_of_curves import starts_from_curve
 from isorig.analysis.diagnose.free_shapes import free_shapes
@@ -279,6 +279,10 @@ class Source(Protocol):
         """Whether its free shapes are tried, whatever forms another source has."""
         ...
 
+    def general_forms(self) -> Running:
+        """Fitted forms that contain those which no simulation follows, best first."""
+        ...
+
     def shapes(self, forms: Sequence[Entry], nearly: Entry | None = None) -> Running:
         """Fitted free shapes, best first; where a form removes `nearly` all, those of its kind and place."""
         ...
@@ -322,7 +326,7 @@ def next_step(job: Job) -> Found | None:
             both = _together(job, each.pairs(), rough)
             if both is not None:
                 return both
-        more = job.finished(rough)
+        more = _finished_forms(job, each, rough, general=whole)
         allowed = [one for one in more if (job.explains(one) or each.allows(one)) and not job.contradicts(one)]
         source = each if source is None or (more and not source.leads) or job.helps(allowed) else source
         forms = best_fits([*forms, *allowed], job.floors)
@@ -353,6 +357,14 @@ def next_step(job: Job) -> Found | None:
     if not forms:
         return None
     return _as_shown(best_form(forms, job.now, job.floors), source)
+
+
+def _finished_forms(job: Job, source: Source, rough: Sequence[Entry], *, general: bool) -> list[Entry]:
+    # The forms judged on held-out data; where no simulation follows those that the equations show, the ones that contain them.
+    found = job.finished(rough)
+    if found or not general or not source.leads:
+        return found
+    return job.finished(job.entries(source.general_forms()[:FINALISTS]))
 
 
 def _with_variants(job: Job, forms: list[Entry]) -> list[Entry]:
@@ -496,6 +508,16 @@ class Suspected:
     def leads(self) -> bool:
         """Equations that do not hold show the place and kind better than a simulation."""
         return self.found.ranking.broken and not self.found.tentative
+
+    def general_forms(self) -> Running:
+        """Fitted forms that contain the best suspected ones, started from the values of these, best first."""
+        starts: Starts = []
+        for simple, free, model in unlike(self._started):
+            if not self.found.blamed(*simple.key):
+                continue
+            for form, own in containing(simple, model, free, self.job.evidence):
+                starts += [(form, own, start) for start in form.starts]
+        return followed(starts, self.job.rungs, self.job.current, self.job.progress, self.job.promising)
 
     def shapes(self, forms: Sequence[Entry], nearly: Entry | None = None) -> Running:
         """Fitted free shapes, best first, from the equations' values and from the best form of their kind."""
@@ -721,6 +743,10 @@ class Screened:
     def leads(self) -> bool:
         """Another source's shapes may be better founded."""
         return False
+
+    def general_forms(self) -> Running:
+        """None: it considers all causes."""
+        return []
 
     def shapes(self, forms: Sequence[Entry], nearly: Entry | None = None) -> Running:
         """Fitted free shapes, best first, the leading ones with as many points as they need."""

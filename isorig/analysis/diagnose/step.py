@@ -20,7 +20,7 @@ from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.candidate import Candidate, Reported
 from isorig.analysis.fitting.excess import excess, ratio, share_removed
 from isorig.analysis.fitting.score import Score, confidence, margin_in_errors, units
-from isorig.analysis.fitting.solve import Fit
+from isorig.analysis.fitting.solve import Fit, Free
 from isorig.analysis.laws import FrictionCurve
 from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.model.rig_model import Contact, Link, RigModel
@@ -228,12 +228,13 @@ def is_determined(entry: Entry) -> bool:
 
 
 def vanishes(entry: Entry) -> bool:
-    """Whether a form has no effect that the data show: each of its own values may have either sign and is zero within its
-    uncertainty, or each is positive and less than its uncertainty."""
-    own, std, model = entry.candidate.free, entry.fit.std, entry.fit.model
-    if own and all(not free.log and free.low < 0.0 < free.high for free in own):
-        return all(abs(model.get(free.path)) <= POLICY.zero * std[free.path] for free in own)
-    return bool(own) and all(free.log and model.get(free.path) < std[free.path] for free in own)
+    """Whether a form has no effect that the data show: each of its own values is zero within its uncertainty."""
+
+    def is_zero(free: Free) -> bool:
+        value, std = entry.fit.model.get(free.path), entry.fit.std[free.path]
+        return value < std if free.log else abs(value) <= POLICY.zero * std
+
+    return bool(entry.candidate.free) and all(is_zero(free) for free in entry.candidate.free)
 
 
 def without_form(found: Found, share: float) -> tuple[Step, Found]:

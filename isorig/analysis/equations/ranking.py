@@ -748,7 +748,8 @@ def score_of(before: Mapping[str, float], after: Mapping[str, float]) -> float:
     left = share_left(before, after)
     if left is None:
         return 0.0
-    ratios = sum(np.log10(max(before[name], 1.0) / max(value, 1.0)) for name, value in after.items())
+    # A regression without samples to check it leaves an infinite residual.
+    ratios = sum(np.log10(max(before[name], 1.0)) - np.log10(max(value, 1.0)) for name, value in after.items())
     return float(-np.log10(max(left, NEGLIGIBLE)) + MINOR * ratios)
 
 

@@ -25,8 +25,10 @@ from isorig.analysis.model.rig_model import Contact
 
 #: N/m and N/m^3; N s/m and N s^2/m^2.
 STIFFNESS, CUBIC, DAMPING, QUADRATIC = 2600.0, 4e7, 11.0, 40.0
-#: N and N s/m: friction by direction.
+#: N and N s/m: friction by direction, or at rest and at a large velocity.
 FORWARD, BACKWARD, VISCOSITY = 2.4, 1.5, 6.0
+#: Velocity over which the friction falls, m/s.
+FADES = 0.04
 #: Points and reach of the curves, m or m/s.
 POINTS, DEFLECTION, SPEED = 31, 5e-3, 0.2
 
@@ -83,6 +85,19 @@ def test_levels_of_friction_give_the_asymmetric_law_its_values() -> None:
     assert levels_at_rest == pytest.approx(FORWARD + BACKWARD, rel=0.05)
     uneven = model.get(f"{path}.forward_viscosity") - model.get(f"{path}.backward_viscosity")
     assert uneven == pytest.approx(VISCOSITY, rel=0.1)  # the curve is a straight line between two points about zero
+
+
+def test_levels_of_friction_that_fall_with_the_velocity_give_stribeck_friction_its_values() -> None:
+    """The model has no friction: the sizes come from the dry friction that is closest to the curve."""
+    v = np.linspace(-SPEED, SPEED, POINTS)
+    levels = BACKWARD + (FORWARD - BACKWARD) * np.exp(-((v / FADES) ** 2))
+    starts = started("friction_shape", "speed", v, levels, set())
+    models = [model for candidate, _, model in starts if candidate.cause == "stribeck_friction"]
+    values = [
+        [model.get(f"contacts.rail.law.{name}") for name in ("friction_force", "static_force", "stribeck_velocity")]
+        for model in models
+    ]
+    assert any(each == pytest.approx([BACKWARD, FORWARD, FADES], rel=0.1) for each in values)
 
 
 @pytest.mark.parametrize(

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from importlib import import_module
 from pkgutil import iter_modules
 
+import msgspec
+
 from isorig.analysis.diagnose.causes.base import Cause, Evidence, SignKind
 from isorig.analysis.fitting.candidate import Candidate
+from isorig.analysis.fitting.solve import Free
 from isorig.analysis.model.rig_model import RigModel
 
 _FILES = [import_module(f"{__name__}.{module.name}") for module in iter_modules(__path__)]
@@ -31,6 +34,26 @@ GENERALIZED: Mapping[str, frozenset[str]] = {cause.name: cause.generalizes for c
 def proposed(model: RigModel, evidence: Evidence) -> Iterator[Candidate]:
     """The candidates of all causes for a model with this evidence."""
     return (candidate for cause in CATALOGUE for candidate in cause.candidates(model, evidence))
+
+
+def containing(
+    simple: Candidate, start: RigModel, free: Sequence[Free], evidence: Evidence
+) -> Iterator[tuple[Candidate, tuple[Free, ...]]]:  # fmt: skip
+    """The forms that contain a simple one at its place, and their fitted parameters.
+
+    They take the place of its law: a rig without friction has no Stribeck friction before it has some.
+
+    Parameters
+    ----------
+    simple, start, free
+        The simple form, a model with its law, and the fitted parameters of that.
+    evidence
+        What the records show.
+    """
+    model = msgspec.structs.replace(start, free=tuple(each.path for each in free))
+    for form in proposed(model, evidence):
+        if form.location == simple.location and simple.cause in GENERALIZED[form.cause]:
+            yield form, form.parameters(model, free)
 
 
 def same_form(candidate: Candidate, model: RigModel, evidence: Evidence) -> Iterator[Candidate]:
