@@ -47,18 +47,25 @@ class Body(Part, frozen=True, kw_only=True):
     motion: Literal["straight", "rotation"] = "straight"
 
 
-class Link(Part, frozen=True, kw_only=True):
-    """A spring (N/m) and damper (N s/m) from body `a` to body `b` or to "ground".
-
-    `arms` adds factor * coordinate to the elongation x_a - x_b (m per rad for a rotation); `laws` add their forces.
-    """
+class Joint(Part, frozen=True, kw_only=True):
+    """Joins body `a` to body `b` or to "ground"; `arms` adds factor * coordinate to the elongation x_a - x_b (m per rad)."""
 
     name: str
     a: str
     b: str = GROUND
+    arms: dict[str, float] = msgspec.field(default_factory=dict)
+
+    @property
+    def joined(self) -> set[str]:
+        """Its ends, "ground" if one is, and the bodies on whose coordinates it acts by lever arms."""
+        return {self.a, self.b, *self.arms}
+
+
+class Link(Joint, frozen=True, kw_only=True):
+    """A spring (N/m) and damper (N s/m) between the ends of a joint; `laws` add their forces."""
+
     stiffness: float = 0.0
     damping: float = 0.0
-    arms: dict[str, float] = msgspec.field(default_factory=dict)
     laws: tuple[LinkLaw, ...] = ()
 
     def rubbing(self, law: FrictionLaw) -> Contact:
@@ -66,14 +73,10 @@ class Link(Part, frozen=True, kw_only=True):
         return Contact(name=self.name, a=self.a, b=self.b, law=law, arms=self.arms)
 
 
-class Contact(Part, frozen=True, kw_only=True):
-    """A friction law between body `a` and body `b` or "ground", acting on the velocity of a relative to b."""
+class Contact(Joint, frozen=True, kw_only=True):
+    """A friction law between the ends of a joint, acting on the velocity of a relative to b."""
 
-    name: str
-    a: str
     law: FrictionLaw
-    b: str = GROUND
-    arms: dict[str, float] = msgspec.field(default_factory=dict)
 
 
 class Chain(Part, frozen=True, kw_only=True):
@@ -245,6 +248,11 @@ class RigModel(Part, frozen=True, kw_only=True, dict=True):  # dict: for the cac
     def __repr__(self) -> str:
         bodies, sensors = (", ".join(names) for names in ([b.name for b in self.bodies], [s.channel for s in self.sensors]))
         return f"Rig({self.name!r}, bodies {bodies}; drive {self.drive.channel}; sensors {sensors}; {len(self.free)} free)"
+
+    @property
+    def joints(self) -> tuple[Link | Contact, ...]:
+        """All links, followed by all contacts."""
+        return (*self.links, *self.contacts)
 
     def state_space(self, configuration: str | None = None) -> Any:
         """The linear part in a configuration (the first if None) as an `isorig.analysis.simulate.state_space.StateSpace`."""
@@ -504,7 +512,7 @@ def direction(model: RigModel, a: str, b: str, arms: Mapping[str, float]) -> Flo
     return weights
 
 
-def weights_of(model: RigModel, part: Link | Contact) -> dict[str, float]:
+def weights_of(model: RigModel, part: Joint) -> dict[str, float]:
     """The weights of `direction` by body, for the bodies whose coordinates are in the part's elongation."""
     along = direction(model, part.a, part.b, part.arms).tolist()
     return {body.name: weight for body, weight in zip(model.bodies, along, strict=True) if weight}
@@ -549,22 +557,27 @@ def check(model: RigModel) -> None:
     _unique([link.name for link in model.links], "link")
     _unique([contact.name for contact in model.contacts], "contact")
     _unique(list(model.channels), "channel")
-    joints: tuple[Link | Contact, ...] = (*model.links, *model.contacts)
-    joined = [part.name for part in joints]
-    for name in (model.name, *names, *joined, *model.channels, *model.configurations, *model.note.splitlines()):
+    for name in (
+        model.name,
+        *names,
+        *(joint.name for joint in model.joints),
+        *model.channels,
+        *model.configurations,
+        *model.note.splitlines(),
+    ):
         if not name.isprintable():
             raise ModelError(f"the rig has the name {name!r}, which cannot be displayed; rename it")
     if not names:
         raise ModelError("the rig has no bodies; give at least one")
     if GROUND in names:
         raise ModelError('a body has the name "ground", which is reserved for the fixed reference; rename it')
-    for part in joints:
+    for part in model.joints:
         here = f"{type(part).__name__.lower()} {part.name!r}"
         _known(names, (part.a, part.b, *part.arms), here)
         if part.a == part.b:
             raise ModelError(f"{here} connects {part.a!r} to itself; give two different ends")
     if not model.free_free:
-        _grounded(names, joints, model.imposed)
+        _grounded(names, model.joints, model.imposed)
     for sensor in model.sensors:
         _seen(model, sensor)
         if sensor.force_in is None:
@@ -709,10 +722,9 @@ def _finite(part: Any, path: str = "") -> None:
             _finite(value, f"{path}.{key}" if path else key)
 
 
-def _grounded(names: list[str], joints: Sequence[Link | Contact], imposed: Sequence[str]) -> None:
-    joined = [{part.a, part.b, *part.arms} for part in joints]
+def _grounded(names: list[str], joints: Sequence[Joint], imposed: Sequence[str]) -> None:
     held = {GROUND, *imposed}
-    while grown := [ends for ends in joined if ends & held and not ends <= held]:
+    while grown := [joint.joined for joint in joints if joint.joined & held and not joint.joined <= held]:
         held |= set().union(*grown)
     for name in names:
         if name not in held:

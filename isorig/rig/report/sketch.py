@@ -114,16 +114,15 @@ class _Plan:
 
     def __init__(self, model: RigModel, marks: Marks) -> None:
         self._model, self._marks = model, marks
-        joints: list[Link | Contact] = [*model.links, *model.contacts]
         self._neighbours: defaultdict[str, dict[str, None]] = defaultdict(dict)
-        for joint in joints:
+        for joint in model.joints:
             self._neighbours[joint.a][joint.b] = self._neighbours[joint.b][joint.a] = None
         riders = _rotations(model)
         names = [body.name for body in model.bodies if body.name not in riders]
         levels = self._distances(names)
         self.boxes = {name: self._box(name, levels[name], [r for r, host in riders.items() if host == name]) for name in names}
         self._groups: dict[tuple[str, str], list[_Joint]] = {}
-        for joint in joints:
+        for joint in model.joints:
             upper, lower = sorted((joint.a, joint.b), key=lambda end: -levels[end])
             pair = (lower, upper) if (lower, upper) in self._groups else (upper, lower)
             self._groups.setdefault(pair, []).append(self._joint(joint))
@@ -338,10 +337,9 @@ def _slots(group: Sequence[_Joint]) -> list[float]:
 
 def _rotations(model: RigModel) -> dict[str, str]:
     # A coordinate that only arms use is a motion of the body that they belong to: {coordinate: body}.
-    joints: list[Link | Contact] = [*model.links, *model.contacts]
-    own = {end for joint in joints for end in (joint.a, joint.b)} | {*model.imposed}
+    own = {end for joint in model.joints for end in (joint.a, joint.b)} | {*model.imposed}
     found: dict[str, str] = {}
-    for arms, host in [*((joint.arms, joint.a) for joint in joints), *((s.arms, s.body) for s in model.sensors)]:
+    for arms, host in [*((joint.arms, joint.a) for joint in model.joints), *((s.arms, s.body) for s in model.sensors)]:
         for name in arms:
             if name not in own and host in own:
                 found.setdefault(name, host)
