@@ -1,6 +1,6 @@
 """A lumped rig as data: bodies, links, contacts, a drive, sensors and configurations.
 
-The one-, two- and three-mass rigs of the thesis and the wire bonder are instances of `RigModel`, not classes; see `built_in`. A
+The one-, two- and three-mass rigs of the thesis and the wire bonder are instances of `RigModel`, not classes. A
 coordinate is a body's displacement along the axis (m), or an angle (rad) if a body's `mass` is a moment of inertia; `arms` are
 lever arms by which an element acts on further coordinates, for example for a rocking motor.
 """
@@ -106,7 +106,7 @@ class Drive(Part, frozen=True, kw_only=True):
 
     The force is `factor` * the drive channel's value, on each coordinate of `pushes` by its weight. For a head of mass m whose
     acceleration is recorded, `factor` is m (kg) and `pushes` is {"motor": -1.0}. With `imposes` the channel is the motion of that
-    body, whatever force it takes: a shaken base, the ground, an actuator under displacement control. `factor_std` is the standard
+    body, with any force: a shaken base, the ground, an actuator under displacement control. `factor_std` is the standard
     uncertainty of a given factor; 0 if it is not stated.
     """
 

@@ -113,7 +113,7 @@ def decimated(values: FloatArray, decimation: int = DECIMATIONS[0]) -> FloatArra
 
 @cache
 def _antialias(factor: int) -> FloatArray:
-    # The low-pass of scipy.signal.decimate, which designs it anew at each call.
+    # The low-pass of scipy.signal.decimate, which designs it at each call.
     from scipy.signal import cheby1
 
     return np.asarray(cheby1(8, 0.05, 0.8 / factor, output="sos"))
