@@ -43,12 +43,12 @@ RIG = RigModel(
 )
 
 
-def pulled(speeds: tuple[float, ...], extra: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+def pulled(speeds: tuple[float, ...], extra: float = 0.0, seconds: float = SECONDS) -> tuple[np.ndarray, np.ndarray]:
     """Positions of carrier and sled, counted, while the carrier moves at each of these speeds in m/s for an equal time.
 
     The rail holds the sled with `extra` N more than it brakes it in a fast motion (Stribeck friction, over `FADES` m/s).
     """
-    steps, h = SECONDS * FINE, 1.0 / FINE
+    steps, h = round(seconds * FINE), 1.0 / FINE
     pace = np.repeat(speeds, steps // len(speeds))
     carrier = np.cumsum(pace) * h
     sled, x, v = np.empty(steps), 0.0, 0.0
@@ -127,7 +127,7 @@ def test_a_described_friction_law_starts_from_its_recorded_force() -> None:
     """One run of stick and slip: with values a sixth off, a simulation sticks where the sled slips: no gradient leads back."""
     channels = {
         name: Channel(name=name, samples=values, quantity="displacement", unit="m")
-        for name, values in zip(("carrier", "sled"), pulled((0.03, -0.02, 0.05, -0.04), extra=2.5), strict=True)
+        for name, values in zip(("carrier", "sled"), pulled((0.03, -0.02, 0.05, -0.04), extra=2.5, seconds=5.0), strict=True)
     }
     run = Run(id="there and back", configuration="unlocked", sample_rate=float(RATE), gain=1.0, channels=channels)
     campaign = Campaign(runs=(run,), source="a pull with stick and slip")

@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import MOTION, ROTARY, UNLOCKED, FloatArray, Quantity
-from isorig.analysis.errors import ArgumentError, ModelError
+from isorig.analysis.errors import ModelError
 from isorig.analysis.excitations import SyntheticExcitation
 from isorig.analysis.given import all_of_type, given_mapping, number, of_type, text
 from isorig.analysis.laws import FrictionLaw, LinkLaw
@@ -397,25 +397,24 @@ class RigModel(Part, frozen=True, kw_only=True, dict=True):  # dict: for the cac
             A path is no parameter, or a value contradicts physics.
         """
         given_mapping(values, "the argument values", 'a mapping of paths to numbers; give for example {"bodies.NAME.mass": 20.0}')
+        given = {_path(path): number(value, f"the value of {path!r}") for path, value in values.items()}
         tree: dict[str, Any] = {}
         try:
-            for path, value in values.items():
-                *way, last = _path(path).split(".")
+            for path, value in given.items():
+                *way, last = path.split(".")
                 node = tree
                 for step in way:
                     node = node.setdefault(step, {})
-                node[last] = number(value, f"the value of {path!r}")
+                node[last] = value
             # Names and joints stay as they are, so the numbers are checked only: fits replace values thousands of times.
             changed = copy(self)
             for field, part in tree.items():
                 msgspec.structs.force_setattr(changed, field, _with_values(getattr(self, field), part))
-        except ArgumentError:
-            raise
         except (LookupError, AttributeError, TypeError, ValueError):
-            for path in values:
+            for path in given:
                 self.get(path)  # says which path is no parameter
             raise
-        _check_numbers(changed, tree)
+        _check_numbers(changed, given)
         return changed
 
 
@@ -462,10 +461,18 @@ def _named(parts: Sequence[Named], name: str, kind: str) -> Named:
     return found
 
 
+def _names(parts: tuple[Any, ...]) -> list[str]:
+    # Of parts of one kind: their names, channels or indices.
+    for key in ("name", "channel"):
+        if parts and hasattr(parts[0], key):
+            return [getattr(part, key) for part in parts]
+    return [str(k) for k in range(len(parts))]
+
+
 def _step(item: Any, step: str, path: str) -> Any:
     there: list[str] = []
     if isinstance(item, tuple):
-        named = {getattr(part, "name", getattr(part, "channel", str(k))): part for k, part in enumerate(item)}
+        named = dict(zip(_names(item), item, strict=True))
         if step in named:
             return named[step]
         if step.isdigit() and int(step) < len(item):
@@ -491,7 +498,7 @@ def _with_values(item: Any, tree: float | Mapping[str, Any]) -> Any:
             raise LookupError
         return tree
     if isinstance(item, tuple):
-        names = [getattr(part, "name", getattr(part, "channel", str(k))) for k, part in enumerate(item)]
+        names = _names(item)
         places = {step if step in names else names[int(step)]: values for step, values in tree.items()}
         return tuple(_with_values(part, places[name]) if name in places else part for name, part in zip(names, item, strict=True))
     if isinstance(item, dict):
