@@ -41,7 +41,7 @@ from isorig.analysis.fitting.score import BLOCKS, Score, score
 from isorig.analysis.fitting.solve import Fit, Free, base_parameters
 from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.laws import BoucWen, ContactLaw, Coulomb
-from isorig.analysis.model.rig_model import Contact
+from isorig.analysis.model.rig_model import Contact, RigModel
 
 FLOORS = np.full((4, 2), 0.004)
 
@@ -421,7 +421,13 @@ def test_a_cause_is_exchanged_for_a_rival_that_explains_more_with_the_later_ones
     last = step_to("relaxation", "memory", 0.2, 0.1)
     baseline = replace(first, step=None, candidate=None, entries=(), score=scored(0.3))
     fitted_as(monkeypatch, last.fit, 0.2, with_rival)  # without any of the two, and with the rival
-    monkeypatch.setattr(revise, "with_cause", lambda model, free, candidate, fit, evidence: (model, free))
+    put: list[Candidate] = []
+
+    def with_cause(model: RigModel, free: object, candidate: Candidate, fit: object, evidence: object) -> tuple[RigModel, object]:
+        put.append(candidate)
+        return model, free
+
+    monkeypatch.setattr(revise, "with_cause", with_cause)
     changed = revision()
     _, one, two = changed.revised([baseline, first, last])
     assert one.step is not None
@@ -433,6 +439,7 @@ def test_a_cause_is_exchanged_for_a_rival_that_explains_more_with_the_later_ones
         assert two.step.after == pytest.approx(with_rival)
     else:
         assert not changed.exchanged
+    assert {candidate.key for candidate in put} == {("sensor_gain", "x")}
     assert capsys.readouterr().out == "", "what is said goes to progress"
 
 

@@ -272,6 +272,7 @@ def test_no_reason_is_asked_for_where_coherence_says_nothing(monkeypatch: pytest
     # Only the coherent response, none, of several drives, a channel that is missing, related records, and a hammer.
     hits = np.zeros(4096)
     hits[[500, 1500, 2500, 3500]] = 100.0
+    assert run_check._spectra(replace(one.runs[0], excitation="moves"), "force") is None
     assert incoherences(one, ["force"], ["y"]) == []
     assert incoherences(one, ["force"], []) == []
     assert incoherences(one, ["force", "y"]) == []
