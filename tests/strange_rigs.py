@@ -6,8 +6,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+from linear_motion import moved
 from scipy.integrate import solve_ivp
-from scipy.signal import butter, lsim, sosfiltfilt
+from scipy.signal import butter, sosfiltfilt
 
 from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, FloatArray, Quantity, Run
 from isorig.analysis.model.rig_model import RigModel, from_tree
@@ -90,8 +91,7 @@ class StrangeRig:
                 max_step=0.5 / rate, rtol=1e-5, atol=1e-9,
             ).y  # fmt: skip
         else:
-            _, states, _ = lsim((system, inputs, np.eye(2 * count), np.zeros((2 * count, 3))), signals.T, time)
-            states = np.reshape(states, (len(time), 2 * count)).T
+            states = moved(system, inputs, signals, 1.0 / rate)
         return self._sensed(drive, states[:count], states[count:], slope(states, signals)[count:])
 
     def _linear(self, rows: list[FloatArray], mass: FloatArray) -> tuple[FloatArray, FloatArray]:

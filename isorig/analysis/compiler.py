@@ -66,7 +66,7 @@ class _Cache(FunctionCache):
         self._cache_file = IndexDataCacheFile(self._cache_path, self._impl.filename_base, digest)
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
-        # Numba takes named tuples with the same types for the same, whatever their fields are.
+        # Numba takes named tuples with the same types for the same, also if their fields differ.
         return sig, tuple(_fields(sig)), codegen.magic_tuple()
 
 

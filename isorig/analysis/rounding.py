@@ -22,7 +22,7 @@ SAME = 1e-6
 #: Noise of a record as a multiple of its rounding up to which it is nothing else. Chosen: other noise of the same size makes the
 #: steps irregular, and both together have 1.4 times the standard deviation of each.
 IS_ROUNDING = 1.3
-#: Samples of a long record that are looked at first.
+#: Samples of a long record that are examined first.
 SOME = 20_000
 
 

@@ -117,7 +117,7 @@ class Alignment:
             if count - bad <= HOLD and hold:
                 yield from self._release(max(bad - HOLD, 0))
                 return
-            start = self._anew(bad)
+            start = self._realigned(bad)
             if start is None:
                 # Too few bytes after the damage to realign yet.
                 if not hold:
@@ -142,7 +142,7 @@ class Alignment:
             self._resynced = True
             self._drop(skipped)
 
-    def _anew(self, bad: int) -> int | None:
+    def _realigned(self, bad: int) -> int | None:
         # Position of the first byte, at or after a scan that does not fit, from which enough scans fit; the next scan if only one
         # is damaged.
         origin = bad * self._width

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 BACKEND = "@py"
-#: Timeout of the search for bytes that nobody requested, milliseconds; and seconds that a bus may take to open a resource.
+#: Timeout of the search for unrequested bytes, milliseconds; and seconds that a bus may take to open a resource.
 GLANCE = 1
 OPENING = 5.0
 #: Slowest link of the kinds that VISA opens, bits per second, if the plan gives no baud rate.

@@ -68,7 +68,7 @@ def main(arguments: list[str] | None = None) -> int:
         _say(displayable(str(refusal)))
         return 2
     except BrokenPipeError:
-        # The reader of a pipe, such as `head`, has read enough.
+        # The reader of a pipe, for example `head`, has read enough.
         discard_output()
         return READER_GONE
     except KeyboardInterrupt:

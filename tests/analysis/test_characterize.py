@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from intervals import NOISES, SHORT, TAKES, truths, with_noise
+from intervals import NOISES, SHORT, truths, with_noise
+from intervals import TAKES as LONGER
 from scipy.signal import lfilter
 from shortened import shortened
 from small_rigs import guessed, played, stage
@@ -21,6 +22,9 @@ from isorig.rig.files.recording import read, write
 from isorig.rig.model.baseline import baseline_model
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
+
+#: The runs of the study of intervals, half as long.
+TAKES = [replace(take, seconds=0.5 * take.seconds) for take in LONGER]
 
 
 @pytest.mark.parametrize("seconds", [30.0, pytest.param(100.0, marks=pytest.mark.study)])
@@ -170,7 +174,7 @@ def test_effects_that_the_runs_do_not_show_are_not_reported() -> None:
 
 def test_a_guess_of_friction_that_lets_nothing_slide() -> None:
     model = wire_bonder({**THESIS, "friction_force": 2.0})
-    campaign = virtual_campaign(model, [replace(take, seconds=12.0) for take in TAKES], seed=1)
+    campaign = virtual_campaign(model, [replace(take, seconds=8.0) for take in TAKES], seed=1)
     assert campaign.known["friction_force"] == 20.0
     found = characterize(replace(campaign, runs=campaign.runs[1::2]), baseline_model(campaign))
     assert found.table["friction_force"].value == pytest.approx(2.0, rel=1e-3)

@@ -31,6 +31,10 @@ def test_the_second_strongest_run_of_each_configuration_is_held_out(trials: list
     assert not ends(trials).beginnings
 
 
+def test_the_last_two_fifths_of_every_run_are_held_out(trials: list[Trial]) -> None:
+    assert ends(trials).how.startswith("the last 40 % of every run (")
+
+
 def test_runs_that_no_fit_uses_or_that_come_to_rest_are_no_rivals(trials: list[Trial]) -> None:
     everything = {"u70a", "u7", "l70", "l7"}
     for changed in (replace(trials[0], fitted=0), replace(trials[0], motion=(0.0,))):

@@ -136,13 +136,22 @@ def test_a_drive_that_jumps_between_two_samples(jump: float, beside: float, dist
 
 def test_a_jump_between_two_samples_adds_to_the_floor(monkeypatch: pytest.MonkeyPatch) -> None:
     drive = np.where(np.arange(N) < 3000, 1.0, 0.0)
-    trial = replace(trial_of(SIGNAL, 0.0), excitation=Excitation.prepare(drive, RATE, oversample=1))
-    monkeypatch.setattr(
-        trials, "simulate", lambda model, excitation, **more: SimpleNamespace(channels={"m": np.resize(excitation.recorded, N)})
-    )
+    channels = ("m", "late", "early")
+    trial = replace(
+        trial_of(SIGNAL, 0.0), excitation=Excitation.prepare(drive, RATE, oversample=1), channels=channels,
+        measured=np.stack([SIGNAL] * 3), noise=np.zeros(3),
+    )  # fmt: skip
+    # One channel follows the drive after the jump three times as much, another one before it.
+    late, early = (np.where(np.arange(N) == at, 3.0, 1.0) for at in (3000, 2999))
+
+    def simulate(model: RigModel, excitation: Excitation, **more: object) -> SimpleNamespace:
+        records = np.stack([np.ones(N), late, early]) * excitation.recorded
+        return SimpleNamespace(channels=dict(zip(channels, records, strict=True)))
+
+    monkeypatch.setattr(trials, "simulate", simulate)
     half = 0.5 / np.sqrt(N - N // 2)
     size = float(np.sqrt(np.mean(SIGNAL[N // 2 :] ** 2)))
-    assert scores.noise_floor(RIG, [trial])[0, 0] == pytest.approx(half / size)
+    np.testing.assert_allclose(scores.noise_floor(RIG, [trial])[0], half / size * np.array([1.0, 3.0, 3.0]))
     held = replace(trial, excitation=replace(trial.excitation, held=True))
     assert scores.noise_floor(RIG, [held])[0, 0] == pytest.approx(0.0, abs=1e-9)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 from scipy.stats import norm
@@ -23,7 +24,7 @@ from isorig.analysis.isolation.ratio import (
     stuck_share,
 )
 from isorig.analysis.model.linear import constraint_basis
-from isorig.analysis.model.rig_model import RigModel, matrices
+from isorig.analysis.model.rig_model import Configuration, RigModel, matrices
 from isorig.analysis.spectra.welch import Frf
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 from isorig.rig.wire_bonder.four_set_ups import error_surface, evaluated_set_ups
@@ -136,6 +137,8 @@ def test_the_isolation_is_effective_where_the_transmissibility_is_one() -> None:
     model = wire_bonder(FREE, friction=False)
     link = model.link("isolation")
     assert (2.0 * np.pi * isolation_frequency(model)) ** 2 * model.body(link.a).mass == pytest.approx(link.stiffness)
+    for setups in ({"normal": Configuration()}, {"locked": Configuration()}):
+        assert isolation_frequency(msgspec.structs.replace(model, configurations=setups)) == 0.0
 
 
 def test_the_stitch_is_where_it_is_asked(rubbing: tuple[RigModel, Campaign]) -> None:

@@ -49,6 +49,9 @@ def test_confusions_are_with_the_si_unit_and_of_inch_and_millimetre() -> None:
     assert "mm read as um" not in found
     # Units that hardly anybody records in are no explanation.
     assert not any("mil" in name or "nm" in name for name in found)
+    assert mistaken("displacement", "in") == {
+        f"{unit} read as in": pytest.approx(STATED["in"] / STATED[unit]) for unit in ("m", "cm", "mm", "um")
+    }
     assert set(mistaken("acceleration")) == {
         f"{a} read as {b}" for unit in ("mm/s^2", "g", "in/s^2") for a, b in ((unit, "m/s^2"), ("m/s^2", unit))
     }

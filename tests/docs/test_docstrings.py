@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import ast
 import builtins
 import importlib
 import inspect
+import keyword
 import re
 from collections.abc import Collection, Iterator
 from functools import cache
+from pathlib import Path
 
 import griffe
 import pytest
@@ -111,6 +114,34 @@ def incomplete(item: Described, interface: Collection[str]) -> list[str]:
     return found
 
 
+#: A name in a docstring, with those of the modules, classes or objects that contain it.
+NAMED = re.compile(r"(?<!`)`([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*)`(?!`)")
+
+
+@cache
+def known() -> frozenset[str]:
+    """All names in the code of the package, and of its files and folders."""
+    root = Path(names.__file__).parent
+    found = {part for file in root.rglob("*.py") for part in file.relative_to(root.parent).with_suffix("").parts}
+    for file in root.rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            for field in ("name", "arg", "id", "attr"):
+                found.update(re.findall(r"\w+", str(getattr(node, field, None) or "")))
+            # Keys and columns of files.
+            if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.isidentifier():
+                found.add(node.value)
+    return frozenset(found)
+
+
+def unknown(docstring: str) -> list[str]:
+    """Names that a docstring mentions and that the code of the package does not have."""
+    return [
+        name
+        for name in NAMED.findall(docstring)
+        if name not in keyword.kwlist and name.removesuffix(".py").rpartition(".")[2] not in known()
+    ]
+
+
 def interface() -> list[str]:
     """The paths of the names of the interface."""
     made = [getattr(names, name) for name in names.__all__]
@@ -129,6 +160,29 @@ def is_exception(name: str) -> bool:
 def test_docstrings_describe_what_there_is() -> None:
     assert sum(bool(entries(item, SECTION.parameters)) for item in package()) > 300
     assert [line for item in package() for line in untrue(item)] == []
+
+
+def test_docstrings_mention_names_that_exist() -> None:
+    modules = griffe.load("isorig")
+    assert isinstance(modules, griffe.Module)
+    texts = [(item.path, item.docstring.value) for item in package() if item.docstring is not None]
+    texts += [(module.path, module.docstring.value) for module in _modules(modules) if module.docstring is not None]
+    assert sum(bool(NAMED.search(text)) for _, text in texts) > 300
+    assert [f"{path}: {name!r} does not exist" for path, text in texts for name in unknown(text)] == []
+
+
+def _modules(module: griffe.Module) -> Iterator[griffe.Module]:
+    yield module
+    for member in module.modules.values():
+        if not member.is_alias:
+            yield from _modules(member)
+
+
+def test_a_name_that_does_not_exist_is_found() -> None:
+    text = (
+        "See `RigModel.bodies`, `isorig.rig.files.hdf`, `RigModel.springiness` and `built_into`, ``not_code``; `a + b` is a sum."
+    )
+    assert unknown(text) == ["RigModel.springiness", "built_into"]
 
 
 def test_arrays_have_shapes_and_quantities_of_the_interface_units() -> None:

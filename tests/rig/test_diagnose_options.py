@@ -22,7 +22,7 @@ from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 from isorig.rig.wire_bonder.session import SESSION, virtual_campaign
 
 #: With a low drive friction holds the motor, and the linear baseline would be adequate: a stiff link holds it too.
-TAKES = [replace(take, seconds=10.0) for take in SESSION if take.id in ("u70a", "l7")]
+TAKES = [replace(take, seconds=6.0) for take in SESSION if take.id in ("u70a", "l7")]
 #: On a clock that goes on by a second with each stage, of which preparing is one, and with a share of what is left then kept:
 #: over before the baseline is fitted, before the first cause is looked for, and after a look at all causes.
 AT_ONCE, BASELINE_ONLY, ONE_LOOK = (1.0 + (end - 1.0) / (1.0 - KEPT) for end in (0.95, 2.5, 3.5))

@@ -43,12 +43,12 @@ RIG = RigModel(
 )
 
 
-def pulled(speeds: tuple[float, ...], extra: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+def pulled(speeds: tuple[float, ...], extra: float = 0.0, seconds: float = SECONDS) -> tuple[np.ndarray, np.ndarray]:
     """Positions of carrier and sled, counted, while the carrier moves at each of these speeds in m/s for an equal time.
 
     The rail holds the sled with `extra` N more than it brakes it in a fast motion (Stribeck friction, over `FADES` m/s).
     """
-    steps, h = SECONDS * FINE, 1.0 / FINE
+    steps, h = round(seconds * FINE), 1.0 / FINE
     pace = np.repeat(speeds, steps // len(speeds))
     carrier = np.cumsum(pace) * h
     sled, x, v = np.empty(steps), 0.0, 0.0
@@ -123,11 +123,11 @@ def test_a_fit_begins_with_the_given_values_where_those_are_closer(campaign: Cam
     assert found.values["contacts.rail.law.friction_force"] == pytest.approx(FRICTION, rel=0.01)
 
 
-def stick_and_slip(*speeds: float) -> Campaign:
-    """One run in which the sled sticks and slips, while the carrier moves at these speeds in m/s."""
+def stick_and_slip(seconds: float, *speeds: float) -> Campaign:
+    """One run of so many seconds in which the sled sticks and slips, while the carrier moves at these speeds in m/s."""
     channels = {
         name: Channel(name=name, samples=values, quantity="displacement", unit="m")
-        for name, values in zip(("carrier", "sled"), pulled(speeds, extra=EXTRA), strict=True)
+        for name, values in zip(("carrier", "sled"), pulled(speeds, extra=EXTRA, seconds=seconds), strict=True)
     }
     run = Run(id="there and back", configuration="unlocked", sample_rate=float(RATE), gain=1.0, channels=channels)
     return Campaign(runs=(run,), source="a pull with stick and slip")
@@ -135,7 +135,7 @@ def stick_and_slip(*speeds: float) -> Campaign:
 
 def test_friction_that_falls_with_velocity_is_named_where_dry_friction_alone_follows_no_slip() -> None:
     """The rig is described without any friction; the equations show dry friction, with which no simulation slips and sticks."""
-    found = diagnose(stick_and_slip(0.0, 0.06, 0.06, -0.04, -0.04), RIG)
+    found = diagnose(stick_and_slip(SECONDS, 0.0, 0.06, 0.06, -0.04, -0.04), RIG)
     (step,) = found.steps
     assert (found.verdict, step.cause, step.location) == ("explained", "stribeck_friction", "rail")
     named = [step.parameters[name][0] for name in ("friction_force", "static_force", "stribeck_velocity", "exponent")]
@@ -144,7 +144,7 @@ def test_friction_that_falls_with_velocity_is_named_where_dry_friction_alone_fol
 
 def test_a_described_friction_law_starts_from_its_recorded_force() -> None:
     """With values a sixth off, a simulation sticks where the sled slips: no gradient leads back."""
-    campaign = stick_and_slip(0.03, -0.02, 0.05, -0.04)
+    campaign = stick_and_slip(5.0, 0.03, -0.02, 0.05, -0.04)
     law = Stribeck(friction_force=4.4, static_force=8.2, stribeck_velocity=0.017, exponent=2.0)
     values = ("friction_force", "static_force", "stribeck_velocity")
     rig = msgspec.structs.replace(

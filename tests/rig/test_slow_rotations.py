@@ -14,7 +14,8 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from scipy.signal import butter, lfilter, lsim, sosfiltfilt
+from linear_motion import moved
+from scipy.signal import butter, lfilter, sosfiltfilt
 
 import isorig as iso
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
@@ -233,11 +234,11 @@ def coasting(seed: int, *, rest: int) -> Campaign:
         for _ in range(2):
             torque = lfilter([0.025], [1.0, -0.975], torque)
         force = np.array([0.0, 0.0, 1.0 / masses[0], 0.0])[:, None]
-        _, angles, _ = lsim((system, force, np.eye(2, 4), np.zeros((2, 1))), torque, time)
+        angles = moved(system, force, torque[None], 1.0 / (rate * finer))[:2]
         count = 2.0 * np.pi / 8192
         recorded = torque[::finer] + draw.normal(0.0, 0.001, seconds * rate)
         channels = {"torque": Channel(name="torque", samples=recorded, quantity="torque", unit="N m")}
-        for name, values in zip(("motor_angle", "load_angle"), angles.T, strict=True):
+        for name, values in zip(("motor_angle", "load_angle"), angles, strict=True):
             channels[name] = Channel(name=name, samples=np.round(values[::finer] / count) * count, quantity="angle", unit="rad")
         runs.append(
             Run(

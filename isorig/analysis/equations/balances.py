@@ -11,7 +11,7 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.equations.motion import Combinations, estimate_of
 from isorig.analysis.model.linear import ROUNDED, floats, moving_together
-from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel, direction
+from isorig.analysis.model.rig_model import Contact, Link, RigModel, direction
 
 #: Up to this number of bodies all sets of bodies are considered, above it the single bodies and what lies beyond each link.
 ALL_SETS = 10
@@ -235,10 +235,8 @@ def _sets(known: Sequence[str]) -> list[tuple[str, ...]]:
 def _connected(model: RigModel, bodies: Sequence[str]) -> bool:
     # Joined to each other by links or contacts; a set of separate groups repeats their equations.
     left, reached = set(bodies[1:]), {bodies[0]}
-    parts: tuple[Link | Contact, ...] = (*model.links, *model.contacts)
-    joins = [{part.a, part.b, *part.arms} - {GROUND} for part in parts]
     while True:
-        grown = {name for join in joins if join & reached for name in join & left}
+        grown = {name for joint in model.joints if joint.joined & reached for name in joint.joined & left}
         if not grown:
             return not left
         reached |= grown

@@ -26,9 +26,9 @@ def estimable(model: RigModel) -> tuple[str, ...]:
     """
     measured = Combinations(model).measured
     hidden = [body.name for body in model.bodies if body.name not in measured and body.name not in model.imposed]
-    touched = {end for contact in model.contacts for end in (contact.a, contact.b, *contact.arms)}
+    touched = {end for contact in model.contacts for end in contact.joined}
     locked = {name for setup in model.configurations.values() for name in setup.rigid}
-    held = {end for link in model.links if link.name in locked for end in (link.a, link.b, *link.arms)}
+    held = {end for link in model.links if link.name in locked for end in link.joined}
     mixed = {end for sensor in model.sensors for end in (sensor.body, sensor.relative_to, *sensor.arms)}
     if any(body in touched | held | mixed for body in hidden):
         return ()
@@ -97,7 +97,7 @@ def transfer(
 
 def adjacent(model: RigModel, hidden: Sequence[str]) -> tuple[str, ...]:
     """Paths of the free parameters on which the motion of the bodies without sensors depends."""
-    links = {link.name for link in model.links if {link.a, link.b, *link.arms} & set(hidden)}
+    links = {link.name for link in model.links if link.joined & set(hidden)}
     paths = [f"links.{name}.{what}" for name in sorted(links) for what in ("stiffness", "damping")]
     return tuple(path for path in [*paths, *(f"bodies.{body}.mass" for body in hidden)] if path in model.free)
 

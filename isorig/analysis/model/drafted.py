@@ -1,4 +1,4 @@
-"""The placeholders of a drafted description: values that say nothing about a rig until somebody corrects them."""
+"""The placeholders of a drafted description: values that say nothing about a rig until they are corrected."""
 
 from __future__ import annotations
 

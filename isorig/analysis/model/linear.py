@@ -8,7 +8,7 @@ import numpy as np
 
 from isorig.analysis.campaign import MOTION, ComplexArray, FloatArray
 from isorig.analysis.errors import ModelError
-from isorig.analysis.model.rig_model import GROUND, Contact, Drive, Link, RigModel, direction, matrices
+from isorig.analysis.model.rig_model import GROUND, Drive, Link, RigModel, direction, matrices
 
 #: Normalised eigenvalue of the stiffness matrix below which a motion counts as held by no spring (rounding).
 SLACK = 1e-12
@@ -57,11 +57,8 @@ def moving_together(model: RigModel, group: Collection[str], first: str) -> Floa
     others = [index[name] for name in group if name != first]
     found = np.zeros(len(index))
     found[[index[first], *others]] = 1.0
-    parts: list[Link | Contact] = [*model.links, *model.contacts]
-    joined = ((part, {part.a, part.b, *part.arms} - {GROUND}) for part in parts)
-    rows = np.array(
-        [direction(model, part.a, part.b, part.arms) for part, ends in joined if len(ends) > 1 and ends <= set(group)]
-    )
+    inside = [joint for joint in model.joints if len(joint.joined - {GROUND}) > 1 and joint.joined <= {*group, GROUND}]
+    rows = np.array([direction(model, joint.a, joint.b, joint.arms) for joint in inside])
     if len(rows) and np.any(rows @ found):
         strained = -rows[:, index[first]]
         moved, *_ = np.linalg.lstsq(rows[:, others], strained, rcond=None)

@@ -1,6 +1,6 @@
 """A lumped rig as data: bodies, links, contacts, a drive, sensors and configurations.
 
-The one-, two- and three-mass rigs of the thesis and the wire bonder are instances of `RigModel`, not classes; see `built_in`. A
+The one-, two- and three-mass rigs of the thesis and the wire bonder are instances of `RigModel`, not classes. A
 coordinate is a body's displacement along the axis (m), or an angle (rad) if a body's `mass` is a moment of inertia; `arms` are
 lever arms by which an element acts on further coordinates, for example for a rocking motor.
 """
@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import MOTION, ROTARY, UNLOCKED, FloatArray, Quantity
-from isorig.analysis.errors import ArgumentError, ModelError
+from isorig.analysis.errors import ModelError
 from isorig.analysis.excitations import SyntheticExcitation
 from isorig.analysis.given import all_of_type, given_mapping, number, of_type, text
 from isorig.analysis.laws import FrictionLaw, LinkLaw
@@ -47,18 +47,25 @@ class Body(Part, frozen=True, kw_only=True):
     motion: Literal["straight", "rotation"] = "straight"
 
 
-class Link(Part, frozen=True, kw_only=True):
-    """A spring (N/m) and damper (N s/m) from body `a` to body `b` or to "ground".
-
-    `arms` adds factor * coordinate to the elongation x_a - x_b (m per rad for a rotation); `laws` add their forces.
-    """
+class Joint(Part, frozen=True, kw_only=True):
+    """Joins body `a` to body `b` or to "ground"; `arms` adds factor * coordinate to the elongation x_a - x_b (m per rad)."""
 
     name: str
     a: str
     b: str = GROUND
+    arms: dict[str, float] = msgspec.field(default_factory=dict)
+
+    @property
+    def joined(self) -> set[str]:
+        """Its ends, "ground" if one is, and the bodies on whose coordinates it acts by lever arms."""
+        return {self.a, self.b, *self.arms}
+
+
+class Link(Joint, frozen=True, kw_only=True):
+    """A spring (N/m) and damper (N s/m) between the ends of a joint; `laws` add their forces."""
+
     stiffness: float = 0.0
     damping: float = 0.0
-    arms: dict[str, float] = msgspec.field(default_factory=dict)
     laws: tuple[LinkLaw, ...] = ()
 
     def rubbing(self, law: FrictionLaw) -> Contact:
@@ -66,14 +73,10 @@ class Link(Part, frozen=True, kw_only=True):
         return Contact(name=self.name, a=self.a, b=self.b, law=law, arms=self.arms)
 
 
-class Contact(Part, frozen=True, kw_only=True):
-    """A friction law between body `a` and body `b` or "ground", acting on the velocity of a relative to b."""
+class Contact(Joint, frozen=True, kw_only=True):
+    """A friction law between the ends of a joint, acting on the velocity of a relative to b."""
 
-    name: str
-    a: str
     law: FrictionLaw
-    b: str = GROUND
-    arms: dict[str, float] = msgspec.field(default_factory=dict)
 
 
 class Chain(Part, frozen=True, kw_only=True):
@@ -103,7 +106,7 @@ class Drive(Part, frozen=True, kw_only=True):
 
     The force is `factor` * the drive channel's value, on each coordinate of `pushes` by its weight. For a head of mass m whose
     acceleration is recorded, `factor` is m (kg) and `pushes` is {"motor": -1.0}. With `imposes` the channel is the motion of that
-    body, whatever force it takes: a shaken base, the ground, an actuator under displacement control. `factor_std` is the standard
+    body, with any force: a shaken base, the ground, an actuator under displacement control. `factor_std` is the standard
     uncertainty of a given factor; 0 if it is not stated.
     """
 
@@ -245,6 +248,11 @@ class RigModel(Part, frozen=True, kw_only=True, dict=True):  # dict: for the cac
     def __repr__(self) -> str:
         bodies, sensors = (", ".join(names) for names in ([b.name for b in self.bodies], [s.channel for s in self.sensors]))
         return f"Rig({self.name!r}, bodies {bodies}; drive {self.drive.channel}; sensors {sensors}; {len(self.free)} free)"
+
+    @property
+    def joints(self) -> tuple[Link | Contact, ...]:
+        """All links, followed by all contacts."""
+        return (*self.links, *self.contacts)
 
     def state_space(self, configuration: str | None = None) -> Any:
         """The linear part in a configuration (the first if None) as an `isorig.analysis.simulate.state_space.StateSpace`."""
@@ -389,25 +397,24 @@ class RigModel(Part, frozen=True, kw_only=True, dict=True):  # dict: for the cac
             A path is no parameter, or a value contradicts physics.
         """
         given_mapping(values, "the argument values", 'a mapping of paths to numbers; give for example {"bodies.NAME.mass": 20.0}')
+        given = {_path(path): number(value, f"the value of {path!r}") for path, value in values.items()}
         tree: dict[str, Any] = {}
         try:
-            for path, value in values.items():
-                *way, last = _path(path).split(".")
+            for path, value in given.items():
+                *way, last = path.split(".")
                 node = tree
                 for step in way:
                     node = node.setdefault(step, {})
-                node[last] = number(value, f"the value of {path!r}")
+                node[last] = value
             # Names and joints stay as they are, so the numbers are checked only: fits replace values thousands of times.
             changed = copy(self)
             for field, part in tree.items():
                 msgspec.structs.force_setattr(changed, field, _with_values(getattr(self, field), part))
-        except ArgumentError:
-            raise
         except (LookupError, AttributeError, TypeError, ValueError):
-            for path in values:
+            for path in given:
                 self.get(path)  # says which path is no parameter
             raise
-        _check_numbers(changed, tree)
+        _check_numbers(changed, given)
         return changed
 
 
@@ -454,10 +461,18 @@ def _named(parts: Sequence[Named], name: str, kind: str) -> Named:
     return found
 
 
+def _names(parts: tuple[Any, ...]) -> list[str]:
+    # Of parts of one kind: their names, channels or indices.
+    for key in ("name", "channel"):
+        if parts and hasattr(parts[0], key):
+            return [getattr(part, key) for part in parts]
+    return [str(k) for k in range(len(parts))]
+
+
 def _step(item: Any, step: str, path: str) -> Any:
     there: list[str] = []
     if isinstance(item, tuple):
-        named = {getattr(part, "name", getattr(part, "channel", str(k))): part for k, part in enumerate(item)}
+        named = dict(zip(_names(item), item, strict=True))
         if step in named:
             return named[step]
         if step.isdigit() and int(step) < len(item):
@@ -483,7 +498,7 @@ def _with_values(item: Any, tree: float | Mapping[str, Any]) -> Any:
             raise LookupError
         return tree
     if isinstance(item, tuple):
-        names = [getattr(part, "name", getattr(part, "channel", str(k))) for k, part in enumerate(item)]
+        names = _names(item)
         places = {step if step in names else names[int(step)]: values for step, values in tree.items()}
         return tuple(_with_values(part, places[name]) if name in places else part for name, part in zip(names, item, strict=True))
     if isinstance(item, dict):
@@ -504,7 +519,7 @@ def direction(model: RigModel, a: str, b: str, arms: Mapping[str, float]) -> Flo
     return weights
 
 
-def weights_of(model: RigModel, part: Link | Contact) -> dict[str, float]:
+def weights_of(model: RigModel, part: Joint) -> dict[str, float]:
     """The weights of `direction` by body, for the bodies whose coordinates are in the part's elongation."""
     along = direction(model, part.a, part.b, part.arms).tolist()
     return {body.name: weight for body, weight in zip(model.bodies, along, strict=True) if weight}
@@ -549,22 +564,27 @@ def check(model: RigModel) -> None:
     _unique([link.name for link in model.links], "link")
     _unique([contact.name for contact in model.contacts], "contact")
     _unique(list(model.channels), "channel")
-    joints: tuple[Link | Contact, ...] = (*model.links, *model.contacts)
-    joined = [part.name for part in joints]
-    for name in (model.name, *names, *joined, *model.channels, *model.configurations, *model.note.splitlines()):
+    for name in (
+        model.name,
+        *names,
+        *(joint.name for joint in model.joints),
+        *model.channels,
+        *model.configurations,
+        *model.note.splitlines(),
+    ):
         if not name.isprintable():
             raise ModelError(f"the rig has the name {name!r}, which cannot be displayed; rename it")
     if not names:
         raise ModelError("the rig has no bodies; give at least one")
     if GROUND in names:
         raise ModelError('a body has the name "ground", which is reserved for the fixed reference; rename it')
-    for part in joints:
+    for part in model.joints:
         here = f"{type(part).__name__.lower()} {part.name!r}"
         _known(names, (part.a, part.b, *part.arms), here)
         if part.a == part.b:
             raise ModelError(f"{here} connects {part.a!r} to itself; give two different ends")
     if not model.free_free:
-        _grounded(names, joints, model.imposed)
+        _grounded(names, model.joints, model.imposed)
     for sensor in model.sensors:
         _seen(model, sensor)
         if sensor.force_in is None:
@@ -709,10 +729,9 @@ def _finite(part: Any, path: str = "") -> None:
             _finite(value, f"{path}.{key}" if path else key)
 
 
-def _grounded(names: list[str], joints: Sequence[Link | Contact], imposed: Sequence[str]) -> None:
-    joined = [{part.a, part.b, *part.arms} for part in joints]
+def _grounded(names: list[str], joints: Sequence[Joint], imposed: Sequence[str]) -> None:
     held = {GROUND, *imposed}
-    while grown := [ends for ends in joined if ends & held and not ends <= held]:
+    while grown := [joint.joined for joint in joints if joint.joined & held and not joint.joined <= held]:
         held |= set().union(*grown)
     for name in names:
         if name not in held:

@@ -113,7 +113,7 @@ def decimated(values: FloatArray, decimation: int = DECIMATIONS[0]) -> FloatArra
 
 @cache
 def _antialias(factor: int) -> FloatArray:
-    # The low-pass of scipy.signal.decimate, which designs it anew at each call.
+    # The low-pass of scipy.signal.decimate, which designs it at each call.
     from scipy.signal import cheby1
 
     return np.asarray(cheby1(8, 0.05, 0.8 / factor, output="sos"))
@@ -122,13 +122,11 @@ def _antialias(factor: int) -> FloatArray:
 def driven_groups(model: RigModel) -> tuple[tuple[str, ...], ...]:
     """The pushed body, and growing sets of it and the bodies that links or contacts join to it."""
     names = [body.name for body in model.bodies if body.name not in model.imposed]
-    parts: list[Link | Contact] = [*model.links, *model.contacts]
     group = {name for name, weight in model.drive.pushes.items() if weight}
     found = []
     while group:
         found.append(tuple(name for name in names if name in group))
-        ends = [{part.a, part.b, *part.arms} for part in parts]
-        joined = {name for each in ends if each & group for name in each} & set(names)
+        joined = {name for joint in model.joints if joint.joined & group for name in joint.joined} & set(names)
         group = group | joined if joined - group else set()
     return tuple(found)
 
@@ -188,8 +186,7 @@ def _needed(
     inertia = [w * body.mass * motion.acceleration[body.name] for body, w in zip(model.bodies, weights, strict=True) if w]
     least = np.sum(inertia, axis=0)
     most = least.copy()
-    parts: list[Link | Contact] = [*model.links, *model.contacts]
-    for part in parts:
+    for part in model.joints:
         sign = float(weights @ direction(model, part.a, part.b, part.arms))
         if abs(sign) < ROUNDED:
             continue  # its forces on both ends cancel, or act elsewhere

@@ -290,8 +290,7 @@ def _imposing(model: RigModel, inside: _Inside, which: int, configuration: str) 
     acceleration = np.gradient(v, inside.step, axis=1)
     force = row @ (mass @ acceleration + damping @ v + stiffness @ x)
     blocked = model.configurations[configuration].rigid
-    parts: list[Link | Contact] = [*model.links, *model.contacts]
-    for part in parts:
+    for part in model.joints:
         weight = float(direction(model, part.a, part.b, part.arms) @ row)
         if weight and part.name not in blocked and (isinstance(part, Contact) or part.laws):
             force = force + weight * _element_force(model, inside, part)

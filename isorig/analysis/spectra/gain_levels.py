@@ -56,8 +56,8 @@ def runs_by_level(run: Run) -> Iterator[Run]:
         yield run
         return
     size = np.abs(run.read(GAIN))
-    level, loud = np.full(len(size), SILENT), size > 0.0
-    level[loud] = np.round(np.log(size[loud]) / np.log(STEP)).astype(np.int64)
+    level, driven = np.full(len(size), SILENT), size > 0.0
+    level[driven] = np.round(np.log(size[driven]) / np.log(STEP)).astype(np.int64)
     edges = np.concatenate([[0], np.flatnonzero(np.diff(level)) + 1, [len(level)]])
     count = 0
     for start, stop in pairwise(edges):

@@ -193,7 +193,7 @@ def checked(run: Run, reference: str, responses: Sequence[str], blows: Pulses, l
         at = f"the hit at {top / rate:.4g} s of run {run.id!r} ({peak:.3g} {unit})"
         second = _second(force[first : first + length], int(top) - first, peak, blows.noise)
         moving, name = _moving(run, floors, first, int(begin) - wide, first + length)
-        loud = _overloaded(run, ends, first, first + length)
+        overloaded = _overloaded(run, ends, first, first + length)
         reason: Reason = ""
         text = ""
         if not any(start <= first and first + length <= stop for start, stop in whole):
@@ -204,8 +204,8 @@ def checked(run: Run, reference: str, responses: Sequence[str], blows: Pulses, l
             phrase = "bounced" if reason == "double hit" else "was followed too soon"
             text = f"{at} {phrase}: a second pulse of {100 * size / peak:.0f} % comes "
             text += f"{1e3 * (when + first - top) / rate:.3g} ms later"
-        elif loud:
-            reason, text = "overload", f"{at} overloaded {loud}"
+        elif overloaded:
+            reason, text = "overload", f"{at} overloaded {overloaded}"
         elif peak < WEAK * median:
             reason, text = "weak", f"{at} is weak: the median hit has {median:.3g} {unit}"
         elif moving > SPOILT:

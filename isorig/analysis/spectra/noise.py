@@ -1,4 +1,4 @@
-"""The white noise of a record, where neither the drive nor friction is: in quiet bands, between reversals, beside the drive."""
+"""The white noise of a record, where neither the drive nor friction is: in quiet bands, between reversals, next to the drive."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 Stochastic subspace identification from covariances (Peeters and De Roeck 1999), with uncertainties from blocks of the record
 (Döhler and Mevel 2013), both by pyOMA2. Poles that persist over the orders are modes; a rotating part's harmonic persists too and
-is told apart by its constant amplitude.
+is distinguished by its constant amplitude.
 """
 
 from __future__ import annotations

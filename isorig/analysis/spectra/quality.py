@@ -163,11 +163,11 @@ def _dead(run: Run, reference: str) -> Iterator[Fault]:
     sizes = {name: max(each.std for each in extents(run.channels[name])) for name in run.sensors}
     for name, size in sizes.items():
         kind, unit = run.channels[name].quantity, run.channels[name].unit
-        loudest = max(s for other, s in sizes.items() if run.channels[other].quantity == kind)
+        strongest = max(s for other, s in sizes.items() if run.channels[other].quantity == kind)
         low, high = extremes(run.channels[name])
-        if low == high or size <= DEAD * loudest:
+        if low == high or size <= DEAD * strongest:
             # The sum makes -0.0 zero.
-            has = f"constant {low + 0.0:.4g} {unit}" if low == high else f"{size:.2g} {unit} rms, the strongest {loudest:.2g}"
+            has = f"constant {low + 0.0:.4g} {unit}" if low == high else f"{size:.2g} {unit} rms, the strongest {strongest:.2g}"
             free = ', or state excitation = "free" if nothing drove the rig' if name == reference and low == high else ""
             yield Fault(
                 run=run.id, channel=name, kind="dead",

@@ -405,7 +405,7 @@ class RunningSpectra:
     Parameters
     ----------
     run
-        The run as far as it has been measured; its channels are estimated.
+        The samples of the run that have been measured; its channels are estimated.
     references
         Channels whose cross spectra with all others are computed.
     resolution

@@ -34,7 +34,7 @@ class PtyWire:
     """The instrument's end of a pseudo-terminal; `port` is a link to the other end, which pyserial opens.
 
     The system gives the number of a closed pseudo-terminal to the next one that is opened. The link goes first, so a driver that
-    opens its port again after an unplug never reaches somebody else's terminal.
+    opens its port again after an unplug never reaches another program's terminal.
     """
 
     def __init__(self) -> None:

@@ -22,7 +22,7 @@ from filelock import FileLock, Timeout
 from isorig.rig.errors import OutputError, PlanError
 from isorig.rig.files.output import reason
 
-#: Folder of the locks of ports, the same for all users and whatever the environment says.
+#: Folder of the locks of ports, the same for all users and in every environment.
 PORTS = Path("C:/ProgramData" if sys.platform == "win32" else "/tmp")
 
 

@@ -25,7 +25,7 @@ from isorig.rig.acquire.waits import SESSION_WAITS, SessionWaits
 
 
 class PaceCheck:
-    """Compares the rate of a running stream with the host's clock, each `RATE_SECONDS` seconds anew: a rate may become wrong."""
+    """Compares the rate of a running stream with the host's clock, every `RATE_SECONDS` seconds: a rate may become wrong."""
 
     def __init__(self, who: str, rate: float) -> None:
         self._who, self._rate = who, rate
@@ -61,7 +61,7 @@ def measure_run(
     waits: SessionWaits = SESSION_WAITS,
     force: bool = False,
 ) -> Tally:
-    """Measure one run, with the `loggers` beside it; the status of its blocks is added to `remarks`.
+    """Measure one run, while the `loggers` run along; the status of its blocks is added to `remarks`.
 
     Unless it is to `force` the run, a wrong sample rate by the host's clock ends it. Raises DriverError or OutputError if the
     instrument or the disk fails; the data measured until then are in the file.

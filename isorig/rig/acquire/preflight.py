@@ -127,7 +127,7 @@ def _known(blocks: Sequence[Block], ticks: int, rate: float) -> bool:
 
 
 def _wrong_rate(blocks: Sequence[Block], rate: float, *, certain: bool = True) -> float | None:
-    # The rate in Hz by the host's clock if it is wrong, certainly or as far as it can be known now.
+    # The rate in Hz by the host's clock if it is wrong, certainly or by what is known now.
     pace = Pace(rate)
     pace.add(np.array([block.end_tick for block in blocks], float), np.array([block.host_time for block in blocks]))
     drift = pace.drift()

@@ -83,7 +83,7 @@ class _Steps:
 
 @dataclass(frozen=True, kw_only=True)
 class Recovered:
-    """One planned run as far as it was measured.
+    """The measured part of a planned run.
 
     Parameters
     ----------
@@ -239,7 +239,7 @@ class WorkingFileReader:
                 take.add(block, *samples)
 
     def runs(self) -> list[Recovered]:
-        """Every planned run as far as it was measured, in the plan's order."""
+        """The measured part of every planned run, in the plan's order."""
         return [self._recovered(k) for k in range(len(self._layout.runs))]
 
     def run(self, name: str) -> Recovered:

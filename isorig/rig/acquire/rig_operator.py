@@ -1,4 +1,4 @@
-"""The person at the rig as a session sees it: asked before each run, told of its course and its result."""
+"""The person at the rig as a session sees it: asked before each run, informed of its course and its result."""
 
 from __future__ import annotations
 

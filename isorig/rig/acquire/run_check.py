@@ -134,13 +134,13 @@ def _losses(run: Recovered) -> Iterator[str]:
 
 def _channels(run: Run) -> Iterator[str]:
     sizes = {name: channel_std(channel) for name, channel in run.sensors.items()}
-    loudest: dict[str, float] = {}
+    strongest: dict[str, float] = {}
     for name, channel in run.sensors.items():
-        loudest[channel.quantity] = max(loudest.get(channel.quantity, 0.0), sizes[name])
+        strongest[channel.quantity] = max(strongest.get(channel.quantity, 0.0), sizes[name])
     for name, channel in run.sensors.items():
         if clipped := sum(each.full for each in extents(channel)):
             yield f"{name} clipped {clipped} times; choose a larger range or a lower gain and repeat the run."
-        if sizes[name] <= DEAD * loudest[channel.quantity]:
+        if sizes[name] <= DEAD * strongest[channel.quantity]:
             yield f"{name} hardly moves ({sizes[name]:.2g} {channel.unit} rms); check its cable and its supply."
 
 

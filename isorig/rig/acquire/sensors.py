@@ -175,10 +175,10 @@ def _sheet_against(name: str, channel: ChannelPlan, sheet: Sheet, today: date) -
 
 def lines(plan: Plan, known: Mapping[str, Sheet], read: Mapping[str, Sheet]) -> Sequence[str]:
     """One line for each channel: its sensor, sensitivity and dates."""
-    told = []
+    found = []
     for name, channel in plan.channels.items():
         sheet = read.get(name) or known.get(channel.serial_number)
         serial = (sheet.serial_number if sheet else channel.serial_number) or "no serial number"
         dates = "" if sheet is None else f", calibrated {sheet.calibrated or 'unknown'}, due {sheet.due or 'unknown'}"
-        told.append(f"{name}: input {channel.input}, {serial}, {channel.sensitivity:.6g} V per {channel.unit}{dates}")
-    return told
+        found.append(f"{name}: input {channel.input}, {serial}, {channel.sensitivity:.6g} V per {channel.unit}{dates}")
+    return found

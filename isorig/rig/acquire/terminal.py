@@ -1,4 +1,4 @@
-"""A session on the terminal, or as JSON lines for a program; output that nobody reads is dropped, and the session continues."""
+"""A session on the terminal, or as JSON lines for a program; output without a reader is dropped, and the session continues."""
 
 from __future__ import annotations
 

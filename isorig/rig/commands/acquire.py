@@ -130,8 +130,8 @@ def acquire(
         discard_output()
 
 
-def _show(terminal: Terminal, desk: Desk | None, told: EquationsReport) -> None:
+def _show(terminal: Terminal, desk: Desk | None, report: EquationsReport) -> None:
     """Show what the equations of motion tell, on the page and in the terminal."""
     if desk is not None:
-        desk.equations(told)
-    terminal.equations(told)
+        desk.equations(report)
+    terminal.equations(report)

@@ -75,7 +75,7 @@ def _chosen(found: Sequence[Connected], kind: str | None, *, named: bool) -> tup
     def names(one: Connected) -> Sequence[str]:
         if kind is not None:
             return [name for name in one.possible if name == kind]
-        # A sound interface that nobody named is seldom the instrument.
+        # A sound interface that was not named is seldom the instrument.
         return one.possible if named and len(one.possible) == 1 else one.recognized
 
     fitting = [(one, name) for one in found for name in names(one)]

@@ -81,7 +81,7 @@ def _tree(model: RigModel) -> Tree:
     # bodies that are already in the tree is shown at one of them, with an arrow to the other.
     tree = Tree("ground (fixed)", highlight=False)
     places = {GROUND: tree}
-    left: list[Link | Contact] = [*model.links, *model.contacts]
+    left = [*model.joints]
     waiting = [body.name for body in model.bodies]
     while left:
         joint = next((one for one in left if one.a in places or one.b in places), None)

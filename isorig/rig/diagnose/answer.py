@@ -43,7 +43,7 @@ def findings_of(
 ) -> stored.Findings:
     """The content of findings.json, as a reader of the file gets it.
 
-    The baseline of a rig with its own description is that description, whatever friction it has. `origin` is the baseline's name,
+    The baseline of a rig with its own description is that description, with or without friction. `origin` is the baseline's name,
     the name and hash of the recording, and the version of this program; the given time limit is in s.
     """
     improvement = diagnosis.improvement

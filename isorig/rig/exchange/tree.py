@@ -80,7 +80,7 @@ def _plain(name: str) -> str:
 
 
 def rate_of(name: str, number: float) -> float | None:
-    """The sample rate in Hz that a number of a file states by its name (`fs`, `dt`, `rate_kHz` ...); None if it states none."""
+    """The sample rate in Hz that a number of a file states by its name ("fs", "dt", "rate_kHz" ...); None if it states none."""
     plain = _plain(name)
     for names, units in ((RATES, RATE_UNITS), (STEPS, STEP_UNITS)) if number > 0.0 else ():
         for unit, factor in units.items():

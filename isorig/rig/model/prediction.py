@@ -74,7 +74,7 @@ def predicted(model: RigModel, campaign: Measured, *, origin: datetime | None = 
                 name=sensor.channel, samples=response.channels[sensor.channel], quantity=sensor.quantity,
                 unit=SI_UNIT[sensor.quantity],
             )  # fmt: skip
-        # What is known of the records, such as gaps and spectra, is not true of simulated ones.
+        # What is known of the records, for example gaps and spectra, is not true of simulated ones.
         runs.append(replace(run, channels=channels, repeat_of=None, gaps=(), usable_to=None, spectra=()))
     return replace(campaign, runs=tuple(runs))
 

@@ -123,7 +123,7 @@ class Proposed:
 
 
 #: What a proposal is about: causes that the data cannot tell apart, causes of which none earned a name, whether the remainder is
-#: reproducible at all, causes that nobody has looked for yet, or a parameter's deviation.
+#: reproducible at all, causes that have not been searched for yet, or a parameter's deviation.
 ProposalKind = Literal["rivals", "undecided", "reproducible", "untested", "parameter"]
 
 
@@ -231,7 +231,7 @@ def propose(
 
 
 class _Allowed(NamedTuple):
-    # Seconds of measuring and number of the runs, time to compare them, and who is told of its course.
+    # Seconds of measuring and number of the runs, time to compare them, and what receives its progress.
     budget: float
     most: int
     deadline: Deadline

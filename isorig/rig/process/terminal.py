@@ -33,10 +33,10 @@ PATIENCE = 2.0
 
 
 class Unhurried(io.TextIOBase):
-    """A terminal's output that delays nobody: what a stopped (Ctrl-S) or closed terminal does not take is dropped."""
+    """A terminal's output that causes no delay: what a stopped (Ctrl-S) or closed terminal does not take is dropped."""
 
     def __init__(self, stream: TextIO) -> None:
-        # Opened anew: without waiting is a property that all processes with the same open terminal share.
+        # Opened again: without waiting is a property that all processes with the same open terminal share.
         self._file = os.open(os.ttyname(stream.fileno()), os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
         self._patience = PATIENCE
 

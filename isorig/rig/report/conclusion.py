@@ -262,7 +262,7 @@ def _listed(fitted: Sequence[tuple[float, TriedCause]]) -> str:
 
 
 def _left(error: float) -> str:
-    # A simulation that errs by many times the signal does not follow the motion at all; by how much says nothing.
+    # A simulation whose error is many times the signal does not follow the motion at all; by how much says nothing.
     return "loses the motion" if error >= MULTIPLE else in_per_cent(error)
 
 

@@ -86,7 +86,7 @@ def channels_table(campaign: Campaign) -> Table:
             for channel in first.values()
         ],
     }
-    # Of what nobody gave there is no column.
+    # A description that is not given has no column.
     shown = {name: column for name, column in columns.items() if set(column) != {NOT_GIVEN}}
     return Table(columns=tuple(shown), rows=list(zip(*shown.values(), strict=True)))
 

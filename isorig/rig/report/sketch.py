@@ -15,7 +15,7 @@ from itertools import accumulate, pairwise
 from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel
 
-#: Dimensions in pixels: a row of text in a body, the space of a joint between levels and beside a body, distances, margins.
+#: Dimensions in pixels: a row of text in a body, the space of a joint between levels and next to a body, distances, margins.
 ROW, RISE, REACH, APART, SIDE, TOP, FLOOR = 19, 66, 118, 22, 14, 12, 22
 #: Width of a character of the text, of a symbol, and between the symbols of one joint.
 LETTER, SYMBOL, PARALLEL = 7.0, 34.0, 20.0
@@ -25,7 +25,7 @@ WINDINGS = 6
 
 #: Draws a symbol of a given length along x.
 Symbol = Callable[[float], str]
-#: A mark: paths such as "links.isolation", "bodies.table", "sensors.table" or "lock", with a word for what is wrong there.
+#: A mark: paths, for example "links.isolation", "bodies.table", "sensors.table" or "lock", with a word for what is wrong there.
 Marks = Mapping[str, str]
 
 
@@ -78,9 +78,9 @@ class _Joint:
             f'<g transform="translate(0 {-PARALLEL * k:.0f})">{symbol(length)}</g>' for k, symbol in enumerate(self.symbols)
         )
         way = f"translate({x:.1f} {y:.1f})" + (" rotate(90)" if turned else "")
-        told = f'data-joint="{escape(self.path, quote=True)}" data-length="{length:.1f}"'
+        attributes = f'data-joint="{escape(self.path, quote=True)}" data-length="{length:.1f}"'
         kind = ' class="faulty"' if self.faulty else ""
-        return f'<g transform="{way}" {told}{kind}>{halo if self.faulty else ""}{symbols}</g>'
+        return f'<g transform="{way}" {attributes}{kind}>{halo if self.faulty else ""}{symbols}</g>'
 
 
 @dataclass(kw_only=True)
@@ -114,16 +114,15 @@ class _Plan:
 
     def __init__(self, model: RigModel, marks: Marks) -> None:
         self._model, self._marks = model, marks
-        joints: list[Link | Contact] = [*model.links, *model.contacts]
         self._neighbours: defaultdict[str, dict[str, None]] = defaultdict(dict)
-        for joint in joints:
+        for joint in model.joints:
             self._neighbours[joint.a][joint.b] = self._neighbours[joint.b][joint.a] = None
-        riders = _rotations(model)
-        names = [body.name for body in model.bodies if body.name not in riders]
+        rotations = _rotations(model)
+        names = [body.name for body in model.bodies if body.name not in rotations]
         levels = self._distances(names)
-        self.boxes = {name: self._box(name, levels[name], [r for r, host in riders.items() if host == name]) for name in names}
+        self.boxes = {name: self._box(name, levels[name], [r for r, host in rotations.items() if host == name]) for name in names}
         self._groups: dict[tuple[str, str], list[_Joint]] = {}
-        for joint in joints:
+        for joint in model.joints:
             upper, lower = sorted((joint.a, joint.b), key=lambda end: -levels[end])
             pair = (lower, upper) if (lower, upper) in self._groups else (upper, lower)
             self._groups.setdefault(pair, []).append(self._joint(joint))
@@ -172,10 +171,10 @@ class _Plan:
             add(name)
         return ordered
 
-    def _box(self, name: str, level: int, riders: Sequence[str]) -> _Box:
-        # `riders` are rotations of the body without joints of their own.
+    def _box(self, name: str, level: int, rotations: Sequence[str]) -> _Box:
+        # `rotations` are rotations of the body without joints of their own.
         model = self._model
-        mine = [name, *riders]
+        mine = [name, *rotations]
         lines = []
         for body in map(model.body, mine):
             mass = f"{body.mass:.3g} {unit_of(f'bodies.{body.name}.mass', model)}".replace("^2", "²")
@@ -338,10 +337,9 @@ def _slots(group: Sequence[_Joint]) -> list[float]:
 
 def _rotations(model: RigModel) -> dict[str, str]:
     # A coordinate that only arms use is a motion of the body that they belong to: {coordinate: body}.
-    joints: list[Link | Contact] = [*model.links, *model.contacts]
-    own = {end for joint in joints for end in (joint.a, joint.b)} | {*model.imposed}
+    own = {end for joint in model.joints for end in (joint.a, joint.b)} | {*model.imposed}
     found: dict[str, str] = {}
-    for arms, host in [*((joint.arms, joint.a) for joint in joints), *((s.arms, s.body) for s in model.sensors)]:
+    for arms, host in [*((joint.arms, joint.a) for joint in model.joints), *((s.arms, s.body) for s in model.sensors)]:
         for name in arms:
             if name not in own and host in own:
                 found.setdefault(name, host)

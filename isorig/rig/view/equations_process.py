@@ -52,12 +52,12 @@ def main() -> None:
         os._exit(0)
 
     threading.Thread(target=end, name="standard input", daemon=True).start()
-    for message in told(reading.campaign for reading in watched(Path(sys.argv[1]), lambda: False, every=EVERY)):
+    for message in equations_reports(reading.campaign for reading in watched(Path(sys.argv[1]), lambda: False, every=EVERY)):
         sys.stdout.buffer.write(msgspec.json.encode(message) + b"\n")
         sys.stdout.buffer.flush()
 
 
-def told(campaigns: Iterable[Campaign]) -> Iterator[EquationsReport]:
+def equations_reports(campaigns: Iterable[Campaign]) -> Iterator[EquationsReport]:
     """A message for the last run of each campaign, once that has grown by `GROWTH`."""
     begun: datetime | None = None
     run_id, before, decision = "", 0.0, Decision()

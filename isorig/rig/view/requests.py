@@ -71,10 +71,10 @@ class Desk:
         # Confirming a run includes that the rig is locked or unlocked for it.
         return Operator(lock=lambda configuration: None, watch=watch, taken=taken, decide=self.decide, stopped=self.stopped)
 
-    def equations(self, told: EquationsReport) -> None:
+    def equations(self, report: EquationsReport) -> None:
         """Show what the equations of motion tell of the current run."""
         with self._changed:
-            self._change(equations=told)
+            self._change(equations=report)
 
     def decide(self, name: str) -> Decision:
         """Decides on the next run."""

@@ -33,30 +33,31 @@ class Subject:
 
 def state_of(subject: Subject, picture: Snapshot, standing: SessionState | None) -> dict[str, Any]:
     """All that the page shows except its plots, as plain values; `standing` is None where another process has the session."""
-    told = standing or SessionState(notes=tuple(subject.notes))
+    session = standing or SessionState(notes=tuple(subject.notes))
     age = time.monotonic() - picture.grown if picture.grown else None
-    phase = told.phase if standing is not None else _phase(subject, picture, age)
+    phase = session.phase if standing is not None else _phase(subject, picture, age)
     # The results of this session's own checks come first.
-    judged = {name: run.judged for name, run in picture.runs.items() if run.judged is not None} | told.judged
+    judged = {name: run.judged for name, run in picture.runs.items() if run.judged is not None} | session.judged
     runs = _runs(subject, picture, standing, judged)
     shown = picture.runs.get(picture.shown)
     lasting = phase == "measures"
     return {
-        "title": subject.title, "mode": subject.mode, "phase": phase, "text": told.text, "may": list(told.may),
-        "run": _about(told.run or picture.shown, runs, known=bool(subject.planned)), "asked": told.run, "last": told.last,
+        "title": subject.title, "mode": subject.mode, "phase": phase, "text": session.text, "may": list(session.may),
+        "run": _about(session.run or picture.shown, runs, known=bool(subject.planned)), "asked": session.run,
+        "last": session.last,
         "session_left": sum(max(run["of"] - run["seconds"], 0.0) for run in runs if run["state"] in ("planned", "now"))
         if subject.planned else None,
         "shown": picture.shown, "lost": 0 if shown is None else shown.lost, "age": age if lasting else None,
-        "damaged": told.damaged, "overloads": told.overloads,
+        "damaged": session.damaged, "overloads": session.overloads,
         "channels": [] if shown is None else [_channel(level, picture.runs) for level in shown.levels],
         "limits": [SMALL_SHARE, LARGE_SHARE], "averaged": picture.averaged, "isolated": picture.isolated,
         "advice": list(picture.advice) if lasting and picture.advice else _advice(picture, judged),
         "verdict": _verdict(subject, {name: judged[name] for name in picture.runs if name in judged}), "runs": runs,
-        "equations": None if told.equations is None else {
-            "text": told.equations.sentence, "limit": told.equations.limit,
-            "bars": [{"name": name, "residual": value} for name, value in told.equations.residuals.items()],
+        "equations": None if session.equations is None else {
+            "text": session.equations.sentence, "limit": session.equations.limit,
+            "bars": [{"name": name, "residual": value} for name, value in session.equations.residuals.items()],
         },
-        "notes": msgspec.to_builtins(told.notes),
+        "notes": msgspec.to_builtins(session.notes),
     }  # fmt: skip
 
 

@@ -94,3 +94,17 @@ def test_rests_plateaus_and_slow_swings_are_no_flat_tops() -> None:
     for samples in (np.sign(np.sin(TIME)), np.floor(TIME), np.sin(TIME), rest, np.round(rest, 3), np.minimum(TIME, 1.0) + noise):
         assert found(samples) == {}
         assert plateaus(Channel(name="motor", samples=samples)) == 0
+
+
+def test_an_error_at_a_limit_needs_three_tops_of_three_samples() -> None:
+    """Samples within half a per cent of the largest are at the limit; the rest of a record is as it is."""
+    wave = 0.3 * np.sin(2.0 * np.pi * 0.7 * TIME)
+    for tops, length, held in ((3, 3, True), (2, 3, False), (5, 2, False)):
+        samples, at = wave.copy(), []
+        for top in range(tops):
+            rows = np.arange(200 + 700 * top, 200 + 700 * top + length)
+            samples[rows] = 1.0 - 0.002 * (rows % 2) * (top > 0)
+            at += rows.tolist()
+        error = clipped(samples, 1.0, 400.0)
+        assert bool(error) is held
+        assert not held or np.flatnonzero(error[0]).tolist() == at

@@ -8,18 +8,37 @@ from types import SimpleNamespace
 import msgspec
 import numpy as np
 import pytest
-from small_rigs import guessed, played, stage
+from small_rigs import chain, guessed, played, stage
 
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose import diagnosis, revise
+from isorig.analysis.diagnose import step as steps
 from isorig.analysis.diagnose.causes.base import Kind
 from isorig.analysis.diagnose.considered import all_considered
 from isorig.analysis.diagnose.diagnosis import MOST_STEPS, _of_sensors, _Search, _standing
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.policy import POLICY
+<<<<<<< HEAD
 from isorig.analysis.diagnose.revise import Revision, SearchStage, merged, near_rivals
 from isorig.analysis.diagnose.search import Suspected, _extends, best_fits, sources
 from isorig.analysis.diagnose.step import Curve, Entry, Found, Step, _closest, best_form, best_kind, determined, vanishes
+=======
+from isorig.analysis.diagnose.revise import Revision, SearchStage, merged, near_rivals, stage_of
+from isorig.analysis.diagnose.search import Suspected, _extends, sources
+from isorig.analysis.diagnose.step import (
+    Curve,
+    Entry,
+    Found,
+    Step,
+    _closest,
+    _same_curve,
+    best_form,
+    best_kind,
+    curve_of,
+    determined,
+    vanishes,
+)
+>>>>>>> refs/heads/house10
 from isorig.analysis.equations.system import equations_of
 from isorig.analysis.fitting.candidate import Candidate, Shape
 from isorig.analysis.fitting.division import ends
@@ -28,7 +47,7 @@ from isorig.analysis.fitting.score import BLOCKS, Score, score
 from isorig.analysis.fitting.solve import Fit, Free, base_parameters
 from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.laws import BoucWen, ContactLaw, Coulomb
-from isorig.analysis.model.rig_model import Contact
+from isorig.analysis.model.rig_model import Contact, RigModel
 
 FLOORS = np.full((4, 2), 0.004)
 
@@ -181,6 +200,70 @@ def test_a_replaced_cause_that_left_more_does_not_reduce_the_share_of_the_one_in
     found, *_ = all_considered(searches, [last], {("coulomb_friction", "x")}, {}, scored(0.15), FLOORS, stage(), (), None)
     assert (found.cause, found.standing) == ("hysteresis", "established")
     assert found.share == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_named_cause_has_the_share_of_the_one_that_it_replaced_too() -> None:
+    last = step_to("hysteresis", "memory", 0.05, 0.009, "x").step
+    assert last is not None
+    searches = [(scored(0.15), [entry("coulomb_friction", "x", 0.05)]), (scored(0.05), [entry("hysteresis", "x", 0.009)])]
+    found = all_considered(searches, [last], {("coulomb_friction", "x")}, {}, scored(0.15), FLOORS, stage(), (), None)
+    shares = {one.cause: one.share for one in found if one.share is not None}
+    assert shares == {"hysteresis": pytest.approx(1.0, abs=0.01), "coulomb_friction": pytest.approx(0.89, abs=0.01)}
+    # One that is not named has its own share.
+    searches[1][1].append(entry("relaxation", "x", 0.03))
+    found = all_considered(searches, [last], {("coulomb_friction", "x")}, {}, scored(0.15), FLOORS, stage(), (), None)
+    assert next(one.share for one in found if one.cause == "relaxation") == pytest.approx(0.07, abs=0.01)
+
+
+@pytest.mark.parametrize("again", [False, True])
+def test_an_exchanged_cause_is_ruled_out_unless_it_is_named_again(again: bool) -> None:
+    first, entries = scored(0.1), [entry("sensor_gain", "x", 0.03), entry("sensor_gain", "a", 0.02)]
+    named = [step_to("sensor_gain", "sensor", 0.1, 0.02, at).step for at in ("a", *("x" * again))]
+    exchanged = {("sensor_gain", "x"): ("sensor_gain", "a")}
+    found = all_considered([(first, entries)], [step for step in named if step], (), exchanged, first, FLOORS, stage(), (), None)
+    one = next(one for one in found if one.location == "x" and one.share is not None)
+    assert one.standing == ("established" if again else "ruled out")
+    assert ("sensor_gain at a explains more together with the later causes" in one.why) is not again
+
+
+def test_a_stage_whose_step_needs_the_next_one_says_so() -> None:
+    found = best_form([entry("sensor_gain", "x", 0.01)], scored(0.1), FLOORS)
+    assert not stage_of(scored(0.1), found).paired
+    assert stage_of(scored(0.1), replace(found, then=found)).paired
+
+
+@pytest.mark.parametrize(
+    ("shape", "chosen", "place", "same"),
+    [
+        ("friction_shape", "coulomb_friction", "rail", True),
+        ("friction_shape", "coulomb_friction", "elsewhere", False),
+        ("friction_shape", "end_stop", "rail", False),
+        ("spring_shape", "coulomb_friction", "rail", False),
+    ],
+)
+def test_a_curve_over_the_velocity_between_the_same_ends_is_no_other_cause(
+    shape: str, chosen: str, place: str, same: bool
+) -> None:  # fmt: skip
+    first, *_, last = (link.name for link in chain().links)
+    at = {"rail": first, "elsewhere": last}
+    curve, form = entry(shape, at["rail"], 0.01, points=4), entry(chosen, at[place], 0.01)
+    form = replace(form, fit=replace(form.fit, model=chain()))
+    assert _same_curve(curve, form) is same
+    assert not _same_curve(replace(curve, candidate=replace(curve.candidate, shape=None)), form)
+
+
+def test_the_points_of_a_curve_ascend_and_have_the_straight_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Backward velocities are negative, zero is a point of the forward direction alone; a point that no fit changed is exact."""
+    shape = Shape(over="speed", unit="m/s", value_unit="N", path="contacts.rail.law", tables=("forward", "backward"))
+    tables = {"forward": [1.0, 2.0], "backward": [-1.0, -3.0]}
+    monkeypatch.setattr(steps, "tabulated", lambda model, shape, evidence: ([0.0, 0.5], tables, 4.0, (-0.4, 0.4)))
+    found = entry("friction_shape", "rail", 0.01, points=4)
+    fit: object = SimpleNamespace(model=stage(), std={"contacts.rail.law.forward.1": 0.25})
+    curve = curve_of(replace(found.candidate, shape=shape), fit, SimpleNamespace())  # type: ignore[arg-type]
+    assert curve is not None
+    assert curve.points == ((-0.5, -1.0, 0.0), (0.0, 1.0, 0.0), (0.5, 4.0, 0.25))
+    assert curve.paths == tuple(f"contacts.rail.law.{name}" for name in ("backward.1", "forward.0", "forward.1"))
+    assert curve_of(found.candidate, fit, SimpleNamespace()) is None  # type: ignore[arg-type]
 
 
 def test_a_named_cause_keeps_its_share_when_a_later_search_fits_it_again() -> None:
@@ -344,7 +427,13 @@ def test_a_cause_is_exchanged_for_a_rival_that_explains_more_with_the_later_ones
     last = step_to("relaxation", "memory", 0.2, 0.1)
     baseline = replace(first, step=None, candidate=None, entries=(), score=scored(0.3))
     fitted_as(monkeypatch, last.fit, 0.2, with_rival)  # without any of the two, and with the rival
-    monkeypatch.setattr(revise, "with_cause", lambda model, free, candidate, fit, evidence: (model, free))
+    put: list[Candidate] = []
+
+    def with_cause(model: RigModel, free: object, candidate: Candidate, fit: object, evidence: object) -> tuple[RigModel, object]:
+        put.append(candidate)
+        return model, free
+
+    monkeypatch.setattr(revise, "with_cause", with_cause)
     changed = revision()
     _, one, two = changed.revised([baseline, first, last])
     assert one.step is not None
@@ -356,6 +445,7 @@ def test_a_cause_is_exchanged_for_a_rival_that_explains_more_with_the_later_ones
         assert two.step.after == pytest.approx(with_rival)
     else:
         assert not changed.exchanged
+    assert {candidate.key for candidate in put} == {("sensor_gain", "x")}
     assert capsys.readouterr().out == "", "what is said goes to progress"
 
 
@@ -478,6 +568,16 @@ def test_a_form_whose_values_are_zero_within_their_uncertainty_is_none(value: fl
     model = stage().replace({"sensors.x.chain.delay": value})
     fit = Fit(model=model, free=free, covariance=np.array([[1e-3**2]]), cost=1.0, evaluations=1)
     assert vanishes(replace(delayed, candidate=replace(delayed.candidate, free=free), fit=fit)) is zero
+
+
+def test_a_form_with_one_value_that_shows_an_effect_is_one() -> None:
+    two = entry("channel_delay", "x", 0.01)
+    free = tuple(Free(path=f"sensors.{name}.chain.delay", low=-1.0, high=1.0, log=False) for name in ("x", "a"))
+    positive = tuple(Free(path=f"sensors.{name}.chain.gain") for name in ("x", "a"))
+    model = stage().replace({free[0].path: 1e-3, free[1].path: 9e-3})
+    for own, covariance in ((free, 1e-6 * np.eye(2)), (positive, np.diag([4.0, 0.01]))):
+        fit = Fit(model=model, free=own, covariance=covariance, cost=1.0, evaluations=1)
+        assert not vanishes(replace(two, candidate=replace(two.candidate, free=own), fit=fit))
 
 
 @pytest.mark.parametrize(("std", "zero"), [(0.99, False), (1.01, True)])

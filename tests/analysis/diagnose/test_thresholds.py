@@ -20,6 +20,7 @@ from isorig.analysis.diagnose.policy import (
     Policy,
     Stage,
     adequacy_threshold,
+    explains_better,
     explains_own_channel,
     may_be_noise,
     more_draws,
@@ -249,6 +250,7 @@ def test_only_an_error_near_the_floor_is_calibrated() -> None:
         (2.0, [1.0], True),
         (2.0, [1.67], False),  # the threshold by this draw is 1.2 times 1.67
         (2.0, [1.66], True),
+        (2.0, [1.0, 1.7], False),  # the largest draw counts, also where they differ
         (2.0, [1.0, 1.24], False),
         (2.0, [1.0, 1.26], True),
         (2.0, [0.5, 1.0, 1.0, 0.5], True),
@@ -257,6 +259,27 @@ def test_only_an_error_near_the_floor_is_calibrated() -> None:
 )
 def test_draws_that_differ_ask_for_more(worst: float, draws: list[float], another: bool) -> None:
     assert more_draws(worst, draws) is another
+
+
+@pytest.mark.parametrize(
+    ("other", "present", "tolerance", "better"),
+    [
+        (0.0059, 0.0061, 0.0, True),  # 1.5 floors of 0.004: the other is adequate, the present one is not
+        (0.0058, 0.0059, 0.0, False),  # both are
+        (0.0059, 0.4, 0.5, False),  # both are within the tolerance
+        (0.3, 0.4, 0.35, True),  # only the other is
+        (0.0061, 0.4, 0.0, True),  # a hundredth of the error
+        (0.1 * np.exp(-0.11), 0.1, 0.0, True),
+        (0.1 * np.exp(-0.09), 0.1, 0.0, False),
+        (0.4, 0.1, 0.0, False),
+    ],
+)
+def test_another_cause_is_clearly_better(other: float, present: float, tolerance: float, better: bool) -> None:
+    assert explains_better(errors(other), errors(present), FLOORS, POLICY.enough, tolerance) is better
+
+
+def test_without_a_tolerance_an_error_above_the_threshold_is_not_adequate() -> None:
+    assert explains_better(errors(0.1), errors(0.4), FLOORS, POLICY.enough)
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from isorig.analysis import laws
 from isorig.analysis.equations import repeats
 from isorig.analysis.equations.balances import Element, balances, elements, locks
 from isorig.analysis.equations.columns import SHAPES, Course
-from isorig.analysis.equations.filters import resonator, rocked
+from isorig.analysis.equations.filters import ROCKING_DAMPING, resonator, rocked, rocker
 from isorig.analysis.equations.hidden import estimable, fitted, transfer
 from isorig.analysis.equations.known import law_columns, law_forces
 from isorig.analysis.equations.motion import Combinations, derivatives, highpass_gain
@@ -448,3 +448,10 @@ def test_an_equation_whose_sliding_samples_all_vanish_is_not_fitted(monkeypatch:
     assert equations.in_time(balance, equations.primary(balance)) is None
     assert balance.name not in equations.sliding
     assert balance.name not in equations.residuals()
+
+
+def test_a_rocking_body_resonates_at_its_frequency() -> None:
+    """There the torque of its spring and its inertia cancel, and damping alone is left; far above it has inertia alone."""
+    at, above = rocker(2.0 * np.pi * np.array([7.0, 7e4]), 7.0)
+    assert at == pytest.approx(-0.5j / ROCKING_DAMPING)
+    assert above == pytest.approx(-1.0, abs=1e-4)

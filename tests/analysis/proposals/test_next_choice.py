@@ -214,6 +214,10 @@ def test_the_menu_keeps_gains_band_and_seconds() -> None:
     assert run_at_rest(wire_bonder(), limits).rests
     assert any(covers_all_modes(wire_bonder(), run) for run in runs)
     assert not covers_all_modes(wire_bonder(), again[0])
+    whole = next(run for run in runs if covers_all_modes(wire_bonder(), run))
+    assert not covers_all_modes(wire_bonder(), replace(whole, excitation="sweep"))
+    assert not covers_all_modes(wire_bonder(), replace(whole, band=None))
+    assert run_at_rest(wire_bonder(), Limits()).gain == 1.0
 
 
 @pytest.mark.parametrize(("gain", "seconds", "allowed"), [(70.0, 12.345, True), (70.001, 12.0, False), (69.1234, 30.001, False)])
@@ -247,6 +251,12 @@ def test_the_chosen_run_distinguishes_within_the_limits() -> None:
     assert first.prospect.run.gain == 40.0
     assert first.probability > 0.9
     assert min(apart.distance for apart in first.apart) > 3.0
+    assert first.gained == pytest.approx(first.probability)
+    later = [choice.probability for choice in found.choices]
+    assert [choice.gained for choice in found.choices[1:]] == pytest.approx(np.diff(later))
+    # The largest distance with a single run is that with the strongest.
+    largest = {(apart.truth.key, apart.rival.key): apart.distance for apart in first.apart}
+    assert {(apart.truth.key, apart.rival.key): apart.distance for apart in found.best} == pytest.approx(largest)
     assert {(pair.truth.cause, pair.rival.cause) for pair in first.predicted_pairs} <= {
         ("end_stop", "hardening_stiffness"), ("hardening_stiffness", "end_stop")
     }  # fmt: skip

@@ -24,7 +24,14 @@ from isorig.analysis.proposals.hypotheses import hypotheses
 from isorig.analysis.proposals.limits import LargestMotions, simulated_peaks
 from isorig.analysis.proposals.menu import CandidateRun, candidate_runs, run_at_rest
 from isorig.analysis.proposals.policy import POLICY
-from isorig.analysis.proposals.precision import KnownPrecision, PreciseRun, parameter_by_name, runs_for_uncertainty
+from isorig.analysis.proposals.precision import (
+    KnownPrecision,
+    PreciseRun,
+    named_parameters,
+    parameter_by_name,
+    runs_for_uncertainty,
+    unit_of_parameter,
+)
 from isorig.analysis.proposals.prediction import Prospect, Variant
 from isorig.analysis.proposals.remedies import another_sensor, beyond_limits, pair_distance, with_more_sensors
 from isorig.analysis.simulate.natural import HELD, natural_modes
@@ -467,3 +474,13 @@ def test_no_two_hypotheses_have_the_same_words() -> None:
         assert len(set(names)) == len(names), name
     names = [cause(v) for v in hypotheses(wire_bonder(), NOTHING, 1024.0)]
     assert {"crosstalk at motor from head", "extra mode at motor with 30 Hz", "wrong mass at motor"} <= set(names)
+
+
+def test_a_body_on_a_soft_spring_has_a_frequency_and_a_damping_ratio() -> None:
+    rig = one_mass()
+    body, link = rig.bodies[0].name, rig.links[0].name
+    soft = rig.replace({f"links.{link}.stiffness": 0.5})
+    assert {name: unit_of_parameter(name, soft) for name in named_parameters(soft)} == {
+        f"{body}_mass": "kg", f"{body}_frequency": "Hz", f"{body}_damping": "1"
+    }  # fmt: skip
+    assert set(named_parameters(rig.replace({f"links.{link}.stiffness": 0.0}))) == {f"{body}_mass"}

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +13,9 @@ sys.path.insert(0, str(Path(__file__).parent))
 from diagnosed import COLUMNS, Line, append, diagnosed, group_of, judged, lines_of, table
 from foreign_campaign import Setting, draw
 
-from isorig.analysis.campaign import Campaign
-from isorig.analysis.deadline import Deadline
 from isorig.analysis.diagnose import diagnosis, required_force
-from isorig.analysis.diagnose.diagnosis import diagnose
 from isorig.analysis.diagnose.required_force import shown_by_force
 from isorig.analysis.diagnose.search import Job
-from isorig.analysis.errors import OutOfTimeError
 from isorig.rig.files.recording import read
 from isorig.rig.model.baseline import baseline_model
 
@@ -76,18 +73,35 @@ def test_a_wrong_gain_beside_play_is_not_taken_for_a_wrong_mass(tmp_path: Path) 
     assert line.outcome == "right"
 
 
+@dataclass(frozen=True)
+class Sensitive:
+    """A campaign that no simulation can follow: its play in m, its diagnosis, and the job whose force is asked for the cause."""
+
+    clearance: float
+    found: diagnosis.Diagnosis
+    job: Job
+
+
 @pytest.fixture(scope="module")
-def sensitive(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, float]:
-    """A campaign with a large play below a shaken stage, and half of that: the true rig's simulation soon leaves the record."""
+def sensitive(tmp_path_factory: pytest.TempPathFactory) -> Sensitive:
+    """A large play below a shaken stage, and half of that: the true rig's simulation soon leaves the record."""
     folder = tmp_path_factory.mktemp("sensitive")
     assert draw("base", 2665, Setting(severity=None, soiled=None, effects=None), folder) is not None
     truth = json.loads((folder / "2665.json").read_text())
-    return read(folder / "2665.h5"), float(truth["effects"][0]["parameters"]["clearance"])
+    campaign, jobs = read(folder / "2665.h5"), []
+
+    def shown(job: Job, *, searched: bool) -> required_force.ShownByForce | None:
+        jobs.append(job)
+        return shown_by_force(job, searched=searched)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(diagnosis, "shown_by_force", shown)
+        found = diagnosis.diagnose(campaign, baseline_model(campaign))
+    return Sensitive(float(truth["effects"][0]["parameters"]["clearance"]), found, jobs[0])
 
 
-def test_play_whose_motion_no_simulation_can_follow_is_named(sensitive: tuple[Campaign, float]) -> None:
-    campaign, true = sensitive
-    found = diagnose(campaign, baseline_model(campaign))
+def test_play_whose_motion_no_simulation_can_follow_is_named(sensitive: Sensitive) -> None:
+    found, true = sensitive.found, sensitive.clearance
     assert [(step.cause, step.location) for step in found.steps] == [("backlash", "lower")]
     assert found.verdict == "explained"
     value, std, _ = found.steps[0].parameters["clearance"]
@@ -97,26 +111,18 @@ def test_play_whose_motion_no_simulation_can_follow_is_named(sensitive: tuple[Ca
     assert found.required_force.after < 0.01 < found.required_force.before
 
 
-def test_the_required_force_must_show_enough(sensitive: tuple[Campaign, float], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_required_force_must_show_enough(sensitive: Sensitive, monkeypatch: pytest.MonkeyPatch) -> None:
     """At the thresholds: of the noise floor, of the force that the baseline leaves, and of that which the cause leaves."""
-    jobs: list[Job] = []
-
-    def taken(job: Job, *, searched: bool) -> None:
-        jobs.append(job)
-        raise OutOfTimeError("the job is all that is asked for")
-
-    monkeypatch.setattr(diagnosis, "shown_by_force", taken)
-    with Deadline(20.0):
-        diagnose(sensitive[0], baseline_model(sensitive[0]))
-    shown = shown_by_force(jobs[0], searched=False)
+    job = sensitive.job
+    shown = shown_by_force(job, searched=False)
     assert shown is not None
-    assert jobs[0].suspects is not None
-    begun = jobs[0].suspects.started(shown.found.entry.candidate, jobs[0].current.free)[0]
-    floor = float(np.median(jobs[0].allowed(begun)))
+    assert job.suspects is not None
+    begun = job.suspects.started(shown.found.entry.candidate, job.current.free)[0]
+    floor = float(np.median(job.allowed(begun)))
     limits = {"VISIBLE": shown.before, "REMAINS": shown.after / min(shown.before, 1.0), "SENSITIVE": floor}
     for name, at in limits.items():
         kept, lost = (0.9, 1.1) if name != "REMAINS" else (1.1, 0.9)
         for factor in (kept, lost):
             with monkeypatch.context() as changed:
                 changed.setattr(required_force, name, factor * at)
-                assert (shown_by_force(jobs[0], searched=False) is not None) is (factor == kept), name
+                assert (shown_by_force(job, searched=False) is not None) is (factor == kept), name

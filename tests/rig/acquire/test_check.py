@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from isorig.analysis.campaign import Channel, Run
+from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
 from isorig.analysis.spectra.overload import LONGEST
 from isorig.analysis.spectra.periodic import Detection
+from isorig.rig.acquire import run_check
+from isorig.rig.acquire.incoherence import Incoherence
 from isorig.rig.acquire.pace import ClockDrift
 from isorig.rig.acquire.recover import Recovered
-from isorig.rig.acquire.run_check import _distortion, check_run, least_sliding
+from isorig.rig.acquire.run_check import _distortion, check_run, incoherences, least_sliding
 from isorig.rig.wire_bonder.description import wire_bonder
 
 
@@ -213,3 +215,67 @@ def test_friction_that_holds_a_body_is_reported(share: float, stuck: bool) -> No
     verdict = check_run(found, rig=wire_bonder())
     assert verdict.sliding == pytest.approx(share, rel=0.01)
     assert any("friction was not overcome" in line for line in verdict.advice) is stuck
+
+
+def incoherent(run_id: str, drive: FloatArray, related: float = 0.0) -> Run:
+    """A run with two responses, the second of which is coherent; so is the first if it is `related` to the drive."""
+    draw = np.random.default_rng(len(run_id))
+    records = {"force": drive, "x": related * drive + draw.normal(size=len(drive)), "y": 2.0 * drive}
+    channels = {name: Channel(name=name, samples=values) for name, values in records.items()}
+    return Run(
+        id=run_id,
+        configuration="unlocked",
+        sample_rate=256.0,
+        gain=1.0,
+        channels=channels,
+        excitation="random",
+        band=(1.0, 100.0),
+    )
+
+
+@pytest.mark.parametrize(
+    ("kinds", "kept", "asked"),
+    [
+        (("noise", "undecided", "nonlinear"), "nonlinear", 3),  # a nonlinearity is said before what is undecided and noise
+        (("nonlinear", "noise", "noise"), "nonlinear", 1),  # and ends the question
+        (("undecided", "noise", "noise"), "undecided", 3),
+        (("noise", "noise", "noise"), "noise", 3),
+    ],
+)
+def test_each_incoherent_response_has_one_reason(
+    kinds: tuple[str, ...], kept: str, asked: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drive = np.random.default_rng(0).normal(size=4096)
+    runs = tuple(incoherent(name, drive) for name in ("a", "bb", "ccc"))
+    questions: list[tuple[str, str, tuple[str, ...]]] = []
+
+    def incoherence(run: Run, spectra: object, name: str, drive: str, *, others: Any, detections: object) -> Incoherence:
+        questions.append((run.id, name, tuple(other.id for other in others)))
+        kind: Any = dict(zip(("a", "bb", "ccc"), kinds, strict=True))[run.id]
+        return Incoherence(response=name, kind=kind, text=f"It is {kind}.")
+
+    monkeypatch.setattr(run_check, "incoherence", incoherence)
+    (found,) = incoherences(Campaign(runs=runs, source="three"), ["force"])
+    assert (found.response, found.kind) == ("x", kept)
+    first = ("a", "bb", "ccc")[kinds.index(kept)]
+    assert found.text == f"Run {first!r}: It is {kept}."
+    assert questions[0] == ("a", "x", ("bb", "ccc"))
+    assert len(questions) == asked
+
+
+def test_no_reason_is_asked_for_where_coherence_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    drive = np.random.default_rng(0).normal(size=4096)
+    reason = Incoherence(response="x", kind="noise", text="It is noise.")
+    monkeypatch.setattr(run_check, "incoherence", lambda *given, **more: reason)
+    one = Campaign(runs=(incoherent("a", drive),), source="one")
+    assert incoherences(one, ["force"]) == incoherences(one, ["force"], ["x"])
+    # Only the coherent response, none, of several drives, a channel that is missing, related records, and a hammer.
+    hits = np.zeros(4096)
+    hits[[500, 1500, 2500, 3500]] = 100.0
+    assert run_check._spectra(replace(one.runs[0], excitation="moves"), "force") is None
+    assert incoherences(one, ["force"], ["y"]) == []
+    assert incoherences(one, ["force"], []) == []
+    assert incoherences(one, ["force", "y"]) == []
+    assert incoherences(one, ["other"]) == []
+    assert incoherences(Campaign(runs=(incoherent("a", drive, 2.0),), source="related"), ["force"]) == []
+    assert incoherences(Campaign(runs=(incoherent("a", hits),), source="hit"), ["force"]) == []

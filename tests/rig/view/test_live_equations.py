@@ -15,7 +15,7 @@ from isorig.rig.acquire.live import EquationsReport
 from isorig.rig.cli import main
 from isorig.rig.files.recording import read
 from isorig.rig.files.rigfile import write_model
-from isorig.rig.view.equations_process import FIRST, LONGEST, told
+from isorig.rig.view.equations_process import FIRST, LONGEST, equations_reports
 from isorig.rig.view.messages import SessionState
 from isorig.rig.view.snapshot import Snapshot
 from isorig.rig.view.state import Subject, state_of
@@ -51,7 +51,7 @@ def test_a_computer_that_cannot_follow_a_run_still_reads_records_that_confirm_ea
     campaign = read(tmp_path / "c.h5")
     alone = replace(campaign, runs=campaign.runs[:1])
     assert alone.runs[0].duration > LONGEST
-    messages = list(told(itertools.repeat(alone, 5)))
+    messages = list(equations_reports(itertools.repeat(alone, 5)))
     assert messages[0].seconds == FIRST
     assert messages[-1].seconds <= LONGEST
     assert messages[-1].known

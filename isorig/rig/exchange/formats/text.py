@@ -152,8 +152,8 @@ def _empty_lines(body: str) -> list[str]:
     # Empty lines after many rows may separate runs.
     at = max(body.find("\n\n"), body.find("\n\r\n"))
     rows = body.count("\n", 0, at + 1) if re.compile(r"\s*[\d+.-]").match(body, max(at, 0)) else 0
-    told = f"an empty line follows {rows} rows: if it separates runs, give each its samples = [first, last + 1], e.g. [0, {rows}]"
-    return [told] if rows >= BESIDE else []
+    hint = f"an empty line follows {rows} rows: if it separates runs, give each its samples = [first, last + 1], e.g. [0, {rows}]"
+    return [hint] if rows >= BESIDE else []
 
 
 def _frame(text: str, body: str, style: _Style, path: Path) -> pd.DataFrame:
