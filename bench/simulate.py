@@ -34,8 +34,8 @@ from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(ROOT / "tests" / "analysis"), str(ROOT)]
 RATE, RMS, FRICTION = 2048.0, 60.0, 20.0
-#: Repetitions, and those with `--quick`.
-REPEATS, QUICK = 15, 3
+#: Repetitions, those with `--quick`, and calls of a method of a few milliseconds in each.
+REPEATS, QUICK, CALLS = 15, 3, 10
 #: Limits in ms of one core per simulated second: of a single rig, and of one of a batch.
 LIMIT, LIMIT_BATCH = 0.12, 0.008
 #: Largest error of our slip speed, rms over rms.
@@ -240,9 +240,9 @@ def main(repeats: int) -> list[Row]:
     bare = "bare 6x6 recurrence"
     # Per simulated second: ours are played for ten, the others for one.
     ways = {
-        engine: lambda: of_this_thread(lambda: ours(model, force)) * 100.0,
-        together: lambda: of_this_thread(lambda: ours(double, force)) * 100.0,
-        bare: lambda: of_this_thread(lambda: recurrence(step, start, end, force, out)) * 100.0,
+        engine: lambda: of_this_thread(lambda: ours(model, force), CALLS) * 100.0,
+        together: lambda: of_this_thread(lambda: ours(double, force), CALLS) * 100.0,
+        bare: lambda: of_this_thread(lambda: recurrence(step, start, end, force, out), CALLS) * 100.0,
     }
     ways |= {name: lambda run=run: of_this_thread(run) * 1000.0 for name, run in peers.items()}
     spent = alternated(ways, repeats)
@@ -269,7 +269,7 @@ def main(repeats: int) -> list[Row]:
     several = with_laws()
     for one in several.values():
         ours(one, short)
-    by_law = {name: lambda one=one: of_this_thread(lambda: ours(one, force)) * 100.0 for name, one in several.items()}
+    by_law = {name: lambda one=one: of_this_thread(lambda: ours(one, force), CALLS) * 100.0 for name, one in several.items()}
     for name, times in alternated(by_law, repeats).items():
         print(f"{name:44s} {statistics.median(times):9.3f}")
     return [*kept, *batches(force, recurrence_ms=spent[bare], repeats=repeats), import_time(repeats)]
