@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import os
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -74,6 +75,26 @@ def lscf(frf: Frf, frequency: float) -> float:
         return float("nan")
     pole = near[np.argmin(np.abs(np.abs(near) / (2.0 * np.pi) - frequency))]
     return float(-pole.real / np.abs(pole))
+
+
+def polymax(frf: Frf, frequency: float) -> float:
+    """SDynPy's PolyMax of order 10: the pole nearest to the frequency; nan where it is not installed."""
+    # It opens no window, but its import needs a place for some.
+    os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            import sdynpy
+        except ImportError:
+            return float("nan")
+        place = sdynpy.coordinate_array(1, "X+")
+        kind = sdynpy.data.FunctionTypes.FREQUENCY_RESPONSE_FUNCTION
+        function = sdynpy.data_array(kind, frf.frequency, frf.value[None, :].copy(), np.array([[place, place]]))
+        fit = sdynpy.modal.PolyPy(function.reshape(1, 1), 0.5 * frequency, 1.5 * frequency)
+        fit.compute_poles(np.arange(2, 11, 2))
+    poles = fit.pole_list[0]
+    near = poles[np.abs(poles["omega"] / (2.0 * np.pi * frequency) - 1.0) < 0.2]
+    return float(near["zeta"][np.argmin(np.abs(near["omega"] / (2.0 * np.pi) - frequency))]) if len(near) else float("nan")
 
 
 @dataclass(frozen=True, kw_only=True)

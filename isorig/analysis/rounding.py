@@ -22,8 +22,8 @@ SAME = 1e-6
 #: Noise of a record as a multiple of its rounding up to which it is nothing else. Chosen: other noise of the same size makes the
 #: steps irregular, and both together have 1.4 times the standard deviation of each.
 IS_ROUNDING = 1.3
-#: Samples of a long record that are examined first.
-SOME = 20_000
+#: Samples of a long record from which the step of its counts is determined, and those whose values are counted first.
+SOME, FIRST = 20_000, 256
 
 
 def is_command(values: FloatArray) -> bool:
@@ -37,7 +37,7 @@ def is_command(values: FloatArray) -> bool:
 
 
 def _has_few_levels(values: FloatArray) -> bool:
-    some = values[:: max(1, len(values) // SOME)]
+    some = values[:: max(1, len(values) // FIRST)]
     return len(np.unique(some)) < LEVELS and len(np.unique(values)) < LEVELS
 
 

@@ -210,3 +210,13 @@ def test_merged_spectra_are_those_of_both_runs() -> None:
     assert found.averages == pytest.approx(both.averages, rel=0.01)
     with pytest.raises(DataError, match="different channels or frequency bins"):
         merged([both, estimate(runs, references=["x"], resolution=8.0)])
+
+
+@pytest.mark.parametrize("kind", [np.int16, np.int32, np.float32, np.float64])
+def test_samples_read_into_an_array_are_those_that_are_read(kind: type[np.generic]) -> None:
+    samples = np.random.default_rng(0).integers(-1000, 1000, 100).astype(kind)
+    channel = Channel(name="a", samples=samples, scale=1e-3, offset=0.1)
+    values = np.full(30, np.nan)
+    channel.read_into(values[5:25], 40)
+    np.testing.assert_array_equal(values[5:25], channel.read(40, 60))
+    assert np.isnan(values[[4, 25]]).all()

@@ -121,3 +121,28 @@ def test_the_readme_shows_the_ratios_of_the_page() -> None:
     assert "| time of a simulation | diffrax Tsit5, arctan 1e-4 | 36.1 |" in run.ratios(
         f"## The simulator: time and error\n\n{row}\n"
     )
+
+
+def test_after_the_time_of_the_run_no_benchmark_begins() -> None:
+    import run
+
+    rows, why = run.undisturbed("simulate", quick=True, end=time.monotonic())
+    assert rows == []
+    assert why.startswith("Not begun: the 40 minutes of the run are over")
+
+
+def test_the_table_shows_medians_and_spreads() -> None:
+    import run
+    from table import Row
+
+    row = Row.of("time", "s", [3.0, 1.0, 2.0], "another", [8.0, 4.0, 6.0], "at most 2 s: met")
+    assert run.table([row]).splitlines()[-1] == "| time | 2 s (1 to 3) | another | 6 s (4 to 8) | 3 | at most 2 s: met |"
+
+
+def test_methods_take_turns_in_every_repetition() -> None:
+    from table import alternated
+
+    calls: list[str] = []
+    ways = {name: lambda name=name: float(calls.append(name) or len(calls)) for name in "ab"}
+    assert alternated(ways, 2) == {"a": [1.0, 3.0], "b": [2.0, 4.0]}
+    assert calls == ["a", "b", "a", "b"]

@@ -13,9 +13,11 @@ from pathlib import Path
 
 import pytest
 from cyclopts import App
+from test_recording import example
 
 from isorig.rig import cli
 from isorig.rig.cli import READER_GONE, main
+from isorig.rig.files.recording import write
 from isorig.rig.help import COMMANDS, purpose
 
 
@@ -49,6 +51,15 @@ def test_the_list_of_commands_imports_no_library_of_pages(arguments: str) -> Non
     code = f"{call}\nsys.exit(str({{'cyclopts', 'rich'}} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
     assert "Usage: rig COMMAND" in done.stdout
+    assert done.stderr.strip() == "set()"
+
+
+def test_the_check_of_a_recording_imports_no_simulation(tmp_path: Path) -> None:
+    write(tmp_path / "a.h5", example())
+    call = f"import sys\nfrom isorig.rig.cli import main\nmain(['check', {str(tmp_path / 'a.h5')!r}])"
+    code = f"{call}\nsys.exit(str({{'isorig.analysis.simulate', 'numba', 'scipy', 'matplotlib'}} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert "set-up" in done.stdout
     assert done.stderr.strip() == "set()"
 
 

@@ -21,6 +21,7 @@ from isorig.analysis.fitting.initial_state import (
     described_state,
     moving_start,
 )
+from isorig.analysis.fitting.linear_spectra import SHORTEST
 from isorig.analysis.lowpass import fast_length
 from isorig.analysis.model.linear import drifts, floats
 from isorig.analysis.model.rig_model import GROUND, RigModel, Sensor, direction
@@ -70,8 +71,6 @@ LEFT = 200
 #: Duration for which the end of a record of an imposed motion disturbs its derivatives, in periods of the corner frequency of its
 #: low-pass, and the inverse of its largest share of a record. Chosen: after as many the error is below the noise.
 ENDS, SHORTER = 2.5, 20
-#: Minimum number of samples of a run before its first gap.
-SHORTEST = 256
 #: Errors below this share of a channel's rms do not justify a parameter: weights add it to the noise.
 SIGNAL_SHARE = 0.01
 #: Runs from which on more than this share of them must show that they begin in motion. Chosen: an imperfect lock, hum and a

@@ -35,8 +35,12 @@ def clock_errors(campaign: Campaign, drive: str) -> dict[str, float]:
     for run in campaign.runs:
         if run.excitation not in BROAD or run.excitation == "sweep":  # each segment of a sweep has other frequencies
             continue
+        length = min(1 << int(np.log2(max(len(run) // SEGMENTS, 1))), LONGEST)
+        if length < SHORTEST:
+            continue
+        of_drive = _segments(run.read(drive), length).conj()
         for name in run.sensors:
-            if name != drive and (change := _change(run, name, drive)) is not None:
+            if name != drive and (change := _change(run, name, of_drive, length)) is not None:
                 found.setdefault(name, []).append(change)
     errors = {}
     for name, changes in found.items():
@@ -49,12 +53,9 @@ def clock_errors(campaign: Campaign, drive: str) -> dict[str, float]:
     return errors
 
 
-def _change(run: Run, name: str, drive: str) -> tuple[float, float, float] | None:
+def _change(run: Run, name: str, of_drive: ComplexArray, length: int) -> tuple[float, float, float] | None:
     # The share in a run, its standard error, and the share of the phases' power that it explains; None if too few bins tell.
-    length = min(1 << int(np.log2(max(len(run) // SEGMENTS, 1))), LONGEST)
-    if length < SHORTEST:
-        return None
-    cross = _segments(run.read(name), length) * _segments(run.read(drive), length).conj()
+    cross = _segments(run.read(name), length) * of_drive
     steps = cross[1:] * cross[:-1].conj()
     total = steps.sum(axis=0)
     coherence = np.abs(total) ** 2 / np.maximum(len(steps) * np.sum(np.abs(steps) ** 2, axis=0), 1e-300)

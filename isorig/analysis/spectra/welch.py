@@ -534,7 +534,7 @@ class _Blocks:
         kept, hop = self._kept[row], self._sums.hop
         begin, size, held = self._start + self._first * hop, many * hop + len(kept), len(kept) if self._first else 0
         values[:held] = kept[:held]
-        values[held:size] = self._channels[row].read(begin + held, begin + size)
+        self._channels[row].read_into(values[held:size], begin + held)
         kept[:] = values[many * hop : size]
 
 

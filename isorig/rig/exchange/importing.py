@@ -13,8 +13,8 @@ import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, FloatArray, Gap, IntArray, Run, Samples, once
+from isorig.analysis.fitting.linear_spectra import SHORTEST
 from isorig.analysis.fitting.repeats import same_drive
-from isorig.analysis.fitting.trials import SHORTEST
 from isorig.analysis.given import given_path
 from isorig.analysis.model.rig_model import Drive, RigModel
 from isorig.analysis.spectra.overload import extremes

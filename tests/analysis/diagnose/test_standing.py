@@ -18,13 +18,8 @@ from isorig.analysis.diagnose.considered import all_considered
 from isorig.analysis.diagnose.diagnosis import MOST_STEPS, _of_sensors, _Search, _standing
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.policy import POLICY
-<<<<<<< HEAD
-from isorig.analysis.diagnose.revise import Revision, SearchStage, merged, near_rivals
-from isorig.analysis.diagnose.search import Suspected, _extends, best_fits, sources
-from isorig.analysis.diagnose.step import Curve, Entry, Found, Step, _closest, best_form, best_kind, determined, vanishes
-=======
 from isorig.analysis.diagnose.revise import Revision, SearchStage, merged, near_rivals, stage_of
-from isorig.analysis.diagnose.search import Suspected, _extends, sources
+from isorig.analysis.diagnose.search import Suspected, _extends, best_fits, sources
 from isorig.analysis.diagnose.step import (
     Curve,
     Entry,
@@ -38,7 +33,6 @@ from isorig.analysis.diagnose.step import (
     determined,
     vanishes,
 )
->>>>>>> refs/heads/house10
 from isorig.analysis.equations.system import equations_of
 from isorig.analysis.fitting.candidate import Candidate, Shape
 from isorig.analysis.fitting.division import ends
