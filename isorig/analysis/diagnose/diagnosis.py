@@ -658,12 +658,12 @@ class _Search:
 
     def shown_by_equations(self, found: _Found, *, contradicted: bool) -> tuple[tuple[str, str] | None, Suspects | None]:
         """Kind and place to which the equations of motion point where no cause is named, and the suspects behind them."""
-        told = found.verdict == "unexplained" and not self._equations.hidden
-        points = found.verdict == "unexplained" and (told or self.cut_short) and not contradicted
+        by_equations = found.verdict == "unexplained" and not self._equations.hidden
+        points = found.verdict == "unexplained" and (by_equations or self.cut_short) and not contradicted
         shown, blamed = None, None
         with suppress(OutOfTimeError), Deadline(max(time_left(), LEAST_RANKING)):
             shown = pointed(self._equations) if points else None
-            blamed = self.first.suspects if told and self.first is not None else None
+            blamed = self.first.suspects if by_equations and self.first is not None else None
         if blamed is not None and blamed.clearly and not contradicted:
             shown = shown or blamed.clear
         return shown, blamed

@@ -1,7 +1,7 @@
 """A link's force from the records: its free body, and a curve over the deflection from it by linear least squares.
 
 The bodies beyond a link are connected by it only, so the link transmits F = push - sum of m a. A curve of F over the deflection,
-the damping, the friction, and a drive factor or masses that are unknown too, follow at once, whatever the shape of the curve: no
+the damping, the friction, and a drive factor or masses that are unknown too, follow at once, for any shape of the curve: no
 local minimum can mislead. Noise biases such values; they are starting values for fits.
 """
 

@@ -58,9 +58,9 @@ class Places:
 
 
 def compared_places(model: RigModel, trials: Sequence[Trial]) -> Places | None:
-    """What each place of a rig leaves of the misfit of the fitted data; None if it cannot be told.
+    """What each place of a rig leaves of the misfit of the fitted data; None if it is unknown.
 
-    It cannot for rigs with contacts, whose linear part alone is no model of them, with sensors of forces, or with fewer than two
+    It is for rigs with contacts, whose linear part alone is no model of them, with sensors of forces, or with fewer than two
     records.
 
     Parameters

@@ -33,7 +33,8 @@ SENSITIVE = 0.5
 REMAINS = 0.3
 #: Number of parts of the samples of a fit, each left out once for the uncertainty of its values (jackknife; Efron 1982).
 PARTS = 6
-#: Share of the required force that the baseline must leave for a cause without a simulation. Chosen: sensors err by less.
+#: Share of the required force that the baseline must leave for a cause without a simulation. Chosen: errors of sensors are
+#: smaller.
 VISIBLE = 0.05
 #: Why the required force decides.
 CANNOT_FOLLOW = "No simulation can follow this motion, which noise alone changes as much as any cause."

@@ -276,7 +276,7 @@ class Source(Protocol):
 
     @property
     def leads(self) -> bool:
-        """Whether its free shapes are tried, whatever forms another source has."""
+        """Whether its free shapes are tried even if another source has forms."""
         ...
 
     def general_forms(self) -> Running:
@@ -380,7 +380,7 @@ def _with_variants(job: Job, forms: list[Entry]) -> list[Entry]:
 
 
 def _variants(job: Job, entry: Entry) -> Running:
-    # The other variants of a form, such as a stop at one end only, fitted from its values.
+    # The other variants of a form (a stop at one end only), fitted from its values.
     candidate, done = entry.candidate, entry.fit
     seen, found = {done.model.encoded}, list[tuple[Candidate, Fit]]()
     starts = ((other, start) for other in same_form(candidate, job.current.model, job.evidence) for start in other.starts)
@@ -601,7 +601,7 @@ class Suspected:
                     with suppress(ModelError):  # the other cause is in a law that its model lacks
                         start = single.model.replace(own)
                         forms.append((form, form.parameters(start, (*current.free, *other.free)), start))
-            forms = [each for each in forms if _beside(other, each)]
+            forms = [each for each in forms if _keeps(other, each)]
         run = verified(forms, self.job.rungs[-1], self.job.progress) if forms else []
         close = [one for one in run if one[1].cost <= max(AGREES, POLICY.form_close**2 * both.cost)]
         return (close, found) if close else None
@@ -620,7 +620,7 @@ class Suspected:
         candidates = [c for c in others if not then.alike(c.key, first.key)]
         starts = _started(candidates, then, extended)
         starts = _with_curve(starts, then, extended, evidence) if curves else starts
-        return [start for start in starts if start[0].key != first.key and _beside(first, start)], then
+        return [start for start in starts if start[0].key != first.key and _keeps(first, start)], then
 
     def _alone(self, starts: Starts, then: Suspects, place: str) -> Starts:
         # Second causes alone, at another place than the first: the equations gave the values of the first as if there were no
@@ -870,7 +870,7 @@ def _paths(candidate: Candidate) -> set[str]:
     return {free.path for free in candidate.free}
 
 
-def _beside(first: Candidate, start: Start) -> bool:
+def _keeps(first: Candidate, start: Start) -> bool:
     # Whether a cause leaves the first one in the rig: its law does not take the place of the law of that.
     return _paths(first) <= {free.path for free in start[1]} - _paths(start[0])
 

@@ -47,7 +47,7 @@ SHOWN, APART = 0.3, 0.3
 #: Ratio of the best score to that of every other kind or place from which the only broken equation shows the best kind at its
 #: only link or contact. Chosen: the place is certain then, and another kind removes less than half.
 ONLY = 2.0
-#: Share of the equations' excess residuals from which a contribution is told. Chosen: a tenth, as `LEAST_SCORE`.
+#: Share of the equations' excess residuals from which a contribution is stated. Chosen: a tenth, as `LEAST_SCORE`.
 CONTRIBUTES = 0.1
 #: Share of the best score from which an explanation's free shapes are fitted.
 NEARLY = 0.8
@@ -91,7 +91,8 @@ class Suspects:
     chosen
         The suspected ones, best first.
     places
-        Names of links and contacts by those under which they are suspected: a contact beside a link has the same place.
+        Names of links and contacts by those under which they are suspected: a contact and a link between the same ends have one
+        place.
     equations
         The equations behind them.
     tentative
@@ -216,8 +217,8 @@ class Suspects:
     def curve(self, current: Fit, evidence: Evidence) -> tuple[Candidate, RigModel] | None:
         """The free shape of the best explanation with values from a link's recorded force; None if that is not known."""
         begun = ((shape, self._begun(shape, current.free)) for shape in self.shapes(current, evidence))
-        told = [(one.left, shape, one) for shape, one in begun if one.explanation is self.chosen[0] and one.left is not None]
-        least = min(told, key=lambda item: item[0], default=None)
+        known = [(one.left, shape, one) for shape, one in begun if one.explanation is self.chosen[0] and one.left is not None]
+        least = min(known, key=lambda item: item[0], default=None)
         return None if least is None else (least[1], least[2].models[0][1])
 
     @property
@@ -269,8 +270,8 @@ class Suspects:
             return False
         best = self.chosen[0]
         left, bare = self._of_curve(best, current, evidence), self._bare(best, current)
-        told = left is not None and bare is not None
-        with_link = {b.name for b in self.equations.balances if told and any(best.place in e.names for e, _ in b.crossing)}
+        known = left is not None and bare is not None
+        with_link = {b.name for b in self.equations.balances if known and any(best.place in e.names for e, _ in b.crossing)}
         others = any(value >= BROKEN for name, value in best.residuals.items() if name not in with_link)
         return others or (left is not None and bare is not None and left > LITTLE * bare)
 
@@ -289,19 +290,19 @@ class Suspects:
     def _smallest(self, shapes: Sequence[Candidate], current: Fit) -> list[Candidate]:
         # Of several curves of one kind at one place the one with the fewest points that leaves as little of the recorded force.
         chosen: list[Candidate] = []
-        told: dict[tuple[str, str], list[tuple[float, Candidate]]] = {}
+        denser_ones: dict[tuple[str, str], list[tuple[float, Candidate]]] = {}
         for shape in shapes:
             begun = self._begun(shape, current.free)
             if begun.left is None:
                 chosen.append(shape)
                 continue
-            told.setdefault(shape.key, []).append((begun.left, shape))
-            while (denser := told[shape.key][-1][1].refined(begun.models[0][1])) is not None:
+            denser_ones.setdefault(shape.key, []).append((begun.left, shape))
+            while (denser := denser_ones[shape.key][-1][1].refined(begun.models[0][1])) is not None:
                 begun = self._begun(denser, current.free)
-                if begun.left is None or STANDS_ALIKE * begun.left > told[shape.key][-1][0]:
+                if begun.left is None or STANDS_ALIKE * begun.left > denser_ones[shape.key][-1][0]:
                     break
-                told[shape.key].append((begun.left, denser))
-        for pairs in told.values():
+                denser_ones[shape.key].append((begun.left, denser))
+        for pairs in denser_ones.values():
             least = min(left for left, _ in pairs)
             enough = (shape for left, shape in pairs if left <= STANDS_ALIKE * least)
             chosen.append(min(enough, key=lambda shape: len(shape.free)))
@@ -309,7 +310,7 @@ class Suspects:
 
     @property
     def untested(self) -> frozenset[tuple[str, str]]:
-        """Causes and places that no equation shows, whatever their size: only a simulation tells."""
+        """Causes and places that no equation shows, even if they are large: only a simulation tells."""
         return frozenset(("wrong_mass", body) for body in self.equations.unscaled)
 
     def candidates(self, current: Fit, evidence: Evidence) -> list[Candidate]:
@@ -332,7 +333,7 @@ class Suspects:
         self, candidates: Sequence[Candidate], current: Fit, curves: Mapping[Explanation, float] | None = None
     ) -> list[Candidate]:
         # Those that explain a link's recorded force as well as any other one of any kind and as the curves there, which leave
-        # these rms forces, as far as this can be told without a simulation.
+        # these rms forces, as far as this can be known without a simulation.
         begun = {id(candidate): self._begun(candidate, current.free) for candidate in candidates}
         left = {key: (one.explanation, one.left) for key, one in begun.items() if one.explanation and one.left is not None}
         bare = {e: found for e, _ in left.values() if (found := self._bare(e, current))}

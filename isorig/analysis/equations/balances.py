@@ -41,7 +41,7 @@ class Element:
         """The names under which causes have their place here."""
         return frozenset(part.name for part in (self.link, self.contact) if part is not None)
 
-    def beside(self, other: Element) -> bool:
+    def has_ends_of(self, other: Element) -> bool:
         """Whether it lies between the same ends as another one: their motion is one, and only the sum of their forces shows."""
         return other.name != self.name and _parallel(self.weights, other.weights)
 

@@ -59,7 +59,7 @@ class ElementForce:
         The whole runs, for laws with memory; their samples in use are those of the other arrays, in this order.
     rate
         Sample rate of the motions, Hz.
-    beside
+    parallel
         Names of the links between the same ends, whose force is in it.
     """
 
@@ -70,7 +70,7 @@ class ElementForce:
     left: FloatArray
     motions: tuple[RecordedMotion, ...]
     rate: float
-    beside: frozenset[str] = frozenset()
+    parallel: frozenset[str] = frozenset()
 
     def until(self, share: float) -> BoolArray:
         """Whether each sample is in the first `share` of its run, shape (n,)."""
@@ -146,7 +146,7 @@ def _sliding_force(
     return ElementForce(
         deflection=np.concatenate(d)[samples], velocity=np.concatenate(v)[samples], time=np.concatenate(t)[samples],
         force=np.concatenate(f)[samples], left=np.concatenate(left)[samples], rate=sliding.rate,
-        beside=frozenset(other.name for other, _ in balance.crossing if other.link is not None and element.beside(other)),
+        parallel=frozenset(other.name for other, _ in balance.crossing if other.link is not None and element.has_ends_of(other)),
         motions=tuple(
             RecordedMotion(deflection=run.deflection, velocity=run.velocity, used=at[runs == run.run]) for run in sliding.runs
         ),
@@ -174,7 +174,7 @@ def fitted_form(
     model
         The rig with the form at its starting values.
     free
-        The parameters of the fit; only those of the element, and of the links beside it, are used.
+        The parameters of the fit; only those of the element, and of the links between the same ends, are used.
     element
         The element.
     force
@@ -189,7 +189,7 @@ def fitted_form(
     """
     from scipy.optimize import least_squares
 
-    names = element.names | force.beside
+    names = element.names | force.parallel
     own = [f for f in free if any(f.path.startswith(f"{part}.{name}.") for part in ("links", "contacts") for name in names)]
     courses: dict[Law, FloatArray] = {}
     if not own or _predicted(model, element, force, courses) is None:
@@ -210,7 +210,7 @@ def fitted_form(
         assert predicted is not None
         left = (predicted - force.force) / size
         # Points of a curve without samples follow their neighbours.
-        values = {**beside, **values}
+        values = {**given, **values}
         held = [(values[f.path] - sum(weight * values[path] for path, weight in f.follows)) / f.give for f in own if f.follows]
         return np.concatenate([left - left.mean(), HELD * np.array(held), coordinates[-1:]])
 
@@ -219,7 +219,7 @@ def fitted_form(
 
     swing = float(np.abs(force.deflection).max())
     held_points = sum(bool(f.follows) for f in own)
-    beside = {path: model.get(path) for f in own for path, _ in f.follows}
+    given = {path: model.get(path) for f in own for path, _ in f.follows}
     start = np.clip(np.array([f.encode(model.get(f.path)) for f in own]), low + 1e-9, high - 1e-9)
     start, low, high = np.append(start, 0.0), np.append(low, -1.0), np.append(high, 1.0)
     # The force is linear in the points of a curve.
@@ -262,7 +262,7 @@ def _predicted(
     # An element's force in N; `courses` holds that of laws with memory, which depends on their own parameters only.
     d, v, t = force.deflection + offset, force.velocity, force.time
     total = np.zeros(len(d))
-    links = [link for link in model.links if link.name in element.names | force.beside]
+    links = [link for link in model.links if link.name in element.names | force.parallel]
     contact = next((contact for contact in model.contacts if contact.name in element.names), None)
     for link in links:
         total = total + link.stiffness * d + link.damping * v

@@ -55,7 +55,7 @@ CORNERS_BELOW = np.linspace(0.01, 1.21, 41)
 FINER, ROUNDS = 9, 2
 #: Rocking: number of frequencies, and what its score is charged with.
 ROCKERS, ROCKING_CHARGE = 60, 4
-#: Share of an element's own force that must remain beside rocking. Chosen: the torque contains that force, so that without its
+#: Share of an element's own force that must remain with rocking. Chosen: the torque contains that force, so that without its
 #: resonance it is the force itself; a wrong mass or drive changes coefficients by less than half.
 OWN = 0.3
 #: Gauss-Newton steps with a mass: the samples' slow parts were found with the given one.
@@ -238,7 +238,7 @@ class Regressions:
         # there the ratio of the residuals counts. Rigs that are moved and rest have few segments that tell, except a decay.
         before = self._prepared[balance.name].solved.residual
         moved = self.on.in_time(balance, element, sliding=True)
-        if moved is not None and moved[0].rests and not self.on.spectra.loud_at_start:
+        if moved is not None and moved[0].rests and not self.on.spectra.starts_largest:
             return before * self.on.in_motion(balance, element, shape)
         left = self.on.shaped(balance, element, shape).residual
         if left <= self.least or before < self.least:

@@ -531,7 +531,7 @@ class Equations:
             fixed = [way * self.combined(signals, row) for _, row, _ in self.unknown_rows(balance)]
             for other, other_sign in balance.others(element):
                 od, ov = self.elongation(signals, other, CUT * self.lowest)
-                if other.link is not None and not element.beside(other):
+                if other.link is not None and not element.has_ends_of(other):
                     fixed += [way * other_sign * od * self.springs(other.link), way * other_sign * ov]
                 if other.contact is not None:
                     fixed.append(way * other_sign * direction_of(ov, max(float(np.std(ov)), 1e-12)))
@@ -562,7 +562,7 @@ class Equations:
         """
         found = [path for path, _, _ in self.unknown_rows(balance)]
         for other, _ in balance.others(element):
-            if other.link is not None and not element.beside(other):
+            if other.link is not None and not element.has_ends_of(other):
                 known = not self.integrated(other)
                 found += [f"links.{other.link.name}.{name}" if known else "-" for name in ("stiffness", "damping")]
             if other.contact is not None:

@@ -1,9 +1,9 @@
 """The state of a rig at the start of a run that begins in motion, from the run's first records and the model.
 
 A shaker that runs on while records are cut out of its motion leaves a free vibration in each record that the recorded drive does
-not explain. A simulation from rest errs by it until it has decayed: for many periods, and for good where impacts make two motions
-differ. So positions and velocities at the first sample are determined anew for every model by least squares from the records of
-the first period, and a weak prior: they are like those of the run. An offset of each sensor, up to the mean of its record, is
+not explain. A simulation from rest has this error until it has decayed: for many periods, and for good where impacts make two
+motions differ. So positions and velocities at the first sample are determined for every model by least squares from the records
+of the first period, and a weak prior: they are like those of the run. An offset of each sensor, up to the mean of its record, is
 determined with them.
 """
 
@@ -27,10 +27,11 @@ from isorig.analysis.simulate.sampling import TAPS
 #: Position (m, rad) and velocity (m/s, rad/s) of each body.
 State = Mapping[str, tuple[float, float]]
 
-#: A run begins in motion if a simulation from rest errs in its first moments by more than this share of a channel's rms, and by
-#: more than this multiple of its noise. Chosen: the free vibration of a smaller one is small.
+#: A run begins in motion if a simulation from rest has an error in its first moments of more than this share of a channel's rms,
+#: and of more than this multiple of its noise. Chosen: the free vibration of a smaller one is small.
 MOVING, ABOVE_NOISE = 0.3, 6.0
-#: How many times the first records may exceed a simulation from rest. Chosen: gains and masses of a description err by less.
+#: How many times the first records may exceed a simulation from rest. Chosen: gains and masses of a description have smaller
+#: errors.
 SCALE = 3.0
 #: These moments, in periods of the highest mode, and their least number of samples: the springs have not acted much yet.
 MOMENTS, FEWEST = 0.1, 4
@@ -227,7 +228,7 @@ def moving_start(model: RigModel, run: PreparedRun, allowed: float) -> MovingSta
     run
         The run.
     allowed
-        Error that is allowed beside the noise, as a share of a channel's rms.
+        Error that is allowed in addition to the noise, as a share of a channel's rms.
     """
     modes = natural_modes(model, run.configuration)
     if not modes:

@@ -125,7 +125,7 @@ def _trusted(fits: Sequence[Fit], name: str) -> Fit:
 
 def _returned(done: Fit, given: RigModel, rung: Rung) -> Fit:
     # A parameter that went far from its given value, to where the data hardly depend on it, cannot return: a large stiffness is
-    # rigid whatever its value. It starts again from the given value, and stays if that fits better.
+    # rigid with any value. It starts again from the given value, and stays if that fits better.
     for free in done.free:
         far = free.log and abs(free.encode(done.model.get(free.path)) - free.encode(given.get(free.path))) > FAR
         if far and (again := tried(done.model.replace({free.path: given.get(free.path)}), done.free, rung)):
@@ -323,7 +323,7 @@ def verified(
 
 
 def _alike(one: Candidate, other: Candidate) -> bool:
-    # Two laws of one cause are told apart only where their effects show; two of the same free shape are one.
+    # Two laws of one cause differ only where their effects show; two of the same free shape are one.
     return one is other or (one.shape is not None and (one.key, one.shape) == (other.key, other.shape))
 
 

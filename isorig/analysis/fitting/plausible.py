@@ -162,7 +162,7 @@ def doubts_of_records(given: RigModel, campaign: Campaign, units: Mapping[str, s
     if placeholders and (found is not None or (agreement < LINEAR).any()):
         first = _of_draft(given, placeholders, resonance(given, spectra))
         whole = len(placeholders) == len(given.bodies) - len(given.imposed) + len(given.links)
-        # No record can contradict a rig that nobody has described.
+        # No record can contradict a rig without a description.
         return (first,) if whole or found is None else (first, _of_scale(given, found, units or {}, spectra))
     if (agreement < LINEAR).any():
         # A wrong factor may look like an exchange and vice versa, but only one of them makes everything agree.

@@ -1,7 +1,7 @@
 """Whether what a model leaves of a measurement is related to the drive and to the motion, or is noise.
 
 What a wrong model leaves follows from the drive: it is coherent with the drive, or with a function of a link's deflection or
-velocity. Sensor noise is coherent with none of them, whatever its spectrum and its level in each run. Noise in the recorded drive
+velocity. Sensor noise is coherent with none of them, with any spectrum and level in each run. Noise in the recorded drive
 is part of the drive that the model gets; so only frequency bins in which the drive is far above its noise count.
 """
 
@@ -86,7 +86,7 @@ def related(model: RigModel, trials: Sequence[Trial]) -> bool:
 
 def _chance(left: ComplexArray, values: ComplexArray, size: float, averages: float) -> tuple[float, bool]:
     # Probability that unrelated records are as coherent as these two, the bins weighted by the power of what is left, and
-    # whether the coherent power matters beside the signal's.
+    # whether the coherent power matters relative to the signal's.
     from scipy.special import gammaincc
 
     cross = np.abs((np.conj(left) * values).sum(axis=0)) ** 2

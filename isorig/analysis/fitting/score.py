@@ -27,7 +27,7 @@ RUNS = 5
 RESAMPLED = 400
 #: Draws of the drive's noise, and the ratio of two draws' powers above which more than two are needed.
 DRAWS, SENSITIVE = 8, 1.3
-#: A jump of a recorded drive, as a share of its range, the largest difference of neighbouring samples beside it, as a share of
+#: A jump of a recorded drive, as a share of its range, the largest difference of neighbouring samples next to it, as a share of
 #: the jump, and the number of these differences on either side. Chosen: a step through a converter's filter rings by 9 %.
 JUMP, FLAT, AROUND = 0.2, 0.03, 3
 #: A block's error is at least this share of the allowed error: below it two models do not differ.
@@ -154,9 +154,9 @@ def moved_jumps(drive: FloatArray) -> tuple[FloatArray, FloatArray]:
     size = np.abs(steps)
     # The largest difference of the `AROUND` pairs of samples on either side.
     padded = np.pad(size, AROUND, mode="edge")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * AROUND + 1) if len(size) else np.zeros((0, 2 * AROUND + 1))
-    beside = np.delete(windows, AROUND, axis=1).max(axis=1)
-    jumps = np.flatnonzero((size > 0.0) & (size >= JUMP * float(np.ptp(drive))) & (beside < FLAT * size))
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * AROUND + 1)
+    around = np.delete(windows, AROUND, axis=1).max(axis=1)
+    jumps = np.flatnonzero((size > 0.0) & (size >= JUMP * float(np.ptp(drive))) & (around < FLAT * size))
     later, earlier = np.zeros(len(drive)), np.zeros(len(drive))
     later[jumps + 1] = -0.5 * steps[jumps]
     earlier[jumps] = 0.5 * steps[jumps]

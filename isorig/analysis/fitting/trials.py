@@ -358,8 +358,9 @@ def relative(model: RigModel, measured: FloatArray, drive: FloatArray) -> FloatA
 def without_zero(model: RigModel, *, released: bool) -> frozenset[str]:
     """The channels whose mean in a run says nothing of the rig.
 
-    That of a force beside an imposed motion: a load cell's zero, what preloads a damper, and where a recorded speed began. That
-    of a displacement after a release: friction holds a body off centre. That of an acceleration of a rig on springs, which stays.
+    That of a force that an imposed motion needs: a load cell's zero, what preloads a damper, and where a recorded speed began.
+    That of a displacement after a release: friction holds a body off centre. That of an acceleration of a rig on springs, which
+    stays.
     """
     unknown = {s.channel for s in model.sensors if s.force_in is not None and model.imposed}
     moved = model.free_free or floats(model)

@@ -46,7 +46,7 @@ MASS_STD = {"head_mass_std": HEAD, "motor_mass_std": "bodies.motor.mass", "heatb
 #: Relative uncertainty due to the instrument's sampling filter, which the estimate does not include: determined by fits to
 #: recordings with filters of 0.75 to 2.5 times the length of ours.
 UNSEEN = {"mass": 5e-6, "frequency": 1e-6, "damping": 1.5e-5, "friction": 5e-6}
-#: Kind of a value that may be zero or negative, such as an offset or a point of a curve: its uncertainty may exceed its size.
+#: Kind of a value that may be zero or negative (an offset, a point of a curve): its uncertainty may exceed its size.
 ANY_SIGN = "any sign"
 #: Probability with which differences between runs that are noise count as more.
 CHANCE = 0.01

@@ -210,7 +210,7 @@ class Cause(ABC):
     signs: ClassVar[frozenset[SignKind]] = frozenset()
     #: What the equations of motion of the records call it where its kind has several unlike forms (`Explanation.what`).
     found_as: ClassVar[frozenset[str]] = frozenset()
-    #: Simpler causes whose law is a special case of its own: it is not told beside them where they explain the data as well.
+    #: Simpler causes whose law is a special case of its own: it is not reported next to them where they explain the data as well.
     generalizes: ClassVar[frozenset[str]] = frozenset()
     #: Whether its places are bodies, on which it acts by their inertia alone.
     at_bodies: ClassVar[bool] = False
