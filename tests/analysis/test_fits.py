@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from small_rigs import played, stage
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.diagnose.causes.cogging import Cogging
@@ -14,7 +15,7 @@ from isorig.analysis.diagnose.causes.extra_mode import ExtraMode
 from isorig.analysis.diagnose.observe import misfit_frequencies, observe
 from isorig.analysis.fitting import trials
 from isorig.analysis.fitting.division import beginnings, ends
-from isorig.analysis.fitting.solve import FAINT, Free, Problem, base_parameters, damped_step, fit, jacobian_of, positive
+from isorig.analysis.fitting.solve import FAINT, FINEST, Free, Problem, base_parameters, damped_step, fit, jacobian_of, positive
 from isorig.analysis.fitting.trials import expected, prepare
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate import simulate
@@ -79,6 +80,23 @@ def test_a_mode_is_found_despite_a_larger_misfit() -> None:
     found = misfit_frequencies(low, prepare(virtual_campaign(hidden, TAKES, seed=4), RIG))
     omega = np.sqrt(hidden.link("table_added").stiffness / hidden.bodies[-1].mass)
     assert min(abs(np.log2(2.0 * np.pi * f / omega)) for f in found) < 0.15
+
+
+@pytest.mark.parametrize(("parts", "reached"), [(FINEST, 20.0), (FINEST + 1, 15.0)])
+def test_a_fit_passes_no_model_whose_simulation_takes_too_many_parts_a_step(
+    parts: int, reached: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The time of a simulation is proportional to the parts of its steps; here a damping above 15 N s/m takes so many."""
+    path = "links.rail.damping"
+    problem = Problem(prepare(played(stage().replace({path: 20.0}), seed=3), stage()))
+    monkeypatch.setattr(Problem, "parts_of_step", lambda self, model: parts if model.get(path) > 15.0 else 1)
+    found = fit(stage(), (Free(path=path, low=1.0, high=1e3),), problem, iterations=30).values[path]
+    assert found == pytest.approx(20.0, rel=0.01) if reached == 20.0 else 12.0 < found <= 15.0
+
+
+def test_a_start_whose_simulation_takes_many_parts_a_step_may_keep_them() -> None:
+    problem, stiff = Problem(prepare(played(stage(), seed=3), stage())), stage().replace({"links.rail.damping": 3e6})
+    assert problem.most_parts(stage()) == FINEST < problem.parts_of_step(stiff) == problem.most_parts(stiff)
 
 
 def test_threads_share_the_stored_motions(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,6 +10,7 @@ from msgspec.structs import replace
 
 import isorig as iso
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
+from isorig.analysis.equations.system import equations_of
 from isorig.analysis.fitting.trials import ENDS, expected, prepare
 from isorig.analysis.laws import Cubic
 from isorig.analysis.model.rig_model import Body, Drive, Link, RigModel, Sensor
@@ -104,6 +105,22 @@ def test_damping_that_grows_with_the_velocity_in_short_fast_runs() -> None:
     assert (found.verdict, step.cause, step.location) == ("explained", "quadratic_damping", "oil")
     value, std, _ = step.parameters["quadratic_damping"]
     assert abs(value - quadratic) <= 3.0 * std <= 0.05 * quadratic
+
+
+@pytest.mark.parametrize(("friction", "wider"), [(0.0, False), (60.0, True)])
+def test_equations_keep_the_band_of_the_measured_force(friction: float, wider: bool) -> None:
+    """A force that changes at once has content above the band of the stroke, which equations without it would not show."""
+    draw = np.random.default_rng(4)
+    stroke, load = swept(AMPLITUDES[2])
+    load = load + friction * np.sign(np.gradient(stroke))
+    channels = {
+        name: Channel(
+            name=name, samples=values + draw.normal(0.0, QUIET * values.std(), len(values)), quantity=quantity, unit=unit
+        )
+        for name, values, quantity, unit in [("stroke", stroke, "displacement", "m"), ("load", load, "force", "N")]
+    }
+    run = Run(id="r", configuration="unlocked", sample_rate=RATE, gain=1.0, channels=channels, excitation="sweep")
+    assert (equations_of(Campaign(runs=(run,), source="damper"), RIG).edge > 6.0 * SWEEP[1]) is wider
 
 
 def test_a_relaxation_beside_hysteresis_is_named_too() -> None:

@@ -327,7 +327,7 @@ class Suspects:
         if explanation is None or candidate.cause in FOUND_AS.get(explanation.what, {candidate.cause}):
             return True
         left, bare = self._begun(candidate, current.free).left, self._bare(explanation, current)
-        return left is not None and bare is not None and left**2 <= (1.0 - OTHER_MEMORY) * bare**2
+        return left is not None and bare is not None and bool(left**2 <= (1.0 - OTHER_MEMORY) * bare**2)
 
     def _comparable(
         self, candidates: Sequence[Candidate], current: Fit, curves: Mapping[Explanation, float] | None = None

@@ -33,6 +33,7 @@ from isorig.analysis.diagnose.step import (
     determined,
     vanishes,
 )
+from isorig.analysis.diagnose.suspects import OTHER_MEMORY, Suspects
 from isorig.analysis.equations.system import equations_of
 from isorig.analysis.fitting.candidate import Candidate, Shape
 from isorig.analysis.fitting.division import ends
@@ -584,6 +585,20 @@ def test_a_positive_value_below_its_uncertainty_shows_no_effect(std: float, zero
     assert vanishes(replace(gained, candidate=replace(gained.candidate, free=free), fit=fit)) is zero
 
 
+@pytest.mark.parametrize(("std", "zero"), [(0.99, False), (1.01, True)])
+def test_each_value_of_a_form_without_effect_is_zero_within_its_uncertainty(std: float, zero: bool) -> None:
+    """A positive value that is, beside a signed one that the data determine or not."""
+    signed = Free(path="sensors.x.chain.delay", low=-1.0, high=1.0, log=False)
+    free = (Free(path="sensors.x.chain.gain"), signed)
+    values = {"sensors.x.chain.gain": 1.0, "sensors.x.chain.delay": 1e-3}
+    fit = Fit(
+        model=stage().replace(values), free=free, covariance=np.diag([4.0, (std * 1e-3 / POLICY.zero) ** 2]), cost=1.0,
+        evaluations=1,
+    )  # fmt: skip
+    both = entry("sensor_gain", "x", 0.01)
+    assert vanishes(replace(both, candidate=replace(both.candidate, free=free), fit=fit)) is zero
+
+
 @pytest.mark.parametrize(
     ("general", "simple", "told"),
     [("asymmetric_stiffness", "hardening_stiffness", False), ("stribeck_friction", "coulomb_friction", False),
@@ -656,3 +671,23 @@ def test_a_run_that_is_sensitive_to_noise_does_not_decide_between_two_fits_of_a_
     fits = [replace(entry("sensor_gain", "x", 0.1), score=replace(scored(0.1, (3, 1)), error=each)) for each in (wrong, right)]
     (best,) = best_fits(fits, floors)
     assert best.score.error is right
+
+
+def test_another_form_at_the_place_of_a_step_is_a_rival() -> None:
+    first = replace(step_to("wrong_mass", "known_value", 0.3, 0.2), entries=(entry("play_and_friction", "rail", 0.2),))
+    assert [rival.candidate.cause for rival in near_rivals(first, FLOORS)] == ["play_and_friction"]
+
+
+@pytest.mark.parametrize(("removed", "shown"), [(0.99, False), (1.01, True)])
+def test_a_second_memory_at_a_place_must_remove_enough_of_its_recorded_force(removed: float, shown: bool) -> None:
+    """The equations call every memory next to another one a slip."""
+    candidate = replace(entry("relaxation", "rail", 0.1).candidate, cause="relaxation")
+    left = np.sqrt(1.0 - removed * OTHER_MEMORY)
+    found = SimpleNamespace(
+        _explanation_of=lambda one: SimpleNamespace(what="slip"), _begun=lambda one, free: SimpleNamespace(left=left),
+        _bare=lambda explanation, current: 1.0,
+    )  # fmt: skip
+    current = SimpleNamespace(free=())
+    assert Suspects._shows_memory(found, candidate, current) is shown  # type: ignore[arg-type]
+    slip = replace(candidate, cause="hysteresis")
+    assert Suspects._shows_memory(found, slip, current)  # type: ignore[arg-type]
