@@ -35,7 +35,7 @@ from isorig.analysis.diagnose.policy import (
 from isorig.analysis.diagnose.required_force import ShownByForce, shown_by_force
 from isorig.analysis.diagnose.revise import Revision, SearchStage, merged, stage_of
 from isorig.analysis.diagnose.search import Job, best_fits, next_step
-from isorig.analysis.diagnose.step import Entry, Found, Step, updated, with_evidence, without_form
+from isorig.analysis.diagnose.step import Entry, Found, Step, updated, vanishes, with_evidence, without_form
 from isorig.analysis.diagnose.suspects import BROKEN, Suspects, suspects
 from isorig.analysis.equations.forms import fit_start, start_values
 from isorig.analysis.equations.system import Equations, equations_of
@@ -444,7 +444,8 @@ class _Search:
             if found.then is None and self.cut_short and not found.shaped and not self._adequate(best, floors, enough):
                 if not found.shown:
                     break  # the form may be merely the closest
-                step, found = without_form(found, share_removed(now.score.error, best.error, floors))
+                step = without_form(step, share_removed(now.score.error, best.error, floors))
+                found = replace(found, step=step)
             moved = 0.0
             with self.until_the_time_ends():
                 stages, moved = self._compared(stages, step, better, division, floors)
@@ -654,6 +655,11 @@ class _Search:
         if ratio(stage.score.error, last.score.error, _allowed(floors)) > POLICY.matters:
             # A minimum that predicts less is that of a few events; the values before it have the same uncertainty.
             stage = replace(last, fit=replace(fit, model=last.fit.model))
+        if stage.step is not None and stage.step.form is not None and stage.candidate is not None:
+            entry, before = Entry(candidate=stage.candidate, fit=fit, score=stage.score), found.stages[found.kept - 1].score
+            if vanishes(entry):  # the refined values are less certain
+                share = share_removed(before.error, stage.score.error, _allowed(floors))
+                stage = replace(stage, step=without_form(stage.step, share))
         return replace(found, stages=[*found.stages[: found.kept], stage])
 
     def shown_by_equations(self, found: _Found, *, contradicted: bool) -> tuple[tuple[str, str] | None, Suspects | None]:

@@ -237,10 +237,9 @@ def vanishes(entry: Entry) -> bool:
     return bool(entry.candidate.free) and all(is_zero(free) for free in entry.candidate.free)
 
 
-def without_form(found: Found, share: float) -> tuple[Step, Found]:
+def without_form(step: Step, share: float) -> Step:
     """A step that names kind and place only: the form, which removes `share` of the excess error, may be merely the closest."""
-    step = replace(found.step, cause=found.step.kind, form=None, closest=(found.step.cause, share))
-    return step, replace(found, step=step)
+    return replace(step, cause=step.kind, form=None, closest=(step.cause, share))
 
 
 def best_kind(

@@ -636,6 +636,30 @@ def test_a_last_fit_that_predicts_less_gives_the_uncertainty_only(
     assert last.score.figure == pytest.approx(0.1 if kept else 0.1 * worse)
 
 
+@pytest.mark.parametrize(("std", "form"), [(0.99, "sensor_gain"), (1.01, None)])
+def test_a_form_whose_refined_values_are_not_determined_is_the_closest_only(
+    std: float, form: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    campaign, guess = played(stage(), seed=7), guessed(stage(), 7)
+    trials = prepare(campaign, guess)
+    search = _Search(campaign, guess, guess, equations_of(campaign, guess), trials, lambda text: None, 0.0, MOST_STEPS)
+    baseline = Fit(model=guess, free=base_parameters(guess), covariance=np.eye(3), cost=1.0, evaluations=1)
+    monkeypatch.setattr(diagnosis, "next_step", lambda *given, **options: None)
+    found = search.causes(baseline, ends)
+    shape = found.stages[0].score.error.shape
+    first = replace(found.stages[0], score=scored(0.3, shape))
+    gained = entry("sensor_gain", "x", 0.1)
+    last = replace(
+        step_to("sensor_gain", "sensor", 0.3, 0.1), candidate=gained.candidate, fit=gained.fit, score=scored(0.1, shape)
+    )
+    refined = replace(gained.fit, covariance=np.array([[std**2]]))
+    monkeypatch.setattr(diagnosis, "assessed", lambda *given: SimpleNamespace(fit=refined))
+    monkeypatch.setattr(diagnosis, "score", lambda model, judged: scored(0.1, shape))
+    step = search.settled(replace(found, stages=[first, last], kept=1)).stages[1].step
+    assert step is not None
+    assert (step.form, step.cause) == (form, form or "sensor")
+
+
 @pytest.mark.parametrize(("remains", "kept"), [(0.69, False), (0.71, True)])
 def test_equations_refute_a_doubt_about_the_unit_of_the_drive(
     monkeypatch: pytest.MonkeyPatch, remains: float, kept: bool
