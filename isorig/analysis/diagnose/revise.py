@@ -97,15 +97,18 @@ class Revision:
     exchanged: dict[tuple[str, str], tuple[str, str]] = field(default_factory=dict)
 
     def revised(self, stages: list[SearchStage]) -> list[SearchStage]:
-        """The stages with better rivals, and without the causes that the later ones leave nothing to explain."""
-        k = 1
+        """The stages with better rivals, and without the causes that the later ones leave nothing to explain.
+
+        The forms of a free shape that was found alone have been fitted in its search.
+        """
+        together, k = any(stage.paired for stage in stages), 1
         while k < len(stages) - 1:
             later = self._leaner(stages, k)
             if later is None:
                 stages, k = self._with_best_rival(stages, k), k + 1
             else:
                 stages = [*stages[:k], *later]
-        for k in range(1, len(stages)):
+        for k in range(1, len(stages)) if together else ():
             stages = self._with_form(stages, k)
         return stages
 

@@ -132,7 +132,7 @@ def test_a_free_shape_that_is_named_gets_the_form_that_its_search_did_not_fit(la
         division=division, floors=np.full(first.error.shape, 1e-3), enough=1.2, tolerance=0.0,
         evidence_of=lambda model: observe(campaign, model, trials, described, described), progress=lambda text: None,
     )  # fmt: skip
-    stages = [SearchStage(fit=baseline, score=first), stage_of(first, step)]
+    stages = [SearchStage(fit=baseline, score=first, paired=True), stage_of(first, step)]
     last = revision.revised(stages)[-1].step
     assert last is not None
     assert last.form == named
