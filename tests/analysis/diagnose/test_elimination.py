@@ -239,6 +239,9 @@ def test_a_free_shape_that_leaves_little_where_the_equations_show_a_cause_ends_t
         def shapes(self, forms: Sequence[Entry]) -> list[tuple[Candidate, Fit]]:
             return [(curve, fitted(stage(), 1.0))] if self.leads else []
 
+        def general_forms(self) -> list[tuple[Candidate, Fit]]:
+            return []
+
         def shown(self, cause: str, place: str) -> bool:
             return shown
 
