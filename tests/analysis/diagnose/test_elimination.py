@@ -9,12 +9,15 @@ from typing import cast
 
 import numpy as np
 import pytest
-from small_rigs import stage
+from small_rigs import played, rubbing, stage
 
 from isorig.analysis.diagnose import search
+from isorig.analysis.diagnose.causes import proposed
+from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.diagnose.search import PROMISING_LATER, contenders
 from isorig.analysis.diagnose.step import Entry
+from isorig.analysis.diagnose.suspects import Suspects
 from isorig.analysis.fitting import ladder
 from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.ladder import (
@@ -30,11 +33,14 @@ from isorig.analysis.fitting.ladder import (
     TELLING,
     UNDECIDED,
     Rung,
+    Starts,
     followed,
     verified,
 )
 from isorig.analysis.fitting.score import Score
-from isorig.analysis.fitting.solve import Fit, Free, Problem, positive
+from isorig.analysis.fitting.solve import Fit, Free, Problem, base_parameters, positive
+from isorig.analysis.fitting.trials import prepare
+from isorig.analysis.laws import Asymmetric, Stribeck
 from isorig.analysis.model.rig_model import RigModel
 
 CAUSES = ("wrong_mass", "hardening_stiffness")
@@ -297,3 +303,47 @@ def test_the_baseline_is_fitted_from_all_starting_points_until_a_second(
     monkeypatch.setattr(ladder, "misfit", lambda start, problem: 1.0)
     monkeypatch.setattr(ladder, "finished", lambda done, trials: done)
     assert (ladder.baseline_fit(starts, ()).model == stage()) == trusted
+
+
+@pytest.mark.parametrize(("leads", "followed_by", "names"), [(True, 0, ["general"]), (True, 1, ["simple"]), (False, 0, [])])
+def test_forms_that_contain_a_simple_one_are_fitted_where_no_simulation_follows_it(
+    leads: bool, followed_by: int, names: list[str]
+) -> None:
+    """Of a source that leads, unless a simple form stays with the records."""
+    simple, general = (
+        Candidate(cause=name, location="rail", family="friction", starts=(), free=(), reported=())
+        for name in ("simple", "general")
+    )
+    source = cast("search.Source", SimpleNamespace(leads=leads, general_forms=lambda: [(general, fitted(stage(), 1.0))]))
+    job = cast(
+        "search.Job",
+        SimpleNamespace(
+            finished=list,
+            entries=lambda run: [Entry(candidate=candidate, fit=done, score=cast("Score", None)) for candidate, done in run],
+        ),
+    )
+    rough = job.entries([(simple, fitted(stage(), 1.0))] * followed_by)
+    found = search._finished_forms(job, source, rough, general=True)
+    assert [entry.candidate.cause for entry in found] == names
+    assert search._finished_forms(job, source, [], general=False) == []
+
+
+@pytest.mark.parametrize(("blamed", "causes"), [(True, {"stribeck_friction", "asymmetric_friction"}), (False, set())])
+def test_dry_friction_leads_to_the_laws_that_contain_it(blamed: bool, causes: set[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the sizes of the dry friction that the equations show; not to those of causes that they do not blame."""
+    campaign = played(stage(), seed=3)
+    evidence = observe(campaign, stage(), prepare(campaign, stage()), stage(), stage())
+    dry = next(c for c in proposed(stage(), evidence) if c.key == ("coulomb_friction", "rail"))
+    free = (*base_parameters(stage()), *dry.free)
+    monkeypatch.setattr(search.Suspected, "_started", [(dry, free, rubbing(stage(), "rail", 3.0))])
+    monkeypatch.setattr(search, "followed", lambda starts, *others: starts)
+    job = SimpleNamespace(evidence=evidence, rungs=(), current=None, progress=print, promising=0.5)
+    suspects = SimpleNamespace(blamed=lambda *_: blamed)
+    found = search.Suspected(job=cast("search.Job", job), found=cast("Suspects", suspects))
+    starts = cast("Starts", found.general_forms())
+    assert {candidate.cause for candidate, _, _ in starts} == causes
+    for candidate, its, model in starts:
+        assert {each.path for each in candidate.free} <= {each.path for each in its}
+        law = model.contact("rail").law
+        assert isinstance(law, Stribeck | Asymmetric)
+        assert (law.friction_force if isinstance(law, Stribeck) else law.forward_force) == pytest.approx(3.0, rel=0.35)

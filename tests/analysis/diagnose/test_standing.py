@@ -34,6 +34,7 @@ from isorig.analysis.diagnose.step import (
     vanishes,
 )
 from isorig.analysis.diagnose.suspects import OTHER_MEMORY, Suspects
+from isorig.analysis.equations.ranking import score_of
 from isorig.analysis.equations.system import equations_of
 from isorig.analysis.fitting.candidate import Candidate, Shape
 from isorig.analysis.fitting.division import ends
@@ -698,7 +699,7 @@ def test_a_run_that_is_sensitive_to_noise_does_not_decide_between_two_fits_of_a_
 
 
 def test_another_form_at_the_place_of_a_step_is_a_rival() -> None:
-    first = replace(step_to("wrong_mass", "known_value", 0.3, 0.2), entries=(entry("play_and_friction", "rail", 0.2),))
+    first = replace(step_to("hysteresis", "memory", 0.3, 0.2), entries=(entry("play_and_friction", "rail", 0.2),))
     assert [rival.candidate.cause for rival in near_rivals(first, FLOORS)] == ["play_and_friction"]
 
 
@@ -715,3 +716,7 @@ def test_a_second_memory_at_a_place_must_remove_enough_of_its_recorded_force(rem
     assert Suspects._shows_memory(found, candidate, current) is shown  # type: ignore[arg-type]
     slip = replace(candidate, cause="hysteresis")
     assert Suspects._shows_memory(found, slip, current)  # type: ignore[arg-type]
+
+
+def test_an_explanation_without_samples_to_check_it_has_no_score() -> None:
+    assert score_of({"table": 5.0}, {"table": np.inf}) == -np.inf

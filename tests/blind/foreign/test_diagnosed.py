@@ -16,6 +16,7 @@ from foreign_campaign import Setting, draw
 from isorig.analysis.diagnose import diagnosis, required_force
 from isorig.analysis.diagnose.required_force import shown_by_force
 from isorig.analysis.diagnose.search import Job
+from isorig.analysis.equations.forms import ElementForce
 from isorig.rig.files.recording import read
 from isorig.rig.model.baseline import baseline_model
 
@@ -126,3 +127,12 @@ def test_the_required_force_must_show_enough(sensitive: Sensitive, monkeypatch: 
             with monkeypatch.context() as changed:
                 changed.setattr(required_force, name, factor * at)
                 assert (shown_by_force(job, searched=False) is not None) is (factor == kept), name
+
+
+@pytest.mark.parametrize("early", [True, False])
+def test_samples_of_one_part_of_the_runs_measure_no_gain(
+    sensitive: Sensitive, early: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Near reversals of a sliding contact no samples count, and in a fast part of a sweep reversals follow each other closely."""
+    monkeypatch.setattr(ElementForce, "until", lambda self, share: np.full(len(self.force), early))
+    assert shown_by_force(sensitive.job, searched=False) is None
