@@ -23,6 +23,7 @@ from isorig.analysis.diagnose.observe import observe, swings
 from isorig.analysis.diagnose.suspects import SHOWN
 from isorig.analysis.equations.ranking import ranking
 from isorig.analysis.equations.system import HOLDS, equations_of
+from isorig.analysis.fitting.solve import Problem
 from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.laws import Coulomb
 from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel, Sensor
@@ -188,6 +189,12 @@ def test_an_attached_body_has_no_recorded_motion(sound: Campaign) -> None:
     deflection, speed = swings(attached, trials)
     assert all(np.isfinite([*deflection.values(), *speed.values()]))
     assert {"motor_added", "shaft"} <= set(deflection)
+
+
+def test_a_rig_that_is_judged_by_its_drive_is_not_simulated_however_stiff_it_is(sound: Campaign) -> None:
+    """A fit may therefore pass values at which a simulation would need too many parts a step."""
+    problem = Problem(prepare(sound, RIG))
+    assert problem.parts_of_step(RIG.replace({"links.shaft.damping": 1e9})) == 1
 
 
 def test_the_drive_follows_from_the_quietest_group_of_bodies(sound: Campaign) -> None:

@@ -321,7 +321,7 @@ def _gains(model: RigModel, groups: Groups) -> list[Sign]:
         ]
         own = [group for (c, _), group in groups.items() if c == name]
         found.append(homogeneity(name, gains, seen, _misfit([p for group in own for p in group.pairs]), _linear(model, own)))
-    # An amplitude dependence within one configuration is nonlinear.
+    # An amplitude dependence within one configuration is nonlinear, even if others show none.
     changes = any(sign.supported == supported("amplitude") for sign in found)
     linear = supported("independent of amplitude")
     return [Sign(text=sign.text) if changes and sign.supported == linear else sign for sign in found]

@@ -79,8 +79,8 @@ def forces(model: RigModel, trials: Sequence[Trial], swing: Mapping[str, float])
         free = [t for t in trials if link.name not in model.configurations[t.run.configuration].rigid and t.motion is None]
         if not free or link.stiffness <= 0.0:
             continue
-        largest = max(free, key=lambda trial: float(np.mean(trial.measured**2)))
-        force = link_force(model, link, largest.run, swing[link.name] * np.linspace(-1.0, 1.0, SKETCHED))
+        strongest = max(free, key=lambda trial: float(np.mean(trial.measured**2)))
+        force = link_force(model, link, strongest.run, swing[link.name] * np.linspace(-1.0, 1.0, SKETCHED))
         if force is not None:
             found[link.name] = force
     return found

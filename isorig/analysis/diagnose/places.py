@@ -60,8 +60,8 @@ class Places:
 def compared_places(model: RigModel, trials: Sequence[Trial]) -> Places | None:
     """What each place of a rig leaves of the misfit of the fitted data; None if it is unknown.
 
-    It is for rigs with contacts, whose linear part alone is no model of them, with sensors of forces, or with fewer than two
-    records.
+    It is unknown for rigs with contacts, whose linear part alone is no model of them, with sensors of forces, or with fewer than
+    two records.
 
     Parameters
     ----------

@@ -38,8 +38,8 @@ class Policy:
         Share of resampled runs in which a cause must beat its rivals: 1.96 standard errors.
     matters
         Ratio of rms errors above which a difference between rivals is relevant: rivals with a smaller ratio are
-        even if it is significant. Chosen: other starting values or time steps of a fit change the error by a
-        few per cent.
+        indistinguishable, even if the difference is significant. Chosen: other starting values or time steps of a fit change the
+        error by a few per cent.
     worth
         Share of the remaining excess, or decrease of the errors' mean logarithm, above which a step is tried further. Chosen by
         the study.

@@ -108,8 +108,9 @@ class Revision:
                 stages, k = self._with_best_rival(stages, k), k + 1
             else:
                 stages = [*stages[:k], *later]
-        for k in range(1, len(stages)) if together else ():
-            stages = self._with_form(stages, k)
+        if together:
+            for k in range(1, len(stages)):
+                stages = self._with_form(stages, k)
         return stages
 
     def _leaner(self, stages: Sequence[SearchStage], k: int) -> list[SearchStage] | None:

@@ -290,19 +290,19 @@ class Suspects:
     def _smallest(self, shapes: Sequence[Candidate], current: Fit) -> list[Candidate]:
         # Of several curves of one kind at one place the one with the fewest points that leaves as little of the recorded force.
         chosen: list[Candidate] = []
-        denser_ones: dict[tuple[str, str], list[tuple[float, Candidate]]] = {}
+        by_key: dict[tuple[str, str], list[tuple[float, Candidate]]] = {}
         for shape in shapes:
             begun = self._begun(shape, current.free)
             if begun.left is None:
                 chosen.append(shape)
                 continue
-            denser_ones.setdefault(shape.key, []).append((begun.left, shape))
-            while (denser := denser_ones[shape.key][-1][1].refined(begun.models[0][1])) is not None:
+            by_key.setdefault(shape.key, []).append((begun.left, shape))
+            while (denser := by_key[shape.key][-1][1].refined(begun.models[0][1])) is not None:
                 begun = self._begun(denser, current.free)
-                if begun.left is None or STANDS_ALIKE * begun.left > denser_ones[shape.key][-1][0]:
+                if begun.left is None or STANDS_ALIKE * begun.left > by_key[shape.key][-1][0]:
                     break
-                denser_ones[shape.key].append((begun.left, denser))
-        for pairs in denser_ones.values():
+                by_key[shape.key].append((begun.left, denser))
+        for pairs in by_key.values():
             least = min(left for left, _ in pairs)
             enough = (shape for left, shape in pairs if left <= STANDS_ALIKE * least)
             chosen.append(min(enough, key=lambda shape: len(shape.free)))

@@ -238,7 +238,7 @@ class Regressions:
         # there the ratio of the residuals counts. Rigs that are moved and rest have few segments that tell, except a decay.
         before = self._prepared[balance.name].solved.residual
         moved = self.on.in_time(balance, element, sliding=True)
-        if moved is not None and moved[0].rests and not self.on.spectra.starts_largest:
+        if moved is not None and moved[0].rests and not self.on.spectra.largest_at_start:
             return before * self.on.in_motion(balance, element, shape)
         left = self.on.shaped(balance, element, shape).residual
         if left <= self.least or before < self.least:

@@ -322,7 +322,7 @@ class Spectra:
         self.octaves = (1.0 / self.frequency) / (1.0 / self.frequency).sum()
         self.orders = orders
         self.runs: list[RunSpectra] = []
-        self.starts_largest: set[int] = set()
+        self.largest_at_start: set[int] = set()
 
     def _independent(self, power: Mapping[str, FloatArray]) -> ComplexArray:
         # Cross-spectral matrices of independent errors with these power spectra in the channels, shape (bins, signals, signals).
@@ -345,7 +345,7 @@ class Spectra:
         half = self.length // 2
         motions = [signals[channel, order] for channel, order in self.orders.items()]
         if free and any(float(np.std(values[:half])) > LOUD * float(np.std(values)) for values in motions):
-            self.starts_largest.add(run)
+            self.largest_at_start.add(run)
         segments = np.stack([self.segments(signals[name], run) for name in self.names])
         count = segments.shape[1]
         if count:
@@ -377,7 +377,7 @@ class Spectra:
         """
         own = self._own(len(values))
         step = own // 2
-        if run in self.starts_largest:
+        if run in self.largest_at_start:
             values = np.concatenate([np.zeros(step + step // 2), values])
         starts = np.arange(step // 2, len(values) - own + 1, step)
         if len(starts) == 0:

@@ -119,11 +119,11 @@ def drive_noise_effect(done: Fit, trials: Sequence[Trial]) -> DriveNoise:
         # J'r is zero at the fitted values and this at the true ones, so the fitted values are off by its negative.
         return np.asarray(-(bread @ (jacobian.T @ even + traced * slopes / np.where(traced, scale, 1.0))) * slope)
 
-    largest = np.sum([gradient(run) for run in runs], axis=0)
-    slopes = largest * (covered[-1] / max(covered[len(runs) - 1], 1e-300))
+    strongest = np.sum([gradient(run) for run in runs], axis=0)
+    slopes = strongest * (covered[-1] / max(covered[len(runs) - 1], 1e-300))
     std = np.maximum(np.array(list(done.std.values())), 1e-300)
     if np.max(np.abs(off(slopes) - off(np.zeros(count))) / std) > SMALL:
-        slopes = largest + np.sum([gradient(run) for run in order[len(runs) :]], axis=0)
+        slopes = strongest + np.sum([gradient(run) for run in order[len(runs) :]], axis=0)
     bias = off(slopes)
     # Without friction the response to noise is that of a linear rig, whose frequency bins are independent.
     count_of_draws = max(-(-DRAWS // len(used)), FEWEST) if done.model.contacts else 0

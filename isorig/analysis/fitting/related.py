@@ -1,8 +1,8 @@
 """Whether what a model leaves of a measurement is related to the drive and to the motion, or is noise.
 
 What a wrong model leaves follows from the drive: it is coherent with the drive, or with a function of a link's deflection or
-velocity. Sensor noise is coherent with none of them, with any spectrum and level in each run. Noise in the recorded drive
-is part of the drive that the model gets; so only frequency bins in which the drive is far above its noise count.
+velocity. Sensor noise is coherent with none of them, even if its spectrum and level differ between runs. Noise in the recorded
+drive is part of the drive that the model gets; so only frequency bins in which the drive is far above its noise count.
 """
 
 from __future__ import annotations

@@ -213,6 +213,9 @@ class Problem:
         self._gauges = [Waveform(trial, share, least) for trial in self.trials]
         self.sizes = tuple(gauge.size for gauge in self._gauges)
         self.size = sum(self.sizes)
+        # Of the trials that are simulated, the configurations and fine steps; one judged by its drive is not.
+        simulated = ((t.run.configuration, t.excitation) for t in self.trials if t.motion is None)
+        self._steps = {(name, 1.0 / (drive.sample_rate * drive.oversample)) for name, drive in simulated}
         # The last model that was simulated alone: a parameter without effect in a run leaves its residual there.
         self._last: dict[int, tuple[bytes, FloatArray]] = {}
         self._near = b""
@@ -226,9 +229,11 @@ class Problem:
         return near
 
     def parts_of_step(self, model: RigModel) -> int:
-        """Maximum number of parts into which the simulation of a model divides a fine step: its time is proportional to it."""
-        drives = ((trial.run.configuration, trial.excitation) for trial in self.trials)
-        return max(compile_rig(model, name, 1.0 / (drive.sample_rate * drive.oversample)).cuts for name, drive in drives)
+        """Maximum number of parts into which the simulation of a model divides a fine step, 1 if no trial is simulated.
+
+        The time of the simulation is proportional to it.
+        """
+        return max((compile_rig(model, configuration, step).cuts for configuration, step in self._steps), default=1)
 
     def most_parts(self, start: RigModel) -> int:
         """Maximum number of parts for the models of a fit from a starting point (`FINEST`)."""

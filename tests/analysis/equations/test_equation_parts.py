@@ -342,7 +342,7 @@ def test_the_loud_start_of_a_decay_counts(decay: float, free: bool, loud: bool) 
     time = np.arange(4096) / 100.0
     spectra = Spectra(100.0, 1024, 1.0, 50.0, [("a", 0)], {"a": 0})
     spectra.add(0, {("a", 0): np.exp(-decay * time) * np.cos(30.0 * time)}, {"a": 1e-3}, free=free)
-    assert (0 in spectra.starts_largest) == loud
+    assert (0 in spectra.largest_at_start) == loud
     power = np.sum(np.abs(spectra.runs[0].segments[0]) ** 2, axis=1)
     assert power[0] > 10.0 * power[1] or not loud
 
