@@ -112,14 +112,15 @@ def test_a_fit_that_is_biased_by_two_percent_is_not_refined(error: float, steps:
     assert refined == [steps]
 
 
-@pytest.mark.parametrize(("distance", "count"), [(0.98, 2), (1.02, 3)])
-def test_the_last_derivatives_are_within_one_standard_uncertainty_of_the_end(
+@pytest.mark.parametrize(("distance", "count"), [(0.95, 1), (1.05, 2)])
+def test_coarse_derivatives_end_a_fit_where_a_step_no_longer_reduces_its_cost(
     distance: float, count: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # A line with derivatives that are twice as large in the coarse simulations: its first step leads to this distance in units
-    # of the residual.
+    # A line with derivatives that are 2 % larger in the coarse simulations: the second step reduces the cost of 25 by this share
+    # of the tolerance, and only where it is larger are exact derivatives asked for.
     model, free = stage(), Free(path="drive.factor", low=-np.inf, log=False)
-    end, start = 3.0, 3.0 + distance / (1.0 - 0.5 / 1.001)
+    end, tolerance = 3.0, 1e-6
+    start = end + np.sqrt(distance * 25.0 * tolerance) / (1.0 - 1.0 / (1.02 * 1.001))
     seen: list[float] = []
 
     class Line:
@@ -139,12 +140,11 @@ def test_the_last_derivatives_are_within_one_standard_uncertainty_of_the_end(
 
     def derivatives(problem: object, build: object, theta: FloatArray, *_: object) -> FloatArray:
         seen.append(float(theta[0]))
-        return np.array([[1.0 if problem is exact else 2.0], [0.0]])
+        return np.array([[1.0 if problem is exact else 1.02], [0.0]])
 
     exact, coarse = cast(Any, Line()), cast(Any, Line())
     monkeypatch.setattr(solve, "jacobian_of", derivatives)
-    fit(model.replace({free.path: free.decode(start)}), [free], exact, coarse=coarse, tolerance=1e-6)
-    assert seen[1] - end == pytest.approx(distance, rel=1e-3)
+    fit(model.replace({free.path: free.decode(start)}), [free], exact, coarse=coarse, tolerance=tolerance)
     assert len(seen) == count
 
 

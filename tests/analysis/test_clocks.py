@@ -10,9 +10,9 @@ from scipy.interpolate import CubicSpline
 from small_rigs import chain, guessed, played, with_law
 
 from isorig.analysis import laws
-from isorig.analysis.campaign import Campaign, Run
+from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.fitting.plausible import doubts_of_records
-from isorig.analysis.spectra.clocks import QUARTZ, clock_errors
+from isorig.analysis.spectra.clocks import DRIVEN, QUARTZ, SEGMENTS, clock_errors
 
 
 def with_clock(campaign: Campaign, name: str, error: float) -> Campaign:
@@ -53,3 +53,36 @@ def test_a_wrong_clock_is_the_first_doubt(sound: Campaign) -> None:
     assert (doubt.kind, doubt.parameter) == ("clock", "sensors.a1")
     rate = sound.runs[0].sample_rate
     assert f"the sample rate of 'a1' is {rate / doubt.ratio:.6g} Hz instead of {rate:.6g} Hz" in doubt.text
+
+
+def with_harmonics() -> Campaign:
+    """One run of 8 s with a sine of 4 Hz as its drive, whose response has the harmonics of friction beside a spring."""
+    phase = 8.0 * np.pi * np.arange(8000) / 1000.0
+    drive = np.sin(phase) + np.random.default_rng(2).normal(0.0, 1e-4, len(phase))
+    return of_one_run(drive, 2.0 * np.sin(phase) + np.tanh(3.0 * np.cos(phase)), 1000.0)
+
+
+def of_one_run(drive: np.ndarray, response: np.ndarray, rate: float) -> Campaign:
+    channels = {
+        "d": Channel(name="d", unit="m", quantity="displacement", samples=drive),
+        "r": Channel(name="r", unit="N", quantity="force", samples=response),
+    }
+    run = Run(id="r1", configuration="base", gain=1.0, excitation="other", sample_rate=rate, channels=channels)
+    return Campaign(runs=(run,), known={})
+
+
+def test_the_harmonics_of_a_sine_are_no_clock() -> None:
+    assert clock_errors(with_harmonics(), "d") == {}
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.3, False), (3.0, True)])
+def test_boundary_of_what_a_drive_contains(share: float, told: bool) -> None:
+    # Noise beside a line of a thousand times its rms: its power in a bin is this share of the smallest one that counts.
+    rate, draw, n = 1000.0, np.random.default_rng(5), 64000
+    noise, ticks = draw.normal(0.0, 1.0, n), np.arange(n, dtype=float)
+    length = 1 << int(np.log2(n // SEGMENTS))
+    window = np.hanning(length)
+    line = np.sqrt(4.0 * float(np.sum(window**2)) / (share * DRIVEN)) / float(np.sum(window))
+    drive = noise + line * np.sin(2.0 * np.pi * 100.0 * ticks / rate)
+    response = CubicSpline(ticks, noise)(np.minimum(ticks * 1.0003, ticks[-1]))
+    assert bool(clock_errors(of_one_run(drive, response, rate), "d")) is told

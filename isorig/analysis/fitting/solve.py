@@ -39,8 +39,6 @@ FORETOLD = 0.8
 #: Parts into which a step of the simulation may be divided for a model on the way of a fit, unless the first one needs more.
 #: Chosen: fits that ended well passed models with up to 130; a curve with slopes beyond what records show needs thousands.
 FINEST = 256
-#: Change of the weighted residual, as a sum of squares, up to which derivatives are those of the end: one standard uncertainty.
-NEAR = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -302,8 +300,7 @@ def fit(
         so small that it holds only what the data do not determine.
     coarse
         The same residuals from coarser simulations, for the first derivatives of a fit that is to be exact. Then derivatives are
-        used for as many steps as reduce the cost as they predict, up to the number of simulations that new ones take; the last
-        ones are those within one standard uncertainty (`NEAR`) of the end.
+        used for as many steps as reduce the cost as they predict, up to the number of simulations that new ones take.
 
     Raises
     ------
@@ -340,13 +337,13 @@ def fit(
         raise FitError(f"the model {model.name!r} cannot be simulated at its starting values; correct its parameters")
     evaluations, damping, converged = 1, 1e-3, False
     jacobian = np.zeros((len(residual), len(free)))
-    taken, steps, fresh, rough, at = 0, 0, True, coarse, theta
+    taken, steps, fresh = 0, 0, True
     while taken < iterations or not fresh:
         if fresh:
             earlier, local = local, local.about(build(theta))
             if local is not earlier:
                 residual, cost = misfit(theta)
-            rough, at = coarse if taken == 0 else None, theta
+            rough = coarse if taken == 0 else None
             here = residual if rough is None else rough.residuals([build(theta)])[0]
             jacobian = jacobian_of(rough or local, build, theta, free, here)
             normal = jacobian.T @ jacobian + ties.T @ ties
@@ -367,8 +364,7 @@ def fit(
                 break
             damping *= 8.0
         small = before - cost <= tolerance * before
-        moved = before - linear > tolerance * before if coarse is None else _size(jacobian @ (theta - at)) > NEAR
-        converged = small and rough is None and (fresh or not moved)
+        converged = small and (fresh or before - linear <= tolerance * before)
         if converged:
             break
         fresh = small or (not fresh and (coarse is None or steps > len(free))) or before - cost < FORETOLD * (before - foretold)

@@ -12,6 +12,9 @@ SEGMENTS, SHORTEST, LONGEST = 16, 128, 8192
 #: Coherence of the change from each segment to the next above which a frequency bin counts, and the number of such bins needed.
 #: Chosen: the change is the same throughout a run, and noise shows none.
 COHERENT, BINS = 0.3, 8
+#: Smallest power of the drive in a bin that counts, as a share of its largest. Derived: the window's leakage of a line is below it
+#: from the third bin on, and with that alone a harmonic of the response turns as if its clock differed.
+DRIVEN = 1e-4
 #: Multiple of its standard error and share that a difference of clocks must exceed: quartz clocks differ by less. Share of the
 #: phases' power that it must explain: a drift of the rig changes them near its resonances only.
 SURE, QUARTZ, STRAIGHT = 6.0, 1e-4, 0.7
@@ -60,16 +63,18 @@ def _change(run: Run, name: str, of_drive: ComplexArray, length: int) -> tuple[f
     total = steps.sum(axis=0)
     coherence = np.abs(total) ** 2 / np.maximum(len(steps) * np.sum(np.abs(steps) ** 2, axis=0), 1e-300)
     frequency = np.fft.rfftfreq(length, 1.0 / run.sample_rate)
-    kept = (coherence > COHERENT) & (frequency > 0.0) & (frequency <= run.usable)
+    power = np.mean(np.abs(of_drive) ** 2, axis=0)
+    driven = power >= DRIVEN * power.max()
+    kept = driven & (coherence > COHERENT) & (frequency > 0.0) & (frequency <= run.usable)
     if np.count_nonzero(kept) < BINS:
         return None
     weight, phase = coherence[kept] / (1.0 - np.minimum(coherence[kept], 0.999)), np.angle(total[kept])
     omega = 2.0 * np.pi * frequency[kept] * length / run.sample_rate
-    power = float(np.sum(weight * omega**2))
-    slope = float(np.sum(weight * omega * phase)) / power
+    size = float(np.sum(weight * omega**2))
+    slope = float(np.sum(weight * omega * phase)) / size
     left = float(np.sum(weight * (phase - slope * omega) ** 2))
     straight = 1.0 - left / max(float(np.sum(weight * phase**2)), 1e-300)
-    return slope, float(np.sqrt(left / (np.count_nonzero(kept) - 1) / power)), straight
+    return slope, float(np.sqrt(left / (np.count_nonzero(kept) - 1) / size)), straight
 
 
 def _segments(values: FloatArray, length: int) -> ComplexArray:
