@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from contextlib import suppress
 from typing import Any
 
 from isorig.analysis.diagnose.causes import same_form
 from isorig.analysis.diagnose.causes.base import Evidence
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.candidate import Candidate
+from isorig.analysis.fitting.ladder import Start
 from isorig.analysis.fitting.solve import Fit, Free
 from isorig.analysis.model.rig_model import RigModel, from_tree, to_tree
 
@@ -45,26 +47,30 @@ def without_cause(before: Fit, after: Fit, last: Fit) -> tuple[RigModel, tuple[F
 
 def with_cause(
     model: RigModel, free: Sequence[Free], candidate: Candidate, fitted: Fit, evidence: Evidence
-) -> tuple[RigModel, tuple[Free, ...]] | None:  # fmt: skip
-    """A model with the cause of a candidate that was fitted to another one, and its fitted parameters; None if it cannot have it.
+) -> list[Start]:  # fmt: skip
+    """Starting points of a model with the cause of a candidate that was fitted to another one; none if it cannot have it.
 
     Parameters
     ----------
     model, free
         The model and its fitted parameters.
     candidate, fitted
-        A form of a cause for another model of the rig, and its fit, whose values the cause has.
+        A form of a cause for another model of the rig, and its fit, whose values the cause has. Its law may have another place
+        in the list of a link's laws.
     evidence
         What the records show of the model.
     """
-    own = [item.path for item in candidate.free]
-    found = next(same_form(candidate, model, evidence), None)
-    if found is None:
-        return None
-    try:
-        return found.starts[0].replace({path: fitted.model.get(path) for path in own}), found.parameters(model, free)
-    except ModelError:
-        return None
+    found: list[Start] = []
+    seen: set[bytes] = set()
+    for form in same_form(candidate, model, evidence):
+        values = {own.path: fitted.model.get(old.path) for own, old in zip(form.free, candidate.free, strict=True)}
+        for start in form.starts:
+            with suppress(ModelError):
+                begun = start.replace(values)
+                if begun.encoded not in seen:
+                    seen.add(begun.encoded)
+                    found.append((form, form.parameters(model, free), begun))
+    return found
 
 
 def _by_name(item: Any) -> Any:

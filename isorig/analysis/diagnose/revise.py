@@ -26,7 +26,7 @@ from isorig.analysis.fitting.excess import ratio
 from isorig.analysis.fitting.ladder import finished, ladder, tried, verified, widened
 from isorig.analysis.fitting.score import Score, confidence, score
 from isorig.analysis.fitting.screen import Progress
-from isorig.analysis.fitting.solve import Fit
+from isorig.analysis.fitting.solve import Fit, Free
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.wording import in_per_cent
 
@@ -203,17 +203,41 @@ class Revision:
         self, stages: Sequence[SearchStage], k: int, stage: SearchStage, rival: Entry | None = None
     ) -> SearchStage | None:  # fmt: skip
         # A stage after stage k refitted without the cause of that, or with a rival in place of it; None if that cannot be.
-        extended = without_cause(stages[k - 1].fit, stages[k].fit, stage.fit)
-        if extended is not None and rival is not None:
-            extended = with_cause(*extended, rival.candidate, rival.fit, self.evidence_of(extended[0]))
-        rough = extended and tried(*extended, ladder(self.division.fits)[-1])
-        if not rough:
+        rung = ladder(self.division.fits)[-1]
+        starts = self._without(stages, k, stage, rival)
+        fits = [(candidate, fit) for candidate, free, model in starts if (fit := tried(model, free, rung))]
+        candidate, rough = min(fits, key=lambda pair: pair[1].cost, default=(None, None))
+        if rough is None:
             return None
         try:
             done = finished(rough, self.division.fits)
         except FitError:
             return None
-        return replace(stage, fit=widened(done), score=score(done.model, self.division.judged))
+        step = stage.step if candidate is None or stage.step is None else replace(stage.step, reported=candidate.reported)
+        known = score(done.model, self.division.judged)
+        return replace(stage, fit=widened(done), score=known, candidate=candidate or stage.candidate, step=step)
+
+    def _without(
+        self, stages: Sequence[SearchStage], k: int, stage: SearchStage, rival: Entry | None
+    ) -> list[tuple[Candidate | None, Sequence[Free], RigModel]]:
+        # Starting points of a stage after stage k without the cause of that, or with a rival in place of it; its own candidate
+        # is for another model if the place of its law in the list of a link's laws changes.
+        before = stages[k - 1].fit
+        extended = without_cause(before, stages[k].fit, stage.fit)
+        if extended is not None:
+            model, free = extended
+            if rival is None:
+                return [(None, free, model)]
+            return [(None, *start[1:]) for start in with_cause(model, free, rival.candidate, rival.fit, self.evidence_of(model))]
+        own = stage.candidate
+        if stage is not stages[k + 1] or own is None or own.shape is not None:
+            return []
+        shared = before.values.keys() & stage.fit.values.keys()
+        model = before.model.replace({path: stage.fit.values[path] for path in shared})
+        begun: list[tuple[Sequence[Free], RigModel]] = [(before.free, model)]
+        if rival is not None:
+            begun = [start[1:] for start in with_cause(model, before.free, rival.candidate, rival.fit, self.evidence_of(model))]
+        return [start for free, each in begun for start in with_cause(each, free, own, stage.fit, self.evidence_of(each))]
 
 
 def near_rivals(stage: SearchStage, floors: FloatArray) -> list[Entry]:

@@ -5,10 +5,14 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 import pytest
+from small_rigs import guessed, played, stage, with_law
 
-from isorig.analysis.diagnose.cause_in_model import without_cause
+from isorig.analysis.diagnose.cause_in_model import with_cause, without_cause
+from isorig.analysis.diagnose.causes import proposed
+from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.fitting.ladder import not_fitted
 from isorig.analysis.fitting.solve import Fit, Free
+from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.laws import Coulomb, Cubic, FrictionCurve
 from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel, Sensor
 
@@ -93,3 +97,21 @@ def test_later_causes_that_build_on_the_one_before_them_keep_it(laws: int) -> No
         last = rig(bodies=bodies, links=(foot, msgspec.structs.replace(loose, laws=(law,))))
         own = Free(path="links.table_added.laws.0.cubic_stiffness", low=0.0, high=1e6)
     assert without_cause(fitted(rig(), *BASE), fitted(after, *BASE), fitted(last, *BASE, own)) is None
+
+
+def test_a_cause_keeps_its_values_where_its_law_has_another_place_in_the_list() -> None:
+    """Fitted behind another law of the link, and put into the model without that: as a stop at both ends, and at either one."""
+    campaign, guess = played(stage(), seed=7), guessed(stage(), 7)
+    evidence = observe(campaign, guess, prepare(campaign, guess), guess, guess)
+    (name,) = (link.name for link in guess.links)
+    own = next(c for c in proposed(guess, evidence) if c.cause == "end_stop" and c.location == name)
+    behind = with_law(guess, name, Cubic(cubic_stiffness=5.0))
+    second = next(c for c in proposed(behind, evidence) if c.cause == "end_stop" and c.location == name)
+    assert [free.path.split(".")[3] for free in (*own.free, *second.free)] == ["0"] * 3 + ["1"] * 3
+    values = dict(zip((free.path for free in second.free), (1.5e-3, 2e5, 3.0), strict=True))
+    last = replace(not_fitted(guess), model=second.starts[0].replace(values), free=second.free)
+    starts = with_cause(guess, (), second, last, evidence)
+    assert sorted(model.link(name).laws[0].end for _, _, model in starts) == [-1, 0, 1]
+    for candidate, free, model in starts:
+        assert [item.path for item in free[-3:]] == [item.path for item in own.free] == [item.path for item in candidate.free]
+        assert [model.get(item.path) for item in own.free] == [1.5e-3, 2e5, 3.0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -36,7 +37,7 @@ from isorig.analysis.diagnose.step import (
 from isorig.analysis.diagnose.suspects import OTHER_MEMORY, Suspects
 from isorig.analysis.equations.ranking import score_of
 from isorig.analysis.equations.system import equations_of
-from isorig.analysis.fitting.candidate import Candidate, Shape
+from isorig.analysis.fitting.candidate import Candidate, Reported, Shape
 from isorig.analysis.fitting.division import ends
 from isorig.analysis.fitting.plausible import Doubt
 from isorig.analysis.fitting.score import BLOCKS, Score, score
@@ -425,9 +426,9 @@ def test_a_cause_is_exchanged_for_a_rival_that_explains_more_with_the_later_ones
     fitted_as(monkeypatch, last.fit, 0.2, with_rival)  # without any of the two, and with the rival
     put: list[Candidate] = []
 
-    def with_cause(model: RigModel, free: object, candidate: Candidate, fit: object, evidence: object) -> tuple[RigModel, object]:
+    def with_cause(model: RigModel, free: object, candidate: Candidate, fit: object, evidence: object) -> list[Any]:
         put.append(candidate)
-        return model, free
+        return [(candidate, free, model)]
 
     monkeypatch.setattr(revise, "with_cause", with_cause)
     changed = revision()
@@ -457,11 +458,30 @@ def test_a_simpler_law_at_its_place_takes_the_place_of_a_cause(
     first = replace(step_to("play_and_friction", "memory", 0.3, 0.2), candidate=general, entries=(simple,), paired=paired)
     last = step_to("sensor_gain", "sensor", 0.2, 0.1)
     fitted_as(monkeypatch, last.fit, 0.2, 0.1 * POLICY.matters * share)  # without any of the two, and with the simpler one
-    monkeypatch.setattr(revise, "with_cause", lambda model, free, candidate, fit, evidence: (model, free))
+    monkeypatch.setattr(revise, "with_cause", lambda model, free, candidate, fit, evidence: [(candidate, free, model)])
     stages = [replace(first, step=None, candidate=None, entries=(), score=scored(0.3)), first, last]
     _, one, _ = revision().revised(stages)
     assert one.step is not None
     assert (one.step.cause, one.paired) == (named, paired)
+
+
+@pytest.mark.parametrize(("share", "kept"), [(0.99, False), (1.01, True)])
+def test_a_law_before_another_one_of_the_same_link_is_left_out(share: float, kept: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without it the other law has another place in the link's list: its cause is put into the model before both."""
+    first = replace(step_to("sensor_gain", "sensor", 0.3, 0.2), candidate=entry("sensor_gain", "x", 0.2).candidate)
+    last = replace(step_to("relaxation", "memory", 0.2, 0.1), candidate=entry("relaxation", "rail", 0.1).candidate)
+    fitted_as(monkeypatch, last.fit, 0.1 * POLICY.matters * share)
+    moved = replace(entry("relaxation", "rail", 0.1).candidate, reported=(Reported(name="time", path="drive.factor", unit="s"),))
+    monkeypatch.setattr(revise, "without_cause", lambda before, after, last: None)
+    monkeypatch.setattr(revise, "with_cause", lambda model, free, candidate, fit, evidence: [(moved, free, model)])
+    stages = [replace(first, step=None, candidate=None, score=scored(0.3)), first, last]
+    found = revision().revised(stages)
+    assert len(found) == (3 if kept else 2)
+    if not kept:
+        assert found[-1].candidate is moved
+        assert found[-1].step is not None
+        assert found[-1].step.reported == moved.reported
+        assert (found[-1].step.before, found[-1].step.after) == pytest.approx((0.3, 0.1 * POLICY.matters * share))
 
 
 def test_an_adequate_model_keeps_its_causes(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -469,7 +489,7 @@ def test_an_adequate_model_keeps_its_causes(monkeypatch: pytest.MonkeyPatch) -> 
     first = replace(first, candidate=entry("wrong_mass", "table", 0.2).candidate)
     last = step_to("relaxation", "memory", 0.2, 0.005)
     fitted_as(monkeypatch, last.fit, 0.2, 0.004)
-    monkeypatch.setattr(revise, "with_cause", lambda model, free, candidate, fit, evidence: (model, free))
+    monkeypatch.setattr(revise, "with_cause", lambda model, free, candidate, fit, evidence: [(candidate, free, model)])
     stages = [replace(first, step=None, candidate=None, score=scored(0.3)), first, last]
     assert revision().revised(stages) == stages
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from importlib import import_module
 from pkgutil import iter_modules
@@ -57,10 +58,17 @@ def containing(
 
 
 def same_form(candidate: Candidate, model: RigModel, evidence: Evidence) -> Iterator[Candidate]:
-    """The candidates for a model with the cause, place and free parameters of one for another model: its variants, too."""
-    paths = [free.path for free in candidate.free]
+    """The candidates for a model with the cause, place and free parameters of one for another model: its variants, too.
+
+    The place of their law in the list of a link's laws may differ.
+    """
     own = (c for cause in CATALOGUE if cause.name == candidate.cause for c in cause.candidates(model, evidence))
-    return (c for c in own if c.key == candidate.key and [free.path for free in c.free] == paths)
+    return (c for c in own if c.key == candidate.key and _parameters(c) == _parameters(candidate))
+
+
+def _parameters(candidate: Candidate) -> list[str]:
+    # The paths of its free parameters, without the places of laws in the lists of the links' laws.
+    return [re.sub(r"\.laws\.\d+\.", ".laws.", free.path) for free in candidate.free]
 
 
 def supported(sign: SignKind, *places: str) -> tuple[tuple[str, str], ...]:
