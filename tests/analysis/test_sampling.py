@@ -9,7 +9,7 @@ from isorig.analysis.equations.known import true_records
 from isorig.analysis.model.linear import transfer
 from isorig.analysis.model.rig_model import Chain
 from isorig.analysis.simulate import Excitation, simulate
-from isorig.analysis.simulate.sampling import AS_IT_IS, high_passed, interpolate, within
+from isorig.analysis.simulate.sampling import AS_IT_IS, high_passed, interpolate, lagging, within
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 
 RATE = 1024.0
@@ -46,6 +46,24 @@ def test_filters_are_those_of_scipy(factor: int) -> None:
     length, beta = scipy.signal.kaiserord(80.0, 0.12)
     low = scipy.signal.firwin(length | 1, 0.7 + 0.06, window=("kaiser", beta))
     np.testing.assert_allclose(within(x[None], 0.35, 1.0)[0], np.convolve(x, low, mode="same"), atol=1e-13)
+
+
+@pytest.mark.parametrize("cutoff", [2.0, 30.0, 150.0, 900.0])
+def test_a_low_pass_is_an_analog_one_and_is_taken_out_again(cutoff: float) -> None:
+    rate, n = 400.0, 4000
+    time, tau = np.arange(n) / rate, 1.0 / (2.0 * np.pi * cutoff)
+    frequency, fine = np.array([1.3, 17.0, 61.0]), np.arange(64 * n) / (64 * rate)
+    x, exact = (3.0 + np.sin(2.0 * np.pi * np.outer(t, frequency) + 0.3).sum(axis=1) for t in (time, fine))
+    # From rest at its first value; scipy's is exact for straight lines between fine values.
+    want = x[0] + scipy.signal.lsim(([1.0], [tau, 1.0]), exact - x[0], fine)[1][::64]
+    recorded = lagging(x, cutoff, rate)
+    inner = slice(40, -40)
+    np.testing.assert_allclose(recorded[inner], want[inner], rtol=0.0, atol=2e-3)
+    model = wire_bonder()
+    slow = replace(model.sensor("motor"), chain=Chain(cutoff=cutoff))
+    sensors = tuple(slow if sensor.channel == "motor" else sensor for sensor in model.sensors)
+    back = true_records(replace(model, sensors=sensors), {"motor": recorded}, rate)["motor"]
+    np.testing.assert_allclose(back[400:-400], x[400:-400], rtol=0.0, atol=5e-3)
 
 
 @pytest.mark.parametrize("corner", [0.05, 1.6, 40.0])

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray, IntArray
+from isorig.analysis.derivative import derivative
 from isorig.analysis.equations.balances import Element
 from isorig.analysis.equations.columns import YIELDS
 from isorig.analysis.equations.sliding import SlidingRun
@@ -64,7 +65,7 @@ def law_forces(
 def true_records(model: RigModel, recorded: Mapping[str, FloatArray], rate: float) -> dict[str, FloatArray]:
     """Records without the faults of the measurement chain that a rig describes.
 
-    These are offset, gain, delay, crosstalk, high-pass, and static curve.
+    These are offset, gain, delay, crosstalk, high-pass, low-pass, and static curve.
     """
     chains = {drive.channel: drive.chain for drive in model.drives} | {sensor.channel: sensor.chain for sensor in model.sensors}
     found = {name: np.asarray(values) for name, values in recorded.items()}
@@ -81,6 +82,8 @@ def true_records(model: RigModel, recorded: Mapping[str, FloatArray], rate: floa
         values = values / chain.gain
         if chain.corner:
             values = recharged(values, chain.corner, rate)
+        if chain.cutoff:
+            values = values + derivative(values, rate) / (2.0 * np.pi * chain.cutoff)
         if chain.delay:
             frequency = np.fft.rfftfreq(len(values), 1.0 / rate)
             values = np.fft.irfft(np.fft.rfft(values) * np.exp(2j * np.pi * frequency * chain.delay), len(values))

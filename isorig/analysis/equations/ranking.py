@@ -52,6 +52,8 @@ LATE = np.linspace(-30.0, 6.0, 73)
 SHARES = np.linspace(-0.4, 0.4, 33)
 #: Corner frequencies of a sensor's high-pass, in multiples of the rig's lowest mode.
 CORNERS_BELOW = np.linspace(0.01, 1.21, 41)
+#: Those of a sensor's low-pass, as shares of the sample rate.
+CUTOFFS = np.linspace(0.01, 0.81, 81)
 FINER, ROUNDS = 9, 2
 #: Rocking: number of frequencies, and what its score is charged with.
 ROCKERS, ROCKING_CHARGE = 60, 4
@@ -572,7 +574,7 @@ class Regressions:
         self, add: _Add, channel: str, inside: Mapping[str, Prepared], slid: Mapping[str, tuple[Sliding, SlidingFit]],
         before: Mapping[str, float],
     ) -> None:  # fmt: skip
-        # Gains, delays and crosstalk of a channel.
+        # Gains, delays, filters and crosstalk of a channel.
         orders = self.on.combos.orders
         sources = [c for c in orders if c != channel and c in self.on.model.channels] if channel in orders else []
         # A drive acts later than its record tells; with one sensor that is the sensor's delay.
@@ -583,6 +585,8 @@ class Regressions:
             faults = faults[1:]
         if channel in orders:
             faults.append(("high-pass", CORNERS_BELOW * self.on.lowest, None))
+            if inside:  # moment by moment it acts as a delay
+                faults.append(("low-pass", CUTOFFS * self.on.rate, None))
         faults += [("crosstalk", SHARES, source) for source in sources]
         for what, values, source in faults:
             best, value, after = -np.inf, 0.0, {}
@@ -721,7 +725,7 @@ class Regressions:
                 if own is None:
                     continue
                 error = signals[source, order] if source is not None and order >= 0 else own
-                if what == "delay":
+                if what in ("delay", "low-pass"):
                     error = derivative(error, self.on.rate)
                 elif what == "high-pass":
                     error = derivatives(error, 1, self.on.rate, CUT * self.on.lowest, np.inf).orders[0]

@@ -69,7 +69,7 @@ STUCK = 0.06
 #: Quantile of the force's magnitude in such a run that must stay below the friction.
 HELD = 0.999
 #: Faults of a channel that `Equations.fault` takes out.
-CHANNEL_FAULTS = ("gain", "delay", "crosstalk", "high-pass")
+CHANNEL_FAULTS = ("gain", "delay", "crosstalk", "high-pass", "low-pass")
 #: Frequency bins from which the values behind estimated motions are fitted. Chosen: enough for ten times as many values.
 FITTED_BINS = 100
 #: Residual up to which an equation holds. Chosen: sound rigs with descriptions a quarter off stay below it.
@@ -795,6 +795,8 @@ class Equations:
             return added, np.asarray(np.exp(1j * omega * each) - 1.0)
         if what == "high-pass":
             return added, np.asarray(2.0 * np.pi * each / (1j * omega))
+        if what == "low-pass":
+            return added, np.asarray(1j * omega / (2.0 * np.pi * each))
         constant = 1.0 / each - 1.0 if what == "gain" else -each
         return added, np.asarray(np.broadcast_to(constant, (len(values), len(omega))), dtype=np.complex128)
 

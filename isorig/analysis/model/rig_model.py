@@ -86,8 +86,8 @@ class Chain(Part, frozen=True, kw_only=True):
     `mains_frequency` (Hz; None for no hum) and its multiples, with any phase. A sensor's `bend` is a static curve added to its
     record, as pairs of (true value, added value), linear beyond its ends; its `taps` are a short filter, the weights of `gain` *
     true at samples around the present one (an odd number, later ones first), applied before the bend. Of a sensor that is coupled
-    by a capacitor, `corner` (Hz) is the corner frequency of the first-order high-pass through which gain * true passes; 0 for
-    none.
+    by a capacitor, `corner` (Hz) is the corner frequency of the first-order high-pass through which gain * true passes; of one
+    with a slow amplifier, `cutoff` (Hz) is that of a first-order low-pass; 0 for none.
     """
 
     gain: float = 1.0
@@ -99,6 +99,7 @@ class Chain(Part, frozen=True, kw_only=True):
     bend: tuple[tuple[float, float], ...] = ()
     taps: tuple[float, ...] = ()
     corner: float = 0.0
+    cutoff: float = 0.0
 
 
 class Drive(Part, frozen=True, kw_only=True):
@@ -705,14 +706,15 @@ def _uncertain(where: str, key: str, value: float, std: float) -> None:
 
 def _chained(model: RigModel) -> None:
     for chain in (*(drive.chain for drive in model.drives), *(sensor.chain for sensor in model.sensors)):
-        if chain.corner < 0.0:
-            raise ModelError(f"a chain's corner is {chain.corner:g} Hz; give a frequency above zero, or zero for none")
+        for key in ("corner", "cutoff"):
+            if (value := getattr(chain, key)) < 0.0:
+                raise ModelError(f"a chain's {key} is {value:g} Hz; give a frequency above zero, or zero for none")
         if len(chain.taps) % 2 == 0 and chain.taps:
             raise ModelError(f"a chain has {len(chain.taps)} taps; give an odd number, the middle one for the present sample")
         if len(chain.bend) == 1 or not all(one[0] < other[0] for one, other in pairwise(chain.bend)):
             raise ModelError("a chain's bend is not a curve; give at least two points with increasing true values")
-    if any(drive.chain.bend or drive.chain.taps or drive.chain.corner for drive in model.drives):
-        raise ModelError("the drive's chain has a bend, taps or a corner, which only a sensor's may have; remove them")
+    if any(c.bend or c.taps or c.corner or c.cutoff for c in (drive.chain for drive in model.drives)):
+        raise ModelError("the drive's chain has a bend, taps, a corner or a cutoff, which only a sensor's may have; remove them")
     for name, chain in (*((d.channel, d.chain) for d in model.drives), *((s.channel, s.chain) for s in model.sensors)):
         if chain.gain == 0.0:
             raise ModelError(f"the chain of channel {name!r} has gain 0, which records nothing; give its gain, usually 1")

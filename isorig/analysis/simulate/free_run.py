@@ -17,7 +17,7 @@ from isorig.analysis.model.rig_model import Chain, Drive, RigModel, direction
 from isorig.analysis.rounding import is_command
 from isorig.analysis.simulate.compiled import SETTLING, Compiled, compile_rig
 from isorig.analysis.simulate.kernel import run
-from isorig.analysis.simulate.sampling import AS_IT_IS, TAPS, Excitation, high_passed, interpolate, sampled, shift
+from isorig.analysis.simulate.sampling import AS_IT_IS, TAPS, Excitation, high_passed, interpolate, lagging, sampled, shift
 from isorig.analysis.views import Viewed
 
 #: Refinements of the time step, tried in this order, if curved forces need more than one parabola per step.
@@ -52,6 +52,8 @@ def record(model: RigModel, motion: Mapping[str, FloatArray], rate: float) -> di
         y = chain.gain * shift(true, chain.delay, rate) if (chain.gain != 1.0 or chain.delay) else true
         if chain.corner:
             y = high_passed(y, chain.corner, rate)
+        if chain.cutoff:
+            y = lagging(y, chain.cutoff, rate)
         if chain.taps:
             y = np.convolve(y, chain.taps, mode="same")
         if chain.bend:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -26,6 +27,8 @@ PART = 512
 HIGHEST_CORNER = 0.49
 #: Samples, besides the delay, for which a delayed signal keeps its values beyond its ends: the interpolation has died away then.
 HELD = 32
+#: Time constants after which a first-order filter has forgotten. Derived: to a billionth.
+SETTLED = 21.0
 #: Most steps per sample. Chosen: at a thousandth of the sample interval, the engine's error is far below rounding of a record.
 STEPS_MOST = 1024
 #: Number of samples kept after the end of a shortened drive.
@@ -292,13 +295,24 @@ def recharged(x: FloatArray, corner: float, rate: float) -> FloatArray:
 
 def shift(x: FloatArray, delay: float, rate: float) -> FloatArray:
     """x(t - delay), band-limited, by a phase shift of the spectrum; beyond its ends x keeps its first and last value."""
-    if delay == 0.0:
-        return x
+    return x if delay == 0.0 else _passed(x, rate, abs(delay), lambda f: np.exp(-2j * np.pi * delay * f))
+
+
+def lagging(x: FloatArray, cutoff: float, rate: float) -> FloatArray:
+    """A band-limited signal behind an analog first-order low-pass of this corner frequency in Hz, shape (n,).
+
+    Before its start x has its first value.
+    """
+    return _passed(x, rate, SETTLED / (2.0 * np.pi * cutoff), lambda f: 1.0 / (1.0 + 1j * f / cutoff))
+
+
+def _passed(x: FloatArray, rate: float, reach: float, response: Callable[[FloatArray], Any]) -> FloatArray:
+    # A signal through a filter that reaches so many seconds back or ahead, from its frequency response.
     n = len(x)
-    held = int(np.ceil(abs(delay) * rate)) + HELD
+    held = int(np.ceil(reach * rate)) + HELD
     size = 1 << int(np.ceil(np.log2(n + 3 * held)))
     # Between the held values it changes without a jump, which would ring.
     fade = np.concatenate([np.zeros(held), 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, size - n - 2 * held)), np.ones(held)])
     whole = np.concatenate([x, x[-1] + (x[0] - x[-1]) * fade])
-    f = np.fft.rfftfreq(size, 1.0 / rate)
-    return np.asarray(np.fft.irfft(np.fft.rfft(whole) * np.exp(-2j * np.pi * f * delay), size)[:n])
+    f = np.asarray(np.fft.rfftfreq(size, 1.0 / rate), dtype=np.float64)
+    return np.asarray(np.fft.irfft(np.fft.rfft(whole) * response(f), size)[:n])

@@ -12,8 +12,8 @@ SEGMENTS, SHORTEST, LONGEST = 16, 128, 8192
 #: Coherence of the change from each segment to the next above which a frequency bin counts, and the number of such bins needed.
 #: Chosen: the change is the same throughout a run, and noise shows none.
 COHERENT, BINS = 0.3, 8
-#: Smallest power of the drive in a bin that counts, as a share of its largest. Derived: the window's leakage of a line is below it
-#: from the third bin on, and with that alone a harmonic of the response turns as if its clock differed.
+#: Smallest power of the drive in a bin that counts, as a share of its largest. Derived: the window's leakage of a line is below
+#: it from the third bin on, and with that alone a harmonic of the response turns as if its clock differed.
 DRIVEN = 1e-4
 #: Multiple of its standard error and share that a difference of clocks must exceed: quartz clocks differ by less. Share of the
 #: phases' power that it must explain: a drift of the rig changes them near its resonances only.

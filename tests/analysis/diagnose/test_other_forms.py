@@ -9,7 +9,8 @@ from typing import cast
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from scipy.signal import butter, sosfilt
+from scipy.interpolate import CubicSpline
+from scipy.signal import butter, lsim, sosfilt
 from small_rigs import SESSION, Take, carts, chain, guessed, late, played, rubbing, stage, with_law
 
 from isorig.analysis import laws
@@ -121,6 +122,24 @@ def test_an_accelerometer_that_loses_slow_motion_is_found_with_its_corner_freque
     assert named(diagnosis) == {("ac_coupling", "sensor", "a1")}
     value, std, _ = diagnosis.steps[0].parameters["corner"]
     assert abs(value - corner) < 3.0 * std < 0.1 * corner
+
+
+def test_a_sensor_behind_a_slow_amplifier_is_found_with_its_corner_frequency() -> None:
+    # By scipy's solution of the filter's differential equation between samples that are interpolated by a cubic spline.
+    campaign, cutoff = played(chain(), seed=SEED + 12, takes=TAKES[::2]), 150.0
+
+    def slow(run: Run) -> Run:
+        channel, fine = run.channel("a1"), np.arange(16 * len(run)) / (16.0 * run.sample_rate)
+        values = CubicSpline(fine[::16], channel.read())(np.minimum(fine, fine[-16]))
+        samples = lsim(([1.0], [1.0 / (2.0 * np.pi * cutoff), 1.0]), values, fine)[1][::16]
+        return dataclasses.replace(run, channels=dict(run.channels) | {"a1": dataclasses.replace(channel, samples=samples)})
+
+    diagnosis = diagnose(dataclasses.replace(campaign, runs=tuple(map(slow, campaign.runs))), guessed(chain(), SEED + 12))
+    assert diagnosis.verdict == "explained"
+    assert named(diagnosis) == {("low_pass", "sensor", "a1")}
+    value, std, _ = diagnosis.steps[0].parameters["cutoff"]
+    assert std < 0.01 * cutoff
+    assert value == pytest.approx(cutoff, rel=0.02)
 
 
 def test_cubic_damping_is_a_damping_of_another_form() -> None:
