@@ -9,11 +9,12 @@ from typing import cast
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from scipy.integrate import quad
 from small_rigs import carts, chain, guessed, played, rubbing, stage, with_law
 from strange_rigs import StrangeRig, campaign
 
 from isorig.analysis import laws
-from isorig.analysis.campaign import Campaign
+from isorig.analysis.campaign import Campaign, Quantity
 from isorig.analysis.equations import repeats
 from isorig.analysis.equations.balances import Element, balances, elements, locks
 from isorig.analysis.equations.columns import SHAPES, Course
@@ -471,6 +472,40 @@ def test_an_estimated_motion_adds_no_sensor_noise() -> None:
     share = {element.name: equations.noise_share(element, 1.0) for element in equations.elements()}
     assert share["l0"] == share["l1"] == 0.0
     assert 0.0 < share["l2"] < 0.2
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "free", "solved"), [(0.5, (), True), (0.0, (), False), (0.0, ("links.rail.stiffness",), True)]
+)
+def test_a_stiffness_is_solved_for_where_it_is_given_or_free(stiffness: float, free: tuple[str, ...], solved: bool) -> None:
+    model = replace(stage().replace({"links.rail.stiffness": stiffness}), free=free)
+    assert Equations.springs(cast(Equations, SimpleNamespace(model=model)), model.link("rail")) is solved
+
+
+@pytest.mark.parametrize(("quantity", "integrated"), [("displacement", False), ("velocity", True), ("acceleration", True)])
+def test_a_deflection_is_an_integral_unless_it_is_measured(quantity: Quantity, integrated: bool) -> None:
+    model = replace(stage(), sensors=(Sensor(channel="s", body="table", quantity=quantity),))
+    seen = cast(Equations, SimpleNamespace(combos=Combinations(model), counted=False))
+    assert Equations.integrated(seen, elements(model)[0]) is integrated
+
+
+def test_a_measured_position_of_a_rig_without_a_spring_keeps_its_slow_part() -> None:
+    model, travel = replace(stage(), sensors=stage().sensors[:1]), 3.0 + 0.1 * TIME
+    seen = SimpleNamespace(combos=Combinations(model), counted=True, rate=RATE, edge=np.inf, integrated=lambda element: False)
+    found, _ = Equations.elongation(cast(Equations, seen), {("x", 0): travel}, elements(model)[0], 1.0)
+    assert found == pytest.approx(travel)
+
+
+def test_noise_of_an_acceleration_integrated_twice() -> None:
+    """White noise of spectral density S is S / (2 pi f)^4 as a deflection: its variance from 2 Hz on, by quadrature."""
+    model, low, noise = replace(stage(), sensors=stage().sensors[1:]), 2.0, 0.3
+    measured = played(model, seed=24)
+    equations = Equations(measured, model, [{"a": noise}] * len(measured.runs))
+    (element,) = equations.elements()
+    density = 2.0 * noise**2 / equations.rate
+    variance, _ = quad(lambda f: density / (2.0 * np.pi * f) ** 4, low, np.inf)
+    largest = max(float(np.std(equations.elongation(signals, element, low)[0])) for signals in equations.signals)
+    assert equations.noise_share(element, low) == pytest.approx(np.sqrt(variance) / largest)
 
 
 def test_an_equation_whose_sliding_samples_all_vanish_is_not_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
