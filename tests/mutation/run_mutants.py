@@ -86,7 +86,7 @@ MODULES: dict[str, Covered] = {
         f"isorig/analysis/diagnose/{name}.py": Covered(STANDING, 10) for name in ("considered", "revise", "step")
     },
     "isorig/analysis/diagnose/required_force.py": Covered(
-        ("tests/blind/foreign/test_diagnosed.py::test_play_whose_motion_no_simulation_can_follow_is_named",), 5
+        ("tests/blind/foreign/test_diagnosed.py",), 5
     ),
     **{
         f"isorig/analysis/fitting/{name}.py": Covered(
