@@ -324,6 +324,8 @@ def test_the_smallest_stroke_beyond_the_limits_is_proposed() -> None:
         return remedy.prospect.run.seed
 
     assert found({1: {"spring": 0.9}, 2: {"spring": 0.8}, 3: {"spring": 0.85}}) == 2
+    # The largest stroke of a run counts.
+    assert found({1: {"spring": 0.9, "rail": 0.1}, 2: {"spring": 0.5, "rail": 0.5}}) == 2
     # A run in which all links are locked has no stroke.
     assert found({1: {"spring": 0.5}, 2: {}}) == 2
 
