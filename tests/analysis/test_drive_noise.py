@@ -7,8 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.stats import norm, t
+from small_rigs import stage
 
-from isorig.analysis.fitting.drive_noise import _noise, _of_draws
+from isorig.analysis.fitting.drive_noise import DriveNoise, _noise, _of_draws, without_bias
+from isorig.analysis.fitting.solve import Fit, Free
 
 
 def test_a_covariance_of_few_draws_is_widened_by_students_factor() -> None:
@@ -18,7 +20,8 @@ def test_a_covariance_of_few_draws_is_widened_by_students_factor() -> None:
     assert not _of_draws(np.zeros((3, 0, 2))).any()
 
 
-def test_noise_of_the_drive_is_common_to_all_responses_and_that_of_a_sensor_is_not() -> None:
+@pytest.mark.parametrize("level", [2.0, 0.0])
+def test_noise_of_the_drive_is_common_to_all_responses_and_that_of_a_sensor_is_not(level: float) -> None:
     generator, bins = np.random.default_rng(1), 4000
 
     def white(*shape: int) -> np.ndarray:
@@ -28,10 +31,19 @@ def test_noise_of_the_drive_is_common_to_all_responses_and_that_of_a_sensor_is_n
         return np.concatenate([rows.real.ravel(), rows.imag.ravel()])
 
     gains, own = np.array([[1.0], [2.0]]), np.array([1.0, 3.0])
-    residual = gains * 2.0 * white(bins) + np.sqrt(own)[:, None] * white(2, bins)
+    residual = gains * level * white(bins) + np.sqrt(own)[:, None] * white(2, bins)
     drive = generator.normal(0.0, 10.0, 2 * bins - 2)
     trial = SimpleNamespace(channels=("a", "b"), excitation=SimpleNamespace(recorded=drive), fitted=len(drive))
     found = _noise(trial, stacked(residual), stacked(gains * white(bins)), generator.normal(size=len(drive)))  # type: ignore[arg-type]
     assert found.own.mean(axis=1) == pytest.approx(own, rel=0.15)
-    # The response is that to noise of unit size: the drive's is twice as large in every bin.
-    assert np.mean(found.drive**2) == pytest.approx(4.0 * len(drive), rel=0.15)
+    # The response is that to noise of unit size.
+    assert np.mean(found.drive**2) == pytest.approx(level**2 * len(drive), rel=0.15, abs=0.1 * len(drive))
+
+
+@pytest.mark.parametrize(("bias", "corrected"), [(300.0, 2200.0), (900.0, 2000.0), (-900.0, 3000.0)])
+def test_a_value_without_bias_stays_between_its_bounds(bias: float, corrected: float) -> None:
+    """The stiffness of the stage, fitted as 2500 N/m, may be 2000 to 3000 N/m."""
+    free = (Free(path="links.rail.stiffness", low=2000.0, high=3000.0),)
+    done = Fit(model=stage(), free=free, covariance=np.eye(1), cost=1.0, evaluations=1)
+    found = without_bias(done, DriveNoise(np.array([bias]), np.eye(1)))
+    assert found.values == {"links.rail.stiffness": corrected}

@@ -17,6 +17,7 @@ from isorig.analysis.isolation.ratio import (
     IsolationRatio,
     Peaks,
     Piece,
+    _step,
     friction_bound,
     isolated_share,
     isolation_frequency,
@@ -204,6 +205,18 @@ def test_peaks_need_three_frequency_bins(smooth: tuple[RigModel, Campaign]) -> N
     three, two = (isolation_ratio(campaign, around_peak=(164.0, top)).peaks for top in (164.5, 164.4))
     assert 164.0 <= three.unlocked <= 164.5
     assert np.isnan(two).all()
+
+
+def test_a_step_between_gains_needs_two_frequency_bins() -> None:
+    """At 18 Hz, from bins 0.25 Hz apart: one gain is used from 15 Hz on, the other one up to this frequency."""
+    rng = np.random.default_rng(7)
+    both = estimated(rng, 0.2, 0.3), estimated(rng, 1.0, 0.3)
+    (low,) = at_one_gain(*both, (15.0, 200.0)).pieces
+    for top, bins in ((15.0, 1), (15.25, 2)):
+        (high,) = at_one_gain(*both, (10.0, top)).pieces
+        # The ratios of one estimate are equal, and each has a relative standard uncertainty of 5 % at either gain.
+        expected = (1.0, np.hypot(0.05, 0.05) / np.sqrt(2.0)) if bins == 2 else (np.nan, np.nan)
+        assert _step(high, low, 18.0) == pytest.approx(expected, nan_ok=True)
 
 
 def test_the_thesis_stitches_at_15_hz(smooth: tuple[RigModel, Campaign]) -> None:

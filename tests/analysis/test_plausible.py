@@ -7,10 +7,11 @@ from math import inf, pi
 
 import numpy as np
 import pytest
+from msgspec.structs import replace as replace_struct
 
-from isorig.analysis.fitting.plausible import DECADE, EXPLAINS, NEAR, doubts, unit_factor
+from isorig.analysis.fitting.plausible import DECADE, EXPLAINS, NEAR, doubts, explains_as_given, unit_factor
 from isorig.analysis.fitting.solve import Fit, Free
-from isorig.analysis.model.rig_model import RigModel, from_tree
+from isorig.analysis.model.rig_model import Body, Link, RigModel, from_tree
 from isorig.rig.wire_bonder.description import FREE, FRICTION, THESIS, wire_bonder
 from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 
@@ -65,6 +66,14 @@ def test_everything_a_factor_off(scale: float, kind: str | None, said: str) -> N
         assert "All fitted masses and stiffnesses" in found[0].text
         assert said in found[0].text
         assert "check the unit of the drive channel force" in found[0].text
+
+
+def test_one_known_mass_sets_the_scale_of_all_records() -> None:
+    other, foot = Body(name="other", mass=1.0), Link(name="other foot", a="other", stiffness=1e4)
+    known = replace_struct(chain(), bodies=(*chain().bodies, other), links=(*chain().links, foot))
+    assert explains_as_given(known, fitted(known, {}))
+    free = replace_struct(known, free=(*known.free, "bodies.other.mass"))
+    assert not explains_as_given(free, fitted(free, {}))
 
 
 def test_one_known_value_a_decade_off() -> None:

@@ -10,6 +10,7 @@ from math import log, pi
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from strange_rigs import Law, StrangeRig, campaign, cubic, dry, play
 
 from isorig.analysis.campaign import MOTION, ROTARY, Campaign, Gap, Quantity, Run
@@ -209,13 +210,24 @@ def test_given_values_in_wrong_units(name: str, wrong: Mapping[str, float], said
     assert said in doubt.text
 
 
+def test_other_mistakes_must_explain_more_than_the_unknown_factor_of_a_drive() -> None:
+    """Factor given as twentyfold, stiffness as a fifth: a tenth of the sample rate explains the levels as well as the factor."""
+    rig = dataclasses.replace(
+        ONE, masses=(3.1,), joints=((0, -1, 12e3, 22.0),), drive="u", drive_quantity="voltage", factor=3.0
+    )  # fmt: skip
+    model = rig.description({"drive.factor": 20.0, "links.l0.stiffness": 0.2})
+    found, _ = wrong_scale(replace(model, free=(*model.free, "drive.factor")), spectra_of(model, campaign(rig, seconds=6.0)))
+    assert found is not None
+    assert (found.kind, found.ratio) == ("responses", pytest.approx(1.0 / 20.0, rel=0.5))
+
+
 def test_inverted_sensors_and_wrong_rates() -> None:
     model = STAGE.description(guessed(STAGE, 2))
     (doubt,) = told(model, recorded("stage", "", {"top": -1.0}))
-    assert (doubt.kind, doubt.parameter) == ("sign", "sensors.top")
+    assert (doubt.kind, doubt.parameter, doubt.ratio) == ("sign", "sensors.top", -1.0)
     assert "negative sensitivity" in doubt.text
     (doubt,) = told(model, recorded("stage", "friction", {"force": -1.0}))
-    assert (doubt.kind, doubt.parameter) == ("sign", "drive.force")
+    assert (doubt.kind, doubt.parameter, doubt.ratio) == ("sign", "drive.force", -1.0)
     (doubt,) = told(ONE.description(guessed(ONE, 2)), recorded("one", "", {"a": -1.0}))
     assert "a has the opposite sign of what the given rig predicts: check the direction of force and of a's sensor" in doubt.text
     measured = recorded("stage")

@@ -129,7 +129,7 @@ def cart_tree(
 
 def cart(late: float, seed: int, start: float = 0.0) -> tuple[list[Run], dict[str, Any]]:
     """A cart with dry friction behind a late drive, or released from `start`, and its description with spring and damper off."""
-    draw, time, runs = np.random.default_rng(seed), np.arange(int(9 * RATE)) / RATE, []
+    draw, time, runs = np.random.default_rng(seed), np.arange(int((4 if start else 9) * RATE)) / RATE, []
     for k, level in enumerate((0.0,) if start else LEVELS):
         changes = [0.5 + 2.0 * j + late for j in range(5)]
         x = rubbed(time, lambda t, level=level: float(command(np.array([t - late]), level)[0]), changes, start)  # type: ignore[misc]
@@ -236,7 +236,7 @@ def floor(seed: int) -> tuple[list[Run], dict[str, Any]]:
 
 def damper(dry: float, seed: int) -> tuple[list[Run], dict[str, Any]]:
     """A damper with dry friction whose stroke is imposed."""
-    draw, time, runs = np.random.default_rng(seed), np.arange(int(12 * FAST)) / FAST, []
+    draw, time, runs = np.random.default_rng(seed), np.arange(int(6 * FAST)) / FAST, []
     for k, (size, frequency) in enumerate(STROKES):
         turn = 2.0 * np.pi * frequency
         x = size * (np.sin(turn * time) + 0.3 * np.sin(2.7 * turn * time)) * np.minimum(time, 1.0)

@@ -202,10 +202,10 @@ def _noise(trial: Trial, residual: FloatArray, response: FloatArray, added: Floa
         shared = [np.mean(seen[i, low:high] * np.conj(seen[j, low:high])) for i, j in pairs]
         common = [np.mean(left[i, low:high] * np.conj(left[j, low:high])) for i, j in pairs]
         known = sum(abs(one) ** 2 for one in shared)
-        # Never more than the whole drive there.
-        most = float(np.mean(drive[low:high])) / size**2 if size > 0.0 else 0.0
         asked = sum(float((a * np.conj(b)).real) for a, b in zip(common, shared, strict=True))
-        power[low:high] = min(max(asked / known if known > 0.0 else 0.0, 0.0), most)
+        if known > 0.0:  # a response to noise
+            # Never more than the whole drive there.
+            power[low:high] = min(max(asked / known, 0.0), float(np.mean(drive[low:high])) / size**2)
         total, passed = ((np.abs(rows[:, low:high]) ** 2).mean(axis=1) for rows in (left, seen))
         own[:, low:high] = np.maximum(total - power[low] * passed, 0.0)[:, None]
     # Above the residual's ceiling the noise is taken as white.

@@ -51,9 +51,10 @@ def beyond_limits(
         for factor in POLICY.raised_gains:
             seen = comparison.seen(beyond(factor), Limits(), progress)
             found = [(pair_distance(comparison.distances([pairs]), pair), prospect) for prospect, pairs in seen.pairs]
-            enough = [Remedy(prospect=p, distance=size, peaks=peaks(p)) for size, p in found if size >= POLICY.distinguishable]
+            enough = [(peaks(prospect), size, prospect) for size, prospect in found if size >= POLICY.distinguishable]
             if enough:
-                return min(enough, key=lambda remedy: max(remedy.peaks.stroke.values(), default=0.0) if remedy.peaks else 0.0)
+                reached, size, best = min(enough, key=lambda item: max(item[0].stroke.values(), default=0.0))
+                return Remedy(prospect=best, distance=size, peaks=reached)
             ask_time()
             progress("searching beyond the limits")
     return None

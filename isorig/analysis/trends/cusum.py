@@ -48,7 +48,7 @@ def run_length(threshold: float, slack: float, scale: FloatArray | float = 1.0) 
     kernel[:, :, 0] = ndtr((slack - start) / scales[:, :, 0])
     density = np.exp(-0.5 * ((y[None, :] + slack - start[:, None]) / scales) ** 2) / (np.sqrt(2.0 * np.pi) * scales)
     kernel[:, :, 1:] = 0.5 * threshold * weights * density
-    length = np.linalg.solve(np.eye(POINTS + 1) - kernel, np.ones((len(scales), POINTS + 1, 1)))[:, 0, 0]
+    length = np.linalg.solve(np.eye(POINTS + 1) - kernel, np.ones(POINTS + 1))[:, 0]
     return np.where((length > 0.0) & (length < LONGEST), length, LONGEST)
 
 

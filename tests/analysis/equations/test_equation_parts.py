@@ -9,10 +9,12 @@ from typing import cast
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from small_rigs import chain, guessed, played, rubbing, stage, with_law
+from scipy.integrate import quad
+from small_rigs import carts, chain, guessed, played, rubbing, stage, with_law
 from strange_rigs import StrangeRig, campaign
 
 from isorig.analysis import laws
+from isorig.analysis.campaign import Campaign, Quantity
 from isorig.analysis.equations import repeats
 from isorig.analysis.equations.balances import Element, balances, elements, locks
 from isorig.analysis.equations.columns import SHAPES, Course
@@ -20,13 +22,14 @@ from isorig.analysis.equations.filters import ROCKING_DAMPING, resonator, rocked
 from isorig.analysis.equations.hidden import estimable, fitted, transfer
 from isorig.analysis.equations.known import law_columns, law_forces
 from isorig.analysis.equations.motion import Combinations, derivatives, highpass_gain
-from isorig.analysis.equations.ranking import Regressions, ranking
+from isorig.analysis.equations.ranking import Regressions, _Done, ranking
 from isorig.analysis.equations.repeats import MOST_INTEGRATED, pitch_of
 from isorig.analysis.equations.sliding import Columns, Sliding, SlidingFit, SlidingRun, spline_columns
 from isorig.analysis.equations.slip import slip_operator
-from isorig.analysis.equations.spectral import DETERMINED, SHORTEST, Spectra, _solve
+from isorig.analysis.equations.spectral import DETERMINED, SHORTEST, Prepared, Spectra, _solve
 from isorig.analysis.equations.system import HOLDS, Equations, equations_of
-from isorig.analysis.model.rig_model import Body, Configuration, Link, RigModel, Sensor
+from isorig.analysis.model.rig_model import Body, Configuration, Drive, Link, RigModel, Sensor
+from isorig.rig.files.rigfile import SHIPPED, read_description
 from isorig.rig.wire_bonder.description import wire_bonder
 from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 
@@ -196,6 +199,16 @@ def test_a_force_sensor_gives_the_force_of_its_link() -> None:
     assert "force in rail" not in {balance.name for balance in balances(replace(gauged, configurations=locked))}
 
 
+def test_the_force_of_an_actuator_moves_its_body_once() -> None:
+    """It equals the inertia of the body that it imposes a motion on, and the forces of all elements there."""
+    model = read_description(SHIPPED["damper-test"])[0]
+    (body,) = model.imposed
+    (found,) = (balance for balance in balances(model) if balance.forces)
+    assert dict(found.weights) == {body: 1.0}
+    acting = {name for element, _ in found.crossing for name in element.names}
+    assert acting == {joint.name for joint in model.joints if body in joint.joined}
+
+
 def row_of(count: int) -> RigModel:
     """Bodies in a row, the first one on the ground, each with a sensor."""
     names = [f"b{k}" for k in range(count)]
@@ -267,7 +280,7 @@ def test_an_equation_without_unknown_values_leaves_its_known_part() -> None:
     assert (found.residual, len(found.values)) == (2.0, 0)
 
 
-def sliding(integrated: bool, still: float, velocity_noise: float = 0.0) -> Sliding:
+def sliding(integrated: bool, still: float, velocity_noise: float = 0.0, *, rubs: bool = True) -> Sliding:
     """A run of 40 s that is at rest for a share of the time."""
     n = 4000
     velocity = np.where(np.arange(n) < still * n, 0.0, np.cos(2.0 * np.pi * 5.0 * np.arange(n) / RATE))
@@ -276,17 +289,9 @@ def sliding(integrated: bool, still: float, velocity_noise: float = 0.0) -> Slid
         time=np.arange(n) / RATE, usable=np.ones(n, dtype=bool), slow=np.zeros(n), slow_velocity=np.zeros(n),
     )  # fmt: skip
     return Sliding(
-        [run],
-        RATE,
-        0.2,
-        integrated=integrated,
-        stiffness=1.0,
-        noise=0.0,
-        velocity_noise=velocity_noise,
-        parts=1.0,
-        edge=np.inf,
-        rubs=True,
-    )
+        [run], RATE, 0.2, integrated=integrated, stiffness=1.0, noise=0.0, velocity_noise=velocity_noise, parts=1.0, edge=np.inf,
+        rubs=rubs,
+    )  # fmt: skip
 
 
 def test_only_a_measured_position_shows_that_an_element_rests() -> None:
@@ -316,6 +321,50 @@ def test_the_slow_part_is_a_spline_and_its_derivative() -> None:
 def test_a_segment_has_twenty_periods_of_the_lowest_mode() -> None:
     """As a power of two samples: of the stage at 4.0 Hz and 400 Hz nearest to 2010."""
     assert equations_of(played(stage(), seed=1, longer=2.0), stage()).length == 2048
+
+
+def test_blocks_above_three_times_the_median_residual_are_not_sound() -> None:
+    """A force that changes its sign from sample to sample, as no column does: its mean square in each block."""
+    one = sliding(integrated=False, still=0.0, rubs=False)
+    powers = np.array([100.0, 100.0, 290.0, 100.0, 310.0, 100.0, 100.0, 100.0])
+    amplitude = np.repeat(np.sqrt(powers), one.length)
+    (run,) = one.runs
+    run.force = np.resize(amplitude, len(run.force)) * (-1.0) ** np.arange(len(run.force))
+    found = one.fit(lambda d, v, run, place: np.column_stack([d, v]), np.zeros(2), 1)
+    assert found.sound == (0, 1, 2, 3, 5, 6, 7)
+
+
+@pytest.mark.parametrize("held_out", [True, False])
+def test_noise_of_a_motion_is_removed_where_a_shape_is_added(held_out: bool) -> None:
+    """Twice a motion in three runs; its record has noise of its own size, which alone would halve the coefficient."""
+    spectra, draw, columns = Spectra(100.0, 256, 1.0, 50.0, [("y", 0), ("x", 0)], {"y": 0, "x": 0}), np.random.default_rng(8), {}
+    for run in range(3):
+        motion, noise, other = draw.normal(size=(3, 20000))
+        spectra.add(run, {("y", 0): 2.0 * motion, ("x", 0): motion + noise}, {"y": 0.0, "x": 1.0})
+        columns[run] = spectra.segments(other, run)[None]
+    equation = Prepared(spectra, [{("y", 0): 1.0}, {("x", 0): 1.0}], range(3), np.array([2.0]))
+    values = equation.shaped(columns, held_out=held_out).values
+    assert values == pytest.approx([2.0, 0.0], abs=0.1)
+
+
+def test_crosstalk_between_positions_is_found_in_an_equation_with_friction() -> None:
+    """The position of one cart contains a tenth of that of the other one; friction acts between both."""
+    driven = replace(carts(), drive=Drive(channel="f", pushes={"first": 1.0}, quantity="force"), free=())
+    truth, runs = rubbing(driven, "between", 2.0), []
+    for run in played(truth, seed=23).runs:
+        mixed = run.channels["x0"].read() + 0.1 * run.channels["x1"].read()
+        x0 = dataclasses.replace(run.channels["x0"], samples=mixed)
+        runs.append(dataclasses.replace(run, channels={**run.channels, "x0": x0}))
+    equations = equations_of(Campaign(runs=tuple(runs)), truth)
+    (name,) = equations.sliding
+    tried, base = Regressions(equations, _Done()), equations.sliding[name][1]
+    left, share = tried._sliding_fault(name, "crosstalk", "x0", "x1", alone=True)
+    assert share == pytest.approx(0.1, rel=0.05)
+    assert left < HOLDS < equations.residuals()[name]
+    # Spring and damper then have a force from the other cart's position and velocity, of the size of that in the equation.
+    for signals, found in zip(equations.signals, tried._faulty(name, "crosstalk", "x0", "x1", base).values(), strict=True):
+        force = base.values[0] * signals["x1", 0] + base.values[1] * signals["x1", 1]
+        assert np.abs(found) == pytest.approx(np.abs(equations.thinned(force)))
 
 
 @pytest.mark.parametrize("samples", [4096, 700])
@@ -423,6 +472,40 @@ def test_an_estimated_motion_adds_no_sensor_noise() -> None:
     share = {element.name: equations.noise_share(element, 1.0) for element in equations.elements()}
     assert share["l0"] == share["l1"] == 0.0
     assert 0.0 < share["l2"] < 0.2
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "free", "solved"), [(0.5, (), True), (0.0, (), False), (0.0, ("links.rail.stiffness",), True)]
+)
+def test_a_stiffness_is_solved_for_where_it_is_given_or_free(stiffness: float, free: tuple[str, ...], solved: bool) -> None:
+    model = replace(stage().replace({"links.rail.stiffness": stiffness}), free=free)
+    assert Equations.springs(cast(Equations, SimpleNamespace(model=model)), model.link("rail")) is solved
+
+
+@pytest.mark.parametrize(("quantity", "integrated"), [("displacement", False), ("velocity", True), ("acceleration", True)])
+def test_a_deflection_is_an_integral_unless_it_is_measured(quantity: Quantity, integrated: bool) -> None:
+    model = replace(stage(), sensors=(Sensor(channel="s", body="table", quantity=quantity),))
+    seen = cast(Equations, SimpleNamespace(combos=Combinations(model), counted=False))
+    assert Equations.integrated(seen, elements(model)[0]) is integrated
+
+
+def test_a_measured_position_of_a_rig_without_a_spring_keeps_its_slow_part() -> None:
+    model, travel = replace(stage(), sensors=stage().sensors[:1]), 3.0 + 0.1 * TIME
+    seen = SimpleNamespace(combos=Combinations(model), counted=True, rate=RATE, edge=np.inf, integrated=lambda element: False)
+    found, _ = Equations.elongation(cast(Equations, seen), {("x", 0): travel}, elements(model)[0], 1.0)
+    assert found == pytest.approx(travel)
+
+
+def test_noise_of_an_acceleration_integrated_twice() -> None:
+    """White noise of spectral density S is S / (2 pi f)^4 as a deflection: its variance from 2 Hz on, by quadrature."""
+    model, low, noise = replace(stage(), sensors=stage().sensors[1:]), 2.0, 0.3
+    measured = played(model, seed=24)
+    equations = Equations(measured, model, [{"a": noise}] * len(measured.runs))
+    (element,) = equations.elements()
+    density = 2.0 * noise**2 / equations.rate
+    variance, _ = quad(lambda f: density / (2.0 * np.pi * f) ** 4, low, np.inf)
+    largest = max(float(np.std(equations.elongation(signals, element, low)[0])) for signals in equations.signals)
+    assert equations.noise_share(element, low) == pytest.approx(np.sqrt(variance) / largest)
 
 
 def test_an_equation_whose_sliding_samples_all_vanish_is_not_fitted(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -87,6 +87,14 @@ def test_a_run_is_taken_from_a_gain_that_is_worth_it(gain: float, taken: int) ->
     assert len(chosen({1: gain}).choices) == taken
 
 
+def test_a_run_gains_what_it_adds_to_those_before() -> None:
+    """The probability without any run is 0.1."""
+    found = chosen({1: 0.1, 2: 0.2}).choices
+    assert [each.prospect.run.seed for each in found] == [2, 1]
+    assert [each.gained for each in found] == pytest.approx([0.2, 0.1])
+    assert [each.probability for each in found] == pytest.approx([0.3, 0.4])
+
+
 def test_a_proposal_has_so_many_runs_at_most() -> None:
     assert len(chosen(dict.fromkeys(range(1, 3 + 2), 0.1)).choices) == 3
 
@@ -316,6 +324,8 @@ def test_the_smallest_stroke_beyond_the_limits_is_proposed() -> None:
         return remedy.prospect.run.seed
 
     assert found({1: {"spring": 0.9}, 2: {"spring": 0.8}, 3: {"spring": 0.85}}) == 2
+    # The largest stroke of a run counts.
+    assert found({1: {"spring": 0.9, "rail": 0.1}, 2: {"spring": 0.5, "rail": 0.5}}) == 2
     # A run in which all links are locked has no stroke.
     assert found({1: {"spring": 0.5}, 2: {}}) == 2
 

@@ -31,6 +31,23 @@ def test_one_bad_campaign_counts_as_four_standard_deviations(chart: int, contrib
     assert bool(alarms(value, np.ones(4), limits).at) is (share < 1.0)
 
 
+STEADY, KNOWN = np.array([0.0, 1.0, 1.0, 1.0]), np.array([1e-9, 1.0, 1.0, 1.0])
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+@AROUND
+def test_charts_start_from_zero_in_both_directions(way: float, share: float) -> None:
+    """Three campaigns one standard deviation from a level that is known exactly add 0.5 each, with a slack of 0.5."""
+    found = alarms(way * STEADY, KNOWN, (share * 1.5, np.inf))
+    assert (found.at, found.rising) == (((3,), (way > 0.0,)) if share < 1.0 else ((), ()))
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_charts_start_from_zero_after_an_alarm(way: float) -> None:
+    twice = alarms(way * np.tile(STEADY, 2), np.tile(KNOWN, 2), (0.98 * 1.5, np.inf))
+    assert twice.at == (3, 7)
+
+
 def test_an_alarm_needs_five_degrees_of_freedom() -> None:
     assert len(thresholds(1e-3, 5.0)) == 2
     with pytest.raises(DataError, match=r"4\.9 degrees of freedom, and an alarm needs 5"):
