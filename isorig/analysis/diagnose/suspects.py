@@ -16,7 +16,7 @@ from isorig.analysis.diagnose.free_shapes import free_shapes
 from isorig.analysis.diagnose.kinds import OVER_VELOCITY, kind_of
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.equations.balances import Element
-from isorig.analysis.equations.columns import OVER_POSITION, RARE_STOP
+from isorig.analysis.equations.columns import OVER_POSITION, PERIODIC, RARE_STOP
 from isorig.analysis.equations.forms import ElementForce, element_force, fitted_form, shape_of, start_values
 from isorig.analysis.equations.ranking import HINTS, Explanation, Ranking, ranking, score_of, share_left
 from isorig.analysis.equations.system import CHANNEL_FAULTS, HOLDS, Equations
@@ -64,6 +64,9 @@ STANDS, STANDS_ALIKE = 0.02, POLICY.form_alike
 #: Share of the mean square force left at a place with a memory that one of another kind must remove there. Chosen: relaxation
 #: removed a fifth to nearly all of it where it was in the rig, and an eighth next to a friction of no catalogued form.
 OTHER_MEMORY = 0.2
+#: Periods in the range of the deflection below which a force that repeats may be another curve. Chosen: play beside a line looked
+#: like 2 to 4 of them.
+FEW_PERIODS = 6.0
 #: Causes that the equations do not see, or that their evidence already locates: they are always tried where they are proposed.
 ALWAYS = frozenset(cause.name for cause in CATALOGUE if cause.always_tried)
 
@@ -127,11 +130,18 @@ class Suspects:
         if not self._at(explanation, location):
             return False
         if explanation.what in FOUND_AS and cause != explanation.kind:
-            # Next to one force with a memory, the records do not show which kind of memory another one has.
-            return cause in FOUND_AS[explanation.what] or (kind_of(cause) == explanation.kind and self._remembers(location))
+            # Next to one force with a memory, the records do not show which kind of memory another one has; and few periods are
+            # inflections of a curve.
+            other = self._remembers(location) or (explanation.what == PERIODIC and self._has_few_periods(explanation))
+            return cause in FOUND_AS[explanation.what] or (kind_of(cause) == explanation.kind and other)
         kind = kind_of(cause)
         # A friction that depends on the position is none over velocity.
         return kind == explanation.kind or (explanation.what != OVER_POSITION and _alike(kind, explanation.kind))
+
+    def _has_few_periods(self, explanation: Explanation) -> bool:
+        # Whether a force that repeats has too few periods in the range of the deflection to be no curve.
+        _, force = self._solved(explanation)
+        return force is not None and bool(np.ptp(force.deflection) < FEW_PERIODS * explanation.values["pitch"])
 
     def _remembers(self, location: str) -> bool:
         # Whether a link or contact has a law with a memory in the model.

@@ -34,8 +34,9 @@ from isorig.analysis.diagnose.step import (
     determined,
     vanishes,
 )
-from isorig.analysis.diagnose.suspects import OTHER_MEMORY, Suspects
-from isorig.analysis.equations.ranking import score_of
+from isorig.analysis.diagnose.suspects import FEW_PERIODS, OTHER_MEMORY, Suspects
+from isorig.analysis.equations.columns import PERIODIC
+from isorig.analysis.equations.ranking import Explanation, score_of
 from isorig.analysis.equations.system import equations_of
 from isorig.analysis.fitting.candidate import Candidate, Reported, Shape
 from isorig.analysis.fitting.division import ends
@@ -736,6 +737,19 @@ def test_a_second_memory_at_a_place_must_remove_enough_of_its_recorded_force(rem
     assert Suspects._shows_memory(found, candidate, current) is shown  # type: ignore[arg-type]
     slip = replace(candidate, cause="hysteresis")
     assert Suspects._shows_memory(found, slip, current)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("periods", "suspected"), [(0.99 * FEW_PERIODS, True), (1.01 * FEW_PERIODS, False)])
+def test_few_periods_of_a_force_may_be_another_curve(periods: float, suspected: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    force = SimpleNamespace(deflection=np.array([-0.5, 0.5]) * 1e-3)
+    pitch = {"pitch": 1e-3 / periods}
+    repeats = Explanation(kind="spring_shape", place="rail", what=PERIODIC, score=1.0, residuals={}, values=pitch)
+    monkeypatch.setattr(Suspects, "_solved", lambda self, explanation: ({}, force))
+    monkeypatch.setattr(Suspects, "_remembers", lambda self, location: False)
+    found = Suspects(ranking=None, chosen=(repeats,), places={}, equations=None)  # type: ignore[arg-type]
+    assert found.includes("cogging", "rail")
+    assert found.includes("backlash", "rail") is suspected
+    assert not found.includes("hysteresis", "rail")
 
 
 def test_an_explanation_without_samples_to_check_it_has_no_score() -> None:
