@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from msgspec.structs import replace as replace_struct
 
+from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.fitting.plausible import DECADE, EXPLAINS, NEAR, doubts, explains_as_given, unit_factor
 from isorig.analysis.fitting.solve import Fit, Free
-from isorig.analysis.model.rig_model import Body, Link, RigModel, from_tree
+from isorig.analysis.model.rig_model import Body, Configuration, Link, RigModel, Sensor, from_tree
 from isorig.rig.wire_bonder.description import FREE, FRICTION, THESIS, wire_bonder
 from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 
@@ -88,6 +89,8 @@ def test_an_end_of_a_range() -> None:
     for value, said in ((4e4, 1), (4e4 * 0.9995, 1), (4e4 * 0.99, 0), (0.04, 0)):
         found = doubts(chain(), (fitted(chain(), {"links.foot.damping": value}, **ends),))
         assert [doubt.kind for doubt in found] == ["limit"] * said
+    (limit,) = doubts(chain(), (fitted(chain(), {"links.foot.damping": 0.5}, damping=(0.0, 0.5)),))
+    assert (limit.kind, limit.parameter) == ("limit", "links.foot.damping")
     found = doubts(chain(), (fitted(chain(), {"bodies.block.mass": 5.0}, mass=(5.0, 5e3)),))
     assert [doubt.kind for doubt in found] == ["limit"]
 
@@ -99,6 +102,24 @@ def test_friction_a_unit_off() -> None:
     (doubt,) = doubts(rig, (fitted(rig, {FRICTION: THESIS["friction_force"] / 9.81}),))
     assert doubt.kind == "unit"
     assert not doubts(rig, (fitted(rig, {FRICTION: THESIS["friction_force"] / 4.0}),))
+
+
+@pytest.mark.parametrize(("scale", "doubted"), [(1.0, False), (1e3, True)])
+def test_levels_of_a_released_body(scale: float, doubted: bool) -> None:
+    """A position in millimetres that is read as metres: the free decay in closed form from 10 mm."""
+    position = (Sensor(channel="block", body="block", quantity="displacement"),)
+    setup = {"normal": Configuration(initial_position={"block": 0.01})}
+    rig = replace_struct(chain(), sensors=position, configurations=setup)
+    time, rate, own = np.arange(2048) / 512.0, 40.0 / (2.0 * 10.0), np.sqrt(4e4 / 10.0)
+    turn = np.sqrt(own**2 - rate**2)
+    x = 0.01 * np.exp(-rate * time) * (np.cos(turn * time) + rate / turn * np.sin(turn * time))
+    channels = {
+        "force": Channel(name="force", samples=np.zeros(len(time)), quantity="force", unit="N"),
+        "block": Channel(name="block", samples=scale * x, quantity="displacement", unit="m"),
+    }
+    run = Run(id="r", configuration="normal", sample_rate=512.0, gain=1.0, channels=channels, excitation="free")
+    found = doubts(rig, (), Campaign(runs=(run,)))
+    assert [doubt.parameter for doubt in found] == ["sensors.block"] * doubted
 
 
 def test_levels_of_records() -> None:

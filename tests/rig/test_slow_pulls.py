@@ -150,6 +150,8 @@ def test_a_described_friction_law_starts_from_its_recorded_force() -> None:
     rig = msgspec.structs.replace(
         RIG, contacts=(Contact(name="rail", a="sled", law=law),), free=(*RIG.free, *(f"contacts.rail.law.{v}" for v in values))
     )
-    found = baseline_fit((fit_start(equations_of(campaign, rig)), rig), prepare(campaign, rig)).values
+    start = fit_start(equations_of(campaign, rig))
+    assert [start.get(f"contacts.rail.law.{v}") for v in values] == pytest.approx([FRICTION, FRICTION + EXTRA, FADES], rel=0.05)
+    found = baseline_fit((start, rig), prepare(campaign, rig)).values
     assert found["links.spring.stiffness"] == pytest.approx(SPRING, rel=0.01)
     assert [found[f"contacts.rail.law.{v}"] for v in values] == pytest.approx([FRICTION, FRICTION + EXTRA, FADES], rel=0.05)

@@ -264,6 +264,16 @@ def test_the_points_of_a_curve_ascend_and_have_the_straight_part(monkeypatch: py
     assert curve_of(found.candidate, fit, SimpleNamespace()) is None  # type: ignore[arg-type]
 
 
+def test_a_curve_has_the_values_of_the_model_to_which_it_is_moved() -> None:
+    """A point whose value the other model has 100 larger."""
+    curve = steps.Curve(
+        over="speed", unit="m/s", value_unit="N", points=((0.5, 4.0, 0.25),), reached=(0.0, 1.0), paths=("links.rail.stiffness",)
+    )
+    stiffness = stage().get("links.rail.stiffness")
+    found = curve.moved(stage(), stage().replace({"links.rail.stiffness": stiffness + 100.0}))
+    assert found.points == ((0.5, 104.0, 0.25),)
+
+
 def test_a_named_cause_keeps_its_share_when_a_later_search_fits_it_again() -> None:
     first, again = scored(0.1), scored(0.05)
     named = step_to("sensor_gain", "sensor", 0.1, 0.05, "x").step
