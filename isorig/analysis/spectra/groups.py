@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,19 @@ class Sums:
     segments: int
     auto: NDArray[Any]
     cross: Mapping[str, NDArray[Any]]
+
+    @classmethod
+    def of(cls, channels: int, bins: int, references: Sequence[str]) -> Self:
+        """The sums over no segment."""
+        cross = {name: np.zeros((channels, bins), dtype=np.complex128) for name in references}
+        return cls(0, np.zeros((channels, bins)), cross)
+
+    def add(self, other: Sums) -> None:
+        """Add the sums over further segments."""
+        self.segments += other.segments
+        self.auto += other.auto
+        for name, values in other.cross.items():
+            np.add(self.cross[name], values, out=self.cross[name])
 
     def plus(self, other: Sums) -> Sums:
         """The sums over the segments of both."""

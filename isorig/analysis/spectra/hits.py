@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from isorig.analysis.campaign import Channel, FloatArray, IntArray, Run
+from isorig.analysis.campaign import Channel, FloatArray, IntArray, Run, once
 from isorig.analysis.errors import DataError
 from isorig.analysis.spectra.overload import FULL, ROW, blocks, cut_off, extremes, plateaus
 from isorig.analysis.spectra.pauses import FIRST, drives_in_pauses
@@ -136,6 +136,7 @@ def _crossings(values: FloatArray, level: float) -> tuple[IntArray, IntArray]:
     return edges[::2], edges[1::2]
 
 
+@once
 def looks_hit(run: Run, reference: str) -> bool:
     """Whether the reference is a hammer's force: short single pulses, in a run whose excitation is "other" or "random".
 

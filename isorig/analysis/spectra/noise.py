@@ -32,6 +32,8 @@ TAPS, KAISER, MOVES = 33, 8.0, 1e-9
 #: A drive whose rms is below this multiple of its channel's noise does not move the rig: such a run is at rest, and shows the
 #: sensors' noise only. Chosen: the level that `noise_levels` determines from half a spectrum is accurate to a few per cent.
 AT_REST = 1.5
+#: Samples from which checks determine a level: the median of a sixth of their spectrum is accurate to a per cent.
+ENOUGH = 1 << 18
 #: Samples of a segment of averaged spectra, and segments for each related channel.
 SEGMENT, AVERAGES = 128, 8
 

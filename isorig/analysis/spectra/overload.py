@@ -57,16 +57,18 @@ def noisy_limit(magnitudes: FloatArray) -> tuple[float, float] | None:
     return (float(limit), REACH * float(high - limit)) if high - limit <= SCATTER * limit else None
 
 
-def cut_off(values: FloatArray, at: BoolArray) -> IntArray:
-    """Lengths of the rows of samples `at` an extreme at which a motion is cut off, shape (rows,)."""
+def cut_off(values: FloatArray, at: BoolArray, shortest: int = 1) -> IntArray:
+    """Lengths of the rows of samples `at` an extreme at which a motion is cut off, those of `shortest` or more, shape (rows,)."""
     edges = np.flatnonzero(np.diff(at, prepend=False, append=False))
     if not len(edges) or len(values) <= NEAR:
         return edges[:0]
     apart = np.flatnonzero(edges[2::2] - edges[1:-1:2] > NEAR)
     first, stop = edges[np.concatenate([[0], 2 * apart + 2])], edges[np.concatenate([2 * apart + 1, [-1]])]
-    moved = np.abs(values[NEAR:] - values[:-NEAR])  # by the sample at which it starts
-    inside = (first > NEAR) & (stop < len(moved))
+    inside = (first > NEAR) & (stop < len(values) - NEAR) & (stop - first >= shortest)
     first, stop = first[inside], stop[inside]
+    if not len(first):
+        return edges[:0]
+    moved = np.abs(values[NEAR:] - values[:-NEAR])  # by the sample at which it starts
     slower = np.minimum(moved[first - 1 - NEAR], moved[stop])
     lengths: IntArray = (stop - first)[slower > STEEP * np.sqrt(np.mean(moved**2))]
     return lengths
@@ -116,8 +118,8 @@ def _extent(block: FloatArray, start: int, top: float | None) -> Extent:
 def _tops(block: FloatArray, end: float) -> int:
     at = block == end
     count = np.count_nonzero(at)
-    rows = cut_off(block, at) if count > 1 else np.zeros(0)
-    return len(rows) if count >= FREQUENT and _frequent(block, end) else int((rows >= ROW).sum())
+    often = count >= FREQUENT and _frequent(block, end)
+    return len(cut_off(block, at, 1 if often else ROW)) if count > 1 else 0
 
 
 def _frequent(block: FloatArray, end: float) -> bool:

@@ -12,10 +12,10 @@ from typing import Literal
 
 import numpy as np
 
-from isorig.analysis.campaign import Campaign, Measured, Run, broad, given_campaign, once
+from isorig.analysis.campaign import Campaign, FloatArray, Measured, Run, broad, given_campaign, once
 from isorig.analysis.errors import DataError
 from isorig.analysis.given import of_type
-from isorig.analysis.spectra.noise import noise_level
+from isorig.analysis.spectra.noise import ENOUGH, noise_level
 from isorig.analysis.spectra.overload import LONGEST, extents, extremes, plateaus
 from isorig.analysis.spectra.welch import Spectra, common_lines, estimate, stretches
 
@@ -116,7 +116,7 @@ def _faults(campaign: Campaign, reference: str) -> tuple[Fault, ...]:
     hurt = released | {(fault.run, fault.channel) for fault in found if fault.kind == "dead"}
     found += [fault for run in campaign.runs for fault in _stuck(run, reference) if (run.id, fault.channel) not in hurt]
     found += _noisy(campaign, hurt)
-    spectra_by_run = {run.id: _spectra_of(run, reference) for run in broad(campaign.runs) if (run.id, reference) not in hurt}
+    spectra_by_run = {run.id: spectra_of_start(run, reference) for run in broad(campaign.runs) if (run.id, reference) not in hurt}
     for run in broad(campaign.runs):
         spectra = spectra_by_run.get(run.id)
         if spectra is not None:
@@ -198,32 +198,33 @@ def _stuck(run: Run, reference: str) -> Iterator[Fault]:
 
 
 def _spikes(run: Run, reference: str) -> Iterator[Fault]:
-    # How far each sample is from what its neighbours suggest, in units of the quantile of the channel.
     if len(run) < QUANTILE:
         return
-    apart = {}
     for name in run.sensors:
-        values = run.channels[name].read(0, LONGEST)
-        left = np.abs(values - np.convolve(values, NEIGHBOURS, mode="same"))
-        left[:2] = left[-2:] = 0.0
-        apart[name] = values, left, AGREED * float(np.quantile(left, MOMENTS))
-    for name, (values, left, _) in apart.items():
+        values, left = _from_neighbours(run, name)
         at, rms = int(np.argmax(left)), float(values.std())
         near = slice(max(at - SPIKE_SAMPLES, 0), at + SPIKE_SAMPLES + 1)
-        size, others = float(left[at]), left.copy()
-        others[near] = 0.0
-        alone = all(float(other[near].max()) <= most for own, (_, other, most) in apart.items() if own != name)
-        if name == reference or not alone or near.start < AROUND or near.stop > len(values) - AROUND:
+        if name == reference or near.start < AROUND or near.stop > len(values) - AROUND:
+            continue
+        size, largest = float(left[at]), float(max(left[: near.start].max(), left[near.stop :].max()))
+        if size <= max(SPIKE * largest, SPIKY * rms) or np.count_nonzero(left > 0.5 * size) > SPIKE_SAMPLES:
             continue
         before, after = (np.std(part) for part in (values[near.start - AROUND : near.start], values[near.stop :][:AROUND]))
-        if before <= BEGINS * after:
-            continue
-        if size > max(SPIKE * float(others.max()), SPIKY * rms) and np.count_nonzero(left > 0.5 * size) <= SPIKE_SAMPLES:
+        others = (_from_neighbours(run, other)[1] for other in run.sensors if other != name)
+        if before > BEGINS * after and all(other[near].max() <= AGREED * np.quantile(other, MOMENTS) for other in others):
             yield Fault(
                 run=run.id, channel=name, kind="spike",
                 text=f"run {run.id!r}: {name} has a spike of {size / rms:.2g} times its rms at {at / run.sample_rate:.4g} s that "
                 "no other channel shows; check its connector and its cable, and measure again or leave that moment out.",
             )  # fmt: skip
+
+
+def _from_neighbours(run: Run, name: str) -> tuple[FloatArray, FloatArray]:
+    # The values of a channel, and how far each one is from what its neighbours suggest.
+    values = run.channels[name].read(0, LONGEST)
+    left = np.abs(values - np.convolve(values, NEIGHBOURS, mode="same"))
+    left[:2] = left[-2:] = 0.0
+    return values, left
 
 
 def _noisy(campaign: Campaign, hurt: set[tuple[str, str]]) -> Iterator[Fault]:
@@ -232,7 +233,7 @@ def _noisy(campaign: Campaign, hurt: set[tuple[str, str]]) -> Iterator[Fault]:
     # The noise of a record, and the record's own rms.
     floors = {
         (run.id, name): (level, extents(run.channels[name])[0].std) for run in campaign.runs for name in _accelerations(run)
-        if (run.id, name) not in hurt and (level := noise_level(run, name, longest=LONGEST)) is not None
+        if (run.id, name) not in hurt and (level := noise_level(run, name, longest=ENOUGH)) is not None
     }  # fmt: skip
     names = dict.fromkeys(name for _, name in floors)
     least = {name: min(f for (_, other), (f, _) in floors.items() if other == name) for name in names}
@@ -273,7 +274,13 @@ def _short(run: Run) -> Iterator[Fault]:
         )  # fmt: skip
 
 
-def _spectra_of(run: Run, reference: str, resolution: float = RESOLUTION) -> Spectra | None:
+@once
+def spectra_of_start(run: Run, reference: str, resolution: float = RESOLUTION) -> Spectra | None:
+    """The spectra of all sensors over the first `LONGEST` samples of a run; None if it has no such reference or is too short."""
+    return _spectra_of(run, reference, resolution)
+
+
+def _spectra_of(run: Run, reference: str, resolution: float) -> Spectra | None:
     if reference not in run.channels:
         return None
     try:
@@ -322,30 +329,30 @@ def _restless(run: Run, reference: str, hurt: set[tuple[str, str]]) -> Iterator[
     spectra = _spectra_of(run, reference, max(FINE, SEGMENTS / run.duration))
     if spectra is None:
         return
-    rate = run.sample_rate
-    drive = run.channels[reference].read(0, LONGEST)
+    second, drive = round(run.sample_rate), run.channels[reference].read(0, LONGEST)
+    if len(drive) < 6 * second:
+        return
     names = [name for name in run.sensors if name != reference and (run.id, name) not in hurt]
     worst: list[tuple[float, str]] = []
     low, high = _band(run, spectra)
     kept = (spectra.frequency >= low) & (spectra.frequency <= high)
-    # A length with small factors, for a quick transform.
-    padded = -(-(len(drive) + 2 * (len(spectra.frequency) - 1)) // 4096) * 4096
-    driven = np.fft.rfft(drive - drive.mean(), padded)
+    drive -= drive.mean()
+    ahead = (len(spectra.frequency) - 1) // 4
     for name in names:
-        response = np.fft.irfft(np.where(kept, spectra.frf(name, reference).value, 0.0))
-        ahead = len(response) // 8
-        taps = np.roll(response, ahead)
-        explained = np.fft.irfft(driven * np.fft.rfft(taps, padded), padded)[ahead : ahead + len(drive)]
         values = run.channels[name].read(0, LONGEST)
-        left = values - values.mean() - explained
-        second = round(rate)
-        powers = np.array([np.mean(left[k : k + second] ** 2) for k in range(0, len(left) - second + 1, second)])
-        if len(powers) < 6:
-            return
-        # Edge effects at the end are as large as at the start.
-        later = float(powers[2:-1].max())
-        if powers[0] > START * later and powers[0] > START_SHARE * values.var():
-            worst.append((float(powers[0] / later), name))
+        values -= values.mean()
+        taps = np.roll(np.fft.irfft(np.where(kept, spectra.frf(name, reference).value, 0.0)), ahead)
+        ratio = 0.0
+        # The start of the record excludes most channels in less time.
+        for length in (4 * second, len(values)):
+            left = values[:length] - _convolved(drive[: length + ahead], taps[: length + ahead])[ahead : ahead + length]
+            powers = np.mean(left[: length // second * second].reshape(-1, second) ** 2, axis=1)
+            # Edge effects at the end are as large as at the start.
+            ratio = float(powers[0] / max(powers[2:-1].max(), np.finfo(float).tiny))
+            if ratio <= START or powers[0] <= START_SHARE * np.mean(values**2):
+                break
+        else:
+            worst.append((ratio, name))
     # A single channel may have slid once; motion from before the start appears in several.
     if len(worst) >= min(2, len(names)) > 0:
         ratio, name = max(worst)
@@ -354,6 +361,12 @@ def _restless(run: Run, reference: str, hurt: set[tuple[str, str]]) -> Iterator[
             text=f"run {run.id!r} did not start at rest: in its first second {name} has {np.sqrt(ratio):.1f} times more motion "
             "not caused by the drive than ever later; start the record before the drive, or let the rig come to rest.",
         )  # fmt: skip
+
+
+def _convolved(drive: FloatArray, taps: FloatArray) -> FloatArray:
+    # A length with small factors, for a quick transform.
+    padded = -(-(len(drive) + len(taps)) // 4096) * 4096
+    return np.asarray(np.fft.irfft(np.fft.rfft(drive, padded) * np.fft.rfft(taps, padded), padded))
 
 
 def _swapped(

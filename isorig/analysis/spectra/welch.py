@@ -441,7 +441,7 @@ class RunningSpectra:
     @property
     def segments(self) -> int:
         """Number of segments so far."""
-        return self._sums.segments + self._sums.group.segments
+        return self._sums.segments
 
     def spectra(self) -> Spectra:
         """The spectra so far; at least one segment is needed."""
@@ -553,9 +553,6 @@ class _Sums:
         self.names, self.references, self.length = names, tuple(references), length
         self.seen_through, self.overlap, self.hop = window, overlap, _hop(length, overlap)
         self.window = window.samples(length)
-        self.auto = np.zeros((len(names), lines))
-        self.cross = {name: np.zeros((len(names), lines), dtype=np.complex128) for name in references}
-        self.segments = 0
         # Memory that is new for each block would take longer than the transform.
         most = _at_once(length)
         self.windowed = np.empty((most, length))
@@ -563,9 +560,15 @@ class _Sums:
         self.conjugates = {name: np.empty((most, lines), dtype=np.complex128) for name in references}
         self.products = np.empty((most, lines), dtype=np.complex128)
         self.product, self.squares, self.power = np.empty(lines, dtype=np.complex128), np.empty(2 * lines), np.empty(lines)
-        # Of the current group; the sums above are those of the groups before it.
+        # Of the current group, and of all groups before it.
         self.grouping = Grouping(group, groups)
-        self.group = Sums(0, np.zeros_like(self.auto), {name: np.zeros_like(values) for name, values in self.cross.items()})
+        self.earlier: Sums | None = None
+        self.group = Sums.of(len(names), lines, self.references)
+
+    @property
+    def segments(self) -> int:
+        """Number of segments so far."""
+        return self.group.segments + (self.earlier.segments if self.earlier else 0)
 
     @property
     def room(self) -> int:
@@ -601,11 +604,10 @@ class _Sums:
 
     def _close(self) -> None:
         # The group is full: it is stored separately, and added to the total.
-        self.segments += self.group.segments
-        self.auto += self.group.auto
-        for name in self.references:
-            self.cross[name] += self.group.cross[name]
         self.grouping.add(self._mirrored(self.group).single())
+        if self.earlier is None:
+            self.earlier = Sums.of(len(self.names), self.lines, self.references)
+        self.earlier.add(self.group)
         self.group.clear()
 
     def _mirrored(self, sums: Sums) -> Sums:
@@ -619,15 +621,18 @@ class _Sums:
         each = np.full(self.length // 2 + 1, 2.0 / (rate * (self.window**2).sum()))
         each[[0, -1]] /= 2.0
         each, frequency = each[: self.lines], np.fft.rfftfreq(self.length, 1.0 / rate)[: self.lines]
-        segments = self.segments + self.group.segments
-        whole = self._mirrored(Sums(self.segments, self.auto, self.cross).plus(self.group))
-        # In place: these are the largest arrays of an estimate.
-        auto, *cross = (np.multiply(values, each / segments, out=values) for values in (whole.auto, *whole.cross.values()))
+        segments, group = self.segments, self._mirrored(self.group)
+        whole = self.earlier.plus(group) if self.earlier else group
+        # In place, if they are new: these are the largest arrays of an estimate.
+        auto, *cross = (
+            np.multiply(values, each / segments, out=values if self.earlier else None)
+            for values in (whole.auto, *whole.cross.values())
+        )
         return Spectra(
             channels=self.names, frequency=frequency.astype(np.float64), auto=np.asarray(auto),
             cross=dict(zip(whole.cross, map(np.asarray, cross), strict=True)),
             averages=effective_averages(self.window, segments, self.hop), segments=segments, resolution=rate / self.length,
-            groups=self.grouping.groups(self._mirrored(self.group).single(), each), units=units, window=self.seen_through,
+            groups=self.grouping.groups(group.single(), each) if self.earlier else None, units=units, window=self.seen_through,
             overlap=self.overlap,
         )  # fmt: skip
 

@@ -14,9 +14,10 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from isorig.analysis.campaign import BoolArray, Campaign, FloatArray, Run
+from isorig.analysis.campaign import BoolArray, FloatArray, Run
 from isorig.analysis.errors import DataError
-from isorig.analysis.spectra.noise import noise_levels
+from isorig.analysis.rounding import rounding
+from isorig.analysis.spectra.noise import ENOUGH, noise_level
 from isorig.analysis.spectra.overload import LONGEST
 from isorig.analysis.spectra.periodic import SETTLING, Detection
 from isorig.analysis.spectra.welch import WELL_DRIVEN, Spectra, estimate
@@ -42,13 +43,13 @@ def incoherence(
 
     The `detections` are noise and distortion of the responses, if the drive is periodic.
     """
+    level = max(noise_level(run, name, longest=ENOUGH) or 0.0, rounding(run.channel(name).read(0, ENOUGH)))
     run, others = _begun(run, name, drive), [_begun(other, name, drive) for other in others if _alike(run, other, name, drive)]
     driven = driven_bins(run, spectra, drive)
     coherence = spectra.frf(name, drive).coherence[driven]
     begin = f"{name} has a coherence of {float(np.median(coherence)):.2f} with the drive"
     density = spectra.density(name)[driven]
     left = _incoherent_power(spectra, name, drive, driven) / max(float(np.sum(density)), 1e-300)
-    level = noise_levels(Campaign(runs=(run,))).get(name, 0.0)
 
     def because(kind: IncoherenceKind, text: str) -> Incoherence:
         return Incoherence(response=name, kind=kind, text=begin + text)

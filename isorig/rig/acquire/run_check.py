@@ -12,9 +12,9 @@ from isorig.analysis.campaign import Campaign, FloatArray, Run, broad
 from isorig.analysis.errors import DataError
 from isorig.analysis.spectra.gain_levels import GAIN
 from isorig.analysis.spectra.hits import looks_hit
-from isorig.analysis.spectra.overload import LONGEST, blocks, channel_std, combined, extents, extremes
+from isorig.analysis.spectra.overload import blocks, channel_std, combined, extents, extremes
 from isorig.analysis.spectra.periodic import Detection, detect
-from isorig.analysis.spectra.quality import DEAD
+from isorig.analysis.spectra.quality import DEAD, RESOLUTION, spectra_of_start
 from isorig.analysis.spectra.welch import Spectra, estimate
 from isorig.rig.acquire import policy
 from isorig.rig.acquire.incoherence import KINDS, Incoherence, driven_bins, incoherence
@@ -106,8 +106,8 @@ def incoherences(campaign: Campaign, drives: Sequence[str], responses: Sequence[
     runs = [run for run in broad(campaign.runs) if not more and drive in run.channels and not looks_hit(run, drive)]
     found: dict[str, Incoherence] = {}
     for run in runs:
-        spectra = _spectra(run, drive, LONGEST, responses)
-        coherence = {} if spectra is None else _coherence(run, spectra, drive)
+        spectra = spectra_of_start(run, drive, _resolution(run))
+        coherence = {} if spectra is None else _coherence(run, spectra, drive, responses)
         for name, value in coherence.items():
             if value < policy.COHERENT and spectra is not None and (name not in found or found[name].kind != "nonlinear"):
                 others = [other for other in runs if other.id != run.id]
@@ -213,20 +213,23 @@ def _detections(run: Run, drive: str) -> tuple[Detection, ...]:
         return ()
 
 
-def _spectra(run: Run, drive: str, longest: int | None = None, responses: Sequence[str] | None = None) -> Spectra | None:
+def _spectra(run: Run, drive: str) -> Spectra | None:
     if drive not in run.channels or not broad([run]):
         return None
     try:
-        resolution = max(0.5, 8.0 / run.duration)
-        return estimate([run], references=[drive], channels=responses, resolution=resolution, jackknife=False, longest=longest)
+        return estimate([run], references=[drive], resolution=_resolution(run), jackknife=False)
     except DataError:
         return None
 
 
-def _coherence(run: Run, spectra: Spectra, drive: str) -> dict[str, float]:
+def _resolution(run: Run) -> float:
+    return max(RESOLUTION, 8.0 / run.duration)
+
+
+def _coherence(run: Run, spectra: Spectra, drive: str, responses: Sequence[str] | None = None) -> dict[str, float]:
     driven = driven_bins(run, spectra, drive)
     return {
         name: float(np.median(spectra.frf(name, drive).coherence[driven]))
-        for name in spectra.channels
+        for name in (spectra.channels if responses is None else responses)
         if name != drive and np.count_nonzero(driven) >= policy.RESOLVED
     }

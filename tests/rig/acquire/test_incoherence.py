@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from strange_rigs import StrangeRig, campaign, dry, noise, play
 
 import isorig as iso
 from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, FloatArray, Run
+from isorig.analysis.spectra.quality import faults
 from isorig.rig.acquire.policy import COHERENT
 from isorig.rig.acquire.recover import Recovered
 from isorig.rig.acquire.run_check import Verdict, check_run, incoherences
@@ -188,3 +190,23 @@ def test_imported_records_of_a_nonlinear_rig(tmp_path: Path, capsys: pytest.Capt
     said = [line for line in capsys.readouterr().out.splitlines() if "the rig is nonlinear" in line]
     assert said
     assert said == [line for line in imported.splitlines() if "the rig is nonlinear" in line]
+
+
+def test_checks_of_a_wide_recording_transform_each_record_a_few_times(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Checks that share their spectra and noise levels, and convolve whole records only where their start is suspicious.
+    n, names, transformed = 1 << 19, ("head", "a", "b", "c"), 0
+    records = np.random.default_rng(0).standard_normal((len(names), n))
+    channels = {name: Channel(name=name, samples=row) for name, row in zip(names, records, strict=True)}
+    run = Run(id="wide", configuration="unlocked", sample_rate=16384.0, gain=1.0, channels=channels, excitation="random")
+    plain = np.fft.rfft
+
+    def counted(values: FloatArray, *given: Any, **options: Any) -> Any:
+        nonlocal transformed
+        transformed += values.size
+        return plain(values, *given, **options)
+
+    monkeypatch.setattr(np.fft, "rfft", counted)
+    campaign = Campaign(runs=(run,))
+    assert faults(campaign, reference="head") == ()
+    assert {reason.kind for reason in incoherences(campaign, ["head"])} == {"noise"}
+    assert transformed <= 6 * records.size
