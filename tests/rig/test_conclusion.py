@@ -238,6 +238,16 @@ def test_a_kind_without_a_form_is_named_with_the_closest_form() -> None:
     assert cause_in_words(step(**without)).endswith("at the coupling, of no catalogued form")
 
 
+def test_a_friction_that_depends_on_the_position_is_told_with_its_levels() -> None:
+    points = [[-0.2, 9.0, None], [-0.1, 0.5, 0.1], [0.0, 2.0, 0.1], [0.1, 3.5, 0.1]]
+    curve = {"over": "position", "unit": "m", "value_unit": "N", "points": points, "reached": [-0.12, 0.1]}
+    rubs = {"cause": "friction_shape", "kind": "friction_shape", "form": None, "level": "kind", "parameters": {}}
+    assert cause_in_words(step(**rubs, curve=curve)) == (
+        "a dry friction level at the coupling that depends on the position, from 0.5 N to 3.5 N, of no catalogued form"
+    )
+    assert "position" not in cause_in_words(step(**rubs, curve=curve | {"over": "speed"}))
+
+
 def test_the_closest_form_is_not_said_to_be_ruled_out() -> None:
     shaped = named(form=None, level="kind", cause="spring_shape", closest_form={"cause": "hardening_stiffness", "share": 0.7})
     said = conclude(findings(steps=[shaped]))

@@ -52,8 +52,8 @@ LATE = np.linspace(-30.0, 6.0, 73)
 SHARES = np.linspace(-0.4, 0.4, 33)
 #: Corner frequencies of a sensor's high-pass, in multiples of the rig's lowest mode.
 CORNERS_BELOW = np.linspace(0.01, 1.21, 41)
-#: Those of a sensor's low-pass, as shares of the sample rate.
-CUTOFFS = np.linspace(0.01, 0.81, 81)
+#: Those of a sensor's low-pass, as shares of the sample rate; refinements stay above zero.
+CUTOFFS = np.linspace(0.02, 0.82, 81)
 FINER, ROUNDS = 9, 2
 #: Rocking: number of frequencies, and what its score is charged with.
 ROCKERS, ROCKING_CHARGE = 60, 4

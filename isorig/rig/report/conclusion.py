@@ -93,7 +93,7 @@ def cause_in_words(step: NamedCause) -> str:
     place, values = with_article(step.location), step.parameters
     if step.form is None:
         near = f", closest to {words(step.closest_form.cause)}" if step.closest_form else ", of no catalogued form"
-        return f"{KINDS[step.kind]} at {place}{near}"
+        return f"{KINDS[step.kind]} at {place}{_over_position(step)}{near}"
     shown = {name: _size(row) for name, row in values.items()} | _derived(values)
     if "drift_rate" in values:
         shown["change"] = _change(values["drift_rate"], step.held.get("until"))
@@ -103,6 +103,16 @@ def cause_in_words(step: NamedCause) -> str:
     except KeyError:  # a cause, or its parameters, that these phrases do not have
         listed = ", ".join(f"{words(name)} {size}" for name, size in shown.items() if name in values)
         return f"{words(step.cause)} at {place}" + (f", {listed}" if listed else "")
+
+
+def _over_position(step: NamedCause) -> str:
+    # The least and the largest level of a friction that depends on the position, where the runs reach.
+    if not step.curve or step.curve.over != "position":
+        return ""
+    low, high = step.curve.reached
+    levels = [value for place, value, _ in step.curve.points if low <= place <= high and value is not None]
+    least, largest = (sized(end(levels, default=0.0), step.curve.value_unit) for end in (min, max))
+    return f" that depends on the position, from {least} to {largest}"
 
 
 def _size(row: Value, factor: float = 1.0) -> str:

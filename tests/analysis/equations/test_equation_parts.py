@@ -22,7 +22,7 @@ from isorig.analysis.equations.filters import ROCKING_DAMPING, resonator, rocked
 from isorig.analysis.equations.hidden import estimable, fitted, transfer
 from isorig.analysis.equations.known import law_columns, law_forces
 from isorig.analysis.equations.motion import Combinations, derivatives, highpass_gain
-from isorig.analysis.equations.ranking import Regressions, _Done, ranking
+from isorig.analysis.equations.ranking import CUTOFFS, GAINS, ROUNDS, Regressions, _Done, ranking
 from isorig.analysis.equations.repeats import MOST_INTEGRATED, pitch_of
 from isorig.analysis.equations.sliding import Columns, Sliding, SlidingFit, SlidingRun, spline_columns
 from isorig.analysis.equations.slip import slip_operator
@@ -316,6 +316,14 @@ def test_the_slow_part_is_a_spline_and_its_derivative() -> None:
     assert one._value.sum(axis=1) == pytest.approx(1.0)
     assert one._slope.sum(axis=1) == pytest.approx(0.0, abs=1e-9)
     assert one._slope @ np.arange(4.0) == pytest.approx(RATE / one.knot)
+
+
+@pytest.mark.parametrize("grid", [CUTOFFS, GAINS])
+def test_refinements_of_a_fault_stay_above_zero(grid: np.ndarray) -> None:
+    least, step = float(grid[0]), float(grid[1] - grid[0])
+    for _ in range(ROUNDS):  # towards zero in every round
+        least, step = least - step, step / 4.0
+    assert least > 0.0
 
 
 def test_a_segment_has_twenty_periods_of_the_lowest_mode() -> None:
