@@ -64,8 +64,8 @@ STANDS, STANDS_ALIKE = 0.02, POLICY.form_alike
 #: Share of the mean square force left at a place with a memory that one of another kind must remove there. Chosen: relaxation
 #: removed a fifth to nearly all of it where it was in the rig, and an eighth next to a friction of no catalogued form.
 OTHER_MEMORY = 0.2
-#: Periods in the range of the deflection below which a force that repeats may be another curve. Chosen: the force of a spring with
-#: play looked like 2 to 4 of them.
+#: Periods in the range of the deflection below which a force that repeats may be another curve. Chosen: the force of a spring
+#: with play looked like 2 to 4 of them.
 FEW_PERIODS = 6.0
 #: Causes that the equations do not see, or that their evidence already locates: they are always tried where they are proposed.
 ALWAYS = frozenset(cause.name for cause in CATALOGUE if cause.always_tried)

@@ -336,7 +336,7 @@ def fit(
     if not np.isfinite(cost):
         raise FitError(f"the model {model.name!r} cannot be simulated at its starting values; correct its parameters")
     evaluations, damping, converged = 1, 1e-3, False
-    jacobian = derivatives = np.zeros((len(residual), len(free)))
+    jacobian = np.zeros((len(residual), len(free)))
     taken, steps, fresh = 0, 0, True
     while taken < iterations or not fresh:
         if fresh:
@@ -345,7 +345,7 @@ def fit(
                 residual, cost = misfit(theta)
             rough = coarse if taken == 0 else None
             here = residual if rough is None else rough.residuals([build(theta)])[0]
-            jacobian = derivatives = jacobian_of(rough or local, build, theta, free, here)
+            jacobian = jacobian_of(rough or local, build, theta, free, here)
             normal = jacobian.T @ jacobian + ties.T @ ties
             taken, steps, evaluations = taken + 1, 0, evaluations + len(free)
         steps += 1
@@ -355,10 +355,8 @@ def fit(
             trial = _stepped(theta, free, normal, gradient, damping)
             candidate, new = misfit(trial)
             evaluations += 1
-            linear_residual = residual + jacobian @ (trial - theta)
-            linear = cost_of(linear_residual, trial)
+            linear = cost_of(residual + jacobian @ (trial - theta), trial)
             if np.isfinite(new) and new < cost:
-                jacobian = jacobian + np.outer(candidate - linear_residual, secant(trial - theta, normal))
                 theta, residual, cost, foretold = trial, candidate, new, linear
                 damping = max(damping / 9.0, 1e-9)
                 break
@@ -369,12 +367,10 @@ def fit(
         converged = small and (fresh or before - linear <= tolerance * before)
         if converged:
             break
-        fresh = small or steps > len(free) or before - cost < FORETOLD * (before - foretold)
-        if not fresh:
-            normal = jacobian.T @ jacobian + ties.T @ ties
+        fresh = small or (not fresh and (coarse is None or steps > len(free))) or before - cost < FORETOLD * (before - foretold)
     return Fit(
-        model=build(theta), free=free, covariance=_covariance(derivatives, residual, theta, free), cost=cost / problem.size,
-        evaluations=evaluations, jacobian=derivatives, residual=residual, sizes=problem.sizes, converged=converged,
+        model=build(theta), free=free, covariance=_covariance(jacobian, residual, theta, free), cost=cost / problem.size,
+        evaluations=evaluations, jacobian=jacobian, residual=residual, sizes=problem.sizes, converged=converged,
     )  # fmt: skip
 
 
@@ -401,12 +397,6 @@ def damped_step(normal: FloatArray, gradient: FloatArray, damping: float, held: 
     step = np.zeros(len(gradient))
     step[live] = -np.linalg.solve((normal + damping * np.diag(scale))[np.ix_(live, live)], gradient[live])
     return step
-
-
-def secant(step: FloatArray, normal: FloatArray) -> FloatArray:
-    """The direction of Broyden's (1965) update of derivatives after a step, shape (k,), by the size of each parameter's effect."""
-    weighted = np.diag(normal) * step
-    return np.asarray(weighted / max(float(weighted @ step), 1e-300))
 
 
 def _size(values: FloatArray) -> float:
