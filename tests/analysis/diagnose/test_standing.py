@@ -20,7 +20,7 @@ from isorig.analysis.diagnose.diagnosis import MOST_STEPS, _of_sensors, _Search,
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.diagnose.revise import Revision, SearchStage, merged, near_rivals, stage_of
-from isorig.analysis.diagnose.search import Suspected, _extends, best_fits, sources
+from isorig.analysis.diagnose.search import UNSEEN, Screened, Suspected, _extends, best_fits, sources
 from isorig.analysis.diagnose.step import (
     Curve,
     Entry,
@@ -718,6 +718,21 @@ def test_equations_lead_the_search_for_a_further_cause_of_a_rig_judged_by_its_dr
         equations=equations, curved=None, judged_by_drive=True, left=0.3, rubbing="", suspects=SimpleNamespace(clear=clear)
     )
     assert isinstance(next(sources(job)), Suspected) is (clear is not None)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("left", "complete", "kinds"),
+    [(0.99, True, UNSEEN), (1.0, True, None), (0.99, False, None)],
+)
+def test_a_further_cause_is_screened_for_among_what_complete_equations_cannot_show(
+    left: float, complete: bool, kinds: frozenset[Kind] | None
+) -> None:
+    residuals = {"table": 1.0} if complete else {}
+    equations = SimpleNamespace(hidden=(), complete=complete, residuals=lambda: residuals)
+    job = SimpleNamespace(equations=equations, curved=None, judged_by_drive=False, left=left, rubbing="", suspects=None)
+    (source,) = sources(job)  # type: ignore[arg-type]
+    assert isinstance(source, Screened)
+    assert source.kinds == kinds
 
 
 def test_a_run_that_is_sensitive_to_noise_does_not_decide_between_two_fits_of_a_candidate() -> None:
