@@ -495,6 +495,28 @@ def test_a_law_before_another_one_of_the_same_link_is_left_out(share: float, kep
         assert (found[-1].step.before, found[-1].step.after) == pytest.approx((0.3, 0.1 * POLICY.matters * share))
 
 
+@pytest.mark.parametrize(("error", "named"), [(0.101, "sensor_gain"), (0.2, None)])
+def test_a_curve_of_a_pair_is_exchanged_for_a_form_that_comes_as_close(
+    error: float, named: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:  # fmt: skip
+    points = tuple((x, x, 0.1) for x in (-1.0, 0.0, 1.0))
+    curve = Curve(over="value", unit="m", value_unit="m", points=points, reached=(-1.0, 1.0))
+    shaped = step_to("sensor", "sensor", 0.3, 0.1)
+    assert shaped.step is not None
+    shaped = replace(
+        shaped, step=replace(shaped.step, form=None, curve=curve), candidate=entry("sensor", "x", 0.1, points=3).candidate
+    )
+    baseline = replace(shaped, step=None, candidate=None, entries=(), score=scored(0.3), paired=True)
+    form = entry("sensor_gain", "x", error)
+    monkeypatch.setattr(revise, "starts_from_curve", lambda *_: [])
+    monkeypatch.setattr(revise, "verified", lambda starts, rung, progress: [(form.candidate, form.fit)])
+    monkeypatch.setattr(Revision, "_finished", lambda self, candidate, rough: form)
+    monkeypatch.setattr(revise, "is_determined", lambda form: True)
+    _, last = revision().revised([baseline, shaped])
+    assert last.step is not None
+    assert last.step.form == named
+
+
 def test_an_adequate_model_keeps_its_causes(monkeypatch: pytest.MonkeyPatch) -> None:
     first = replace(step_to("wrong_mass", "known_value", 0.3, 0.2), entries=(entry("sensor_gain", "x", 0.2),))
     first = replace(first, candidate=entry("wrong_mass", "table", 0.2).candidate)
