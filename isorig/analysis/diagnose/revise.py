@@ -204,7 +204,7 @@ class Revision:
     ) -> SearchStage | None:  # fmt: skip
         # A stage after stage k refitted without the cause of that, or with a rival in place of it; None if that cannot be.
         rung = ladder(self.division.fits)[-1]
-        starts = self._without(stages, k, stage, rival)
+        starts = self._starts_without(stages, k, stage, rival)
         fits = [(candidate, fit) for candidate, free, model in starts if (fit := tried(model, free, rung))]
         candidate, rough = min(fits, key=lambda pair: pair[1].cost, default=(None, None))
         if rough is None:
@@ -217,7 +217,7 @@ class Revision:
         known = score(done.model, self.division.judged)
         return replace(stage, fit=widened(done), score=known, candidate=candidate or stage.candidate, step=step)
 
-    def _without(
+    def _starts_without(
         self, stages: Sequence[SearchStage], k: int, stage: SearchStage, rival: Entry | None
     ) -> list[tuple[Candidate | None, Sequence[Free], RigModel]]:
         # Starting points of a stage after stage k without the cause of that, or with a rival in place of it; its own candidate

@@ -139,7 +139,7 @@ class Suspects:
         return kind == explanation.kind or (explanation.what != OVER_POSITION and _alike(kind, explanation.kind))
 
     def _has_few_periods(self, explanation: Explanation) -> bool:
-        # Whether a force that repeats has too few periods in the range of the deflection to be no curve.
+        # Whether a force that repeats has so few periods in the range of the deflection that it may be another curve.
         _, force = self._solved(explanation)
         return force is not None and bool(np.ptp(force.deflection) < FEW_PERIODS * explanation.values["pitch"])
 

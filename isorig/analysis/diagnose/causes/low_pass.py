@@ -18,7 +18,7 @@ STARTS, LOWEST, HIGHEST = (0.3, 0.1, 0.03), 1e-3, 10.0
 class LowPass(ChannelCause):
     """A sensor behind a first-order low-pass (a slow amplifier, a smoothing filter), which loses fast motion.
 
-    Above the corner frequency its record falls with the frequency; below it is late.
+    Below the corner frequency its record is late, and above it falls with the frequency.
     """
 
     kind = "sensor"
