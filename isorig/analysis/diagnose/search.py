@@ -26,7 +26,17 @@ from isorig.analysis.diagnose.kinds import SHAPED, kind_of
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.places import Places, compared_places
 from isorig.analysis.diagnose.policy import POLICY
-from isorig.analysis.diagnose.step import Entry, Found, best_form, best_kind, curve_of, found_step, is_determined, vanishes
+from isorig.analysis.diagnose.step import (
+    Entry,
+    Found,
+    best_form,
+    best_kind,
+    contains,
+    curve_of,
+    found_step,
+    is_determined,
+    vanishes,
+)
 from isorig.analysis.diagnose.suspects import ALWAYS, BROKEN, STANDS_ALIKE, Suspects, suspects
 from isorig.analysis.equations.system import HOLDS, Equations, equations_of
 from isorig.analysis.errors import FitError, ModelError, OutOfTimeError
@@ -977,7 +987,8 @@ def _together(
     named = {first.key, last.candidate.key}
     keys = [{one.key, other.candidate.key} for one, _, other, _ in done]
     of_first, of_last = (
-        {key for pair in keys if own not in pair for key in pair - named} for own in (first.key, last.candidate.key)
+        {key for pair in keys if own not in pair for key in pair - named if not contains(key, own)}
+        for own in (first.key, last.candidate.key)
     )
     sure = confidence(last.score, [other.score for other in (*forms, entry)])
     curves = [curve_of(e.candidate, e.fit, job.evidence) for e in (last, entry)]

@@ -183,13 +183,17 @@ def best_form(forms: Sequence[Entry], now: Score, floors: FloatArray) -> Found:
     carried = simplest(close)
     carried = determined(carried, [entry for entry in entries if entry.place == carried.place], floors)
     apart = [entry.score for entry in entries if all(entry is not other for other in close)]
-    twins = {entry.candidate.key for entry in close if entry is not carried and not _contains(entry, carried)}
+    twins = {
+        entry.candidate.key
+        for entry in close
+        if entry is not carried and not contains(entry.candidate.key, carried.candidate.key)
+    }
     return found_step(carried, entries, now, twins, confidence(carried.score, apart))
 
 
-def _contains(entry: Entry, simpler: Entry) -> bool:
-    # Whether a more general form at a place contains a simpler one: data that this explains cannot exclude it.
-    return entry.place == simpler.place and simpler.candidate.cause in GENERALIZED[entry.candidate.cause]
+def contains(key: tuple[str, str], simpler: tuple[str, str]) -> bool:
+    """Whether a more general form at a place contains a simpler one: data that this explains cannot exclude it."""
+    return key[1] == simpler[1] and simpler[0] in GENERALIZED.get(key[0], ())
 
 
 def alike(entries: Sequence[Entry], floors: FloatArray) -> list[Entry]:

@@ -12,7 +12,7 @@ import pytest
 from small_rigs import chain, guessed, played, stage
 
 from isorig.analysis.campaign import Campaign
-from isorig.analysis.diagnose import diagnosis, revise
+from isorig.analysis.diagnose import diagnosis, revise, search
 from isorig.analysis.diagnose import step as steps
 from isorig.analysis.diagnose.causes.base import Kind
 from isorig.analysis.diagnose.considered import all_considered
@@ -740,6 +740,31 @@ def test_equations_lead_the_search_for_a_further_cause_of_a_rig_judged_by_its_dr
         equations=equations, curved=None, judged_by_drive=True, left=0.3, rubbing="", suspects=SimpleNamespace(clear=clear)
     )
     assert isinstance(next(sources(job)), Suspected) is (clear is not None)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("other", "told"), [("asymmetric_stiffness", False), ("end_stop", True)])
+def test_of_a_pair_the_form_that_contains_one_is_not_told_either(
+    other: str, told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:  # fmt: skip
+    gain = entry("sensor_gain", "x", 0.1)
+    cubic, wider = (
+        replace(gain, candidate=replace(gain.candidate, cause=cause, location="rail", rank=rank))
+        for cause, rank in (("hardening_stiffness", 1), (other, 2))
+    )
+    monkeypatch.setattr(search, "finished", lambda rough, trials: rough)
+    monkeypatch.setattr(search, "without", lambda last, alone, trials: alone)
+    monkeypatch.setattr(search, "score", lambda model, fine: scored(0.004))
+    monkeypatch.setattr(search, "curve_of", lambda *_: None)
+    job = SimpleNamespace(
+        finished=lambda entries: [], trials=(), fine=(), floors=FLOORS, now=scored(0.3), progress=lambda text: None,
+        allowed=lambda model: FLOORS, explains=lambda entry: True, nearly=lambda entry: True, evidence=None,
+    )  # fmt: skip
+    pairs = [(gain.candidate, gain.fit, one.candidate, one.fit) for one in (cubic, wider)]
+    found = search._together(job, pairs, [])  # type: ignore[arg-type]
+    assert found is not None
+    assert found.then is not None
+    assert found.then.step.cause == "hardening_stiffness"
+    assert found.then.step.indistinguishable == (((other, "rail"),) if told else ())
 
 
 @pytest.mark.parametrize(
