@@ -110,12 +110,13 @@ OTHERS: dict[str, tuple[str, ...]] = {
     "isorig/analysis/diagnose/link_force.py": ("tests/analysis/diagnose/test_link_force.py",),
     **dict.fromkeys(
         (
-            "isorig/analysis/diagnose/search.py", "isorig/analysis/equations/sliding.py", "isorig/analysis/fitting/solve.py",
-            "isorig/analysis/fitting/trials.py", "isorig/analysis/fitting/uncertainty.py", "isorig/analysis/spectra/noise.py",
-            "isorig/analysis/spectra/overload.py",
+            "isorig/analysis/equations/sliding.py", "isorig/analysis/fitting/solve.py", "isorig/analysis/fitting/trials.py",
+            "isorig/analysis/fitting/uncertainty.py", "isorig/analysis/spectra/noise.py", "isorig/analysis/spectra/overload.py",
         ),
         ("tests/analysis/test_boundaries.py",),
     ),
+    "isorig/analysis/diagnose/search.py": ("tests/analysis/test_boundaries.py", *STANDING),
+    "isorig/analysis/spectra/clocks.py": ("tests/analysis/test_clocks.py",),
 }  # fmt: skip
 #: Seconds of a processor, and of the clock, after which a mutant counts as noticed: it runs for ever, or waits.
 TIMEOUT, WAITS = 120, 1200
@@ -221,8 +222,16 @@ NAMED = (
         "BIASED = 0.02", "BIASED = 0.1",
     ),
     (
-        "derivatives ten uncertainties from the end", "isorig/analysis/fitting/solve.py",
-        "NEAR = 1.0", "NEAR = 100.0",
+        "coarse derivatives that end a fit early", "isorig/analysis/fitting/solve.py",
+        "before - linear <= tolerance * before)", "before - linear <= 10.0 * tolerance * before)",
+    ),
+    (
+        "harmonics of a sine taken for a clock", "isorig/analysis/spectra/clocks.py",
+        "DRIVEN = 1e-4", "DRIVEN = 1e-12",
+    ),
+    (
+        "a second cause searched for everywhere", "isorig/analysis/diagnose/search.py",
+        "seen = equations.complete and (refuted or job.left < 1.0)", "seen = equations.complete and refuted",
     ),
 )  # fmt: skip
 
