@@ -112,16 +112,17 @@ def test_a_fit_that_is_biased_by_two_percent_is_not_refined(error: float, steps:
     assert refined == [steps]
 
 
+@pytest.mark.parametrize("fails", [False, True])
 @pytest.mark.parametrize(("distance", "count"), [(0.95, 1), (1.05, 2)])
 def test_coarse_derivatives_end_a_fit_where_a_step_no_longer_reduces_its_cost(
-    distance: float, count: int, monkeypatch: pytest.MonkeyPatch
+    distance: float, count: int, fails: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # A line with derivatives that are 2 % larger in the coarse simulations: the second step reduces the cost of 25 by this share
-    # of the tolerance, and only where it is larger are exact derivatives asked for.
+    # of the tolerance, or is predicted to and fails; and only where it is larger are exact derivatives asked for.
     model, free = stage(), Free(path="drive.factor", low=-np.inf, log=False)
     end, tolerance = 3.0, 1e-6
     start = end + np.sqrt(distance * 25.0 * tolerance) / (1.0 - 1.0 / (1.02 * 1.001))
-    seen: list[float] = []
+    seen, asked = list[float](), list[int]()
 
     class Line:
         size, sizes = 2, (2,)
@@ -136,7 +137,9 @@ def test_coarse_derivatives_end_a_fit_where_a_step_no_longer_reduces_its_cost(
             return 1
 
         def residuals(self, models: list[Any]) -> FloatArray:
-            return np.array([[free.encode(one.get(free.path)) - end, 5.0] for one in models])
+            asked.append(len(models))
+            away = 1.0 if fails and len(asked) == 4 else 0.0
+            return np.array([[free.encode(one.get(free.path)) - end + away, 5.0] for one in models])
 
     def derivatives(problem: object, build: object, theta: FloatArray, *_: object) -> FloatArray:
         seen.append(float(theta[0]))
