@@ -88,3 +88,20 @@ def test_an_incomplete_frame_is_given_up_or_forgotten() -> None:
     assert decoder.feed(wire[:4]) == []
     decoder.give_up()
     assert decoder.feed(wire)[0].text == "ID x"
+
+
+def test_what_is_no_frame_is_not_kept() -> None:
+    decoder = Decoder()
+    assert decoder.feed(b"x" * 10_000) == []
+    assert decoder.give_up() == []
+    assert len(decoder._buffer) == 0
+    decoder.feed(b"xxxISO")  # may be the start of one
+    assert bytes(decoder._buffer) == b"ISO"
+
+
+def test_a_frame_that_was_given_up_does_not_go_on() -> None:
+    decoder, sent = Decoder(), built(0, 1, 2, b"ok")
+    decoder.feed(sent[:4])
+    assert decoder.give_up() == []
+    assert decoder.feed(sent[4:]) == []
+    assert [frame.payload for frame in decoder.feed(sent)] == [b"ok"]

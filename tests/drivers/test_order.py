@@ -273,3 +273,16 @@ def test_a_clock_that_stands_still_is_none() -> None:
         place = order.place(BlockHeader(counter=50 * k, rows=50, host=0.1 * k, clock=12_345))
         assert place is not None
         assert place.status == Status.GOOD
+
+
+def test_without_a_rate_a_clock_agrees_by_samples_alone() -> None:
+    order = Order(who="It", began=0.0, rate=None, first=0)
+    order._loose = (2.0, 5.0)
+    assert order._near(10.0, 12.0)
+    assert not order._near(10.0, 13.0)
+
+
+def test_one_sample_in_two_seconds_of_agreement_is_a_rate() -> None:
+    order = Order(who="It", began=0.0, rate=None, first=0)
+    order._agreed = (1.0, 2e6)
+    assert order._own_rate() == 0.5
