@@ -23,7 +23,7 @@ from isorig.analysis.errors import FitError, ModelError
 from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.division import Division
 from isorig.analysis.fitting.excess import ratio
-from isorig.analysis.fitting.ladder import finished, ladder, tried, verified, widened
+from isorig.analysis.fitting.ladder import finished, ladder, tried, verified, widened, without_step
 from isorig.analysis.fitting.score import Score, confidence, score
 from isorig.analysis.fitting.screen import Progress
 from isorig.analysis.fitting.solve import Fit, Free
@@ -232,8 +232,7 @@ class Revision:
         own = stage.candidate
         if stage is not stages[k + 1] or own is None or own.shape is not None:
             return []
-        shared = before.values.keys() & stage.fit.values.keys()
-        model = before.model.replace({path: stage.fit.values[path] for path in shared})
+        model = without_step(stage.fit, before)
         begun: list[tuple[Sequence[Free], RigModel]] = [(before.free, model)]
         if rival is not None:
             begun = [start[1:] for start in with_cause(model, before.free, rival.candidate, rival.fit, self.evidence_of(model))]

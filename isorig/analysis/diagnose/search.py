@@ -18,7 +18,7 @@ import numpy as np
 from isorig.analysis.campaign import Campaign, FloatArray
 from isorig.analysis.deadline import out_of_time
 from isorig.analysis.diagnose.cause_in_model import without_cause
-from isorig.analysis.diagnose.causes import GENERALIZED, containing, proposed, same_form
+from isorig.analysis.diagnose.causes import containing, contains, proposed, same_form
 from isorig.analysis.diagnose.causes.base import Evidence, Kind
 from isorig.analysis.diagnose.forms_of_curves import starts_from_curve
 from isorig.analysis.diagnose.free_shapes import free_shapes
@@ -26,17 +26,7 @@ from isorig.analysis.diagnose.kinds import SHAPED, kind_of
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.places import Places, compared_places
 from isorig.analysis.diagnose.policy import POLICY
-from isorig.analysis.diagnose.step import (
-    Entry,
-    Found,
-    best_form,
-    best_kind,
-    contains,
-    curve_of,
-    found_step,
-    is_determined,
-    vanishes,
-)
+from isorig.analysis.diagnose.step import Entry, Found, best_form, best_kind, curve_of, found_step, is_determined, vanishes
 from isorig.analysis.diagnose.suspects import ALWAYS, BROKEN, STANDS_ALIKE, Suspects, suspects
 from isorig.analysis.equations.system import HOLDS, Equations, equations_of
 from isorig.analysis.errors import FitError, ModelError, OutOfTimeError
@@ -413,7 +403,7 @@ def _with_simpler(job: Job, forms: list[Entry]) -> list[Entry]:
     best, found = forms[0], list[tuple[Candidate, Fit]]()
     with suppress(OutOfTimeError):
         for candidate in proposed(job.current.model, job.evidence):
-            if candidate.location == best.candidate.location and candidate.cause in GENERALIZED[best.candidate.cause]:
+            if contains(best.candidate.key, candidate.key):
                 free = candidate.parameters(job.current.model, job.current.free)
                 shared = {f.path for f in free} & {f.path for f in best.fit.free}
                 job.progress(f"fitting {candidate.cause} ({candidate.location}) from {best.candidate.cause}")

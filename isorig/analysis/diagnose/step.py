@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.diagnose.causes import GENERALIZED, supported
+from isorig.analysis.diagnose.causes import contains, supported
 from isorig.analysis.diagnose.causes.base import Evidence, Kind
 from isorig.analysis.diagnose.evidence import Sign
 from isorig.analysis.diagnose.free_shapes import tabulated
@@ -189,11 +189,6 @@ def best_form(forms: Sequence[Entry], now: Score, floors: FloatArray) -> Found:
         if entry is not carried and not contains(entry.candidate.key, carried.candidate.key)
     }
     return found_step(carried, entries, now, twins, confidence(carried.score, apart))
-
-
-def contains(key: tuple[str, str], simpler: tuple[str, str]) -> bool:
-    """Whether a more general form at a place contains a simpler one: data that this explains cannot exclude it."""
-    return key[1] == simpler[1] and simpler[0] in GENERALIZED.get(key[0], ())
 
 
 def alike(entries: Sequence[Entry], floors: FloatArray) -> list[Entry]:

@@ -32,6 +32,11 @@ FOUND_AS: Mapping[str, frozenset[str]] = {
 GENERALIZED: Mapping[str, frozenset[str]] = {cause.name: cause.generalizes for cause in CATALOGUE}
 
 
+def contains(key: tuple[str, str], simpler: tuple[str, str]) -> bool:
+    """Whether a more general form at a place contains a simpler one: data that this explains cannot exclude it."""
+    return key[1] == simpler[1] and simpler[0] in GENERALIZED.get(key[0], ())
+
+
 def proposed(model: RigModel, evidence: Evidence) -> Iterator[Candidate]:
     """The candidates of all causes for a model with this evidence."""
     return (candidate for cause in CATALOGUE for candidate in cause.candidates(model, evidence))
@@ -53,7 +58,7 @@ def containing(
     """
     model = msgspec.structs.replace(start, free=tuple(each.path for each in free))
     for form in proposed(model, evidence):
-        if form.location == simple.location and simple.cause in GENERALIZED[form.cause]:
+        if contains(form.key, simple.key):
             yield form, form.parameters(model, free)
 
 
