@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, TypeVar, Union
 from isorig.analysis.laws.base import ContactLaw, Law, Parameter, SpringLaw
 from isorig.analysis.laws.elements import Formula
 from isorig.analysis.laws.friction import Arctan, Asymmetric, Coulomb, Karnopp, PositionDependent, Stribeck, Viscous
-from isorig.analysis.laws.hysteresis import BoucWen, Dahl, LuGre, Maxwell
+from isorig.analysis.laws.hysteresis import BoucWen, Dahl, LuGre, Maxwell, StiffeningHysteresis
 from isorig.analysis.laws.sliders import ElastoSlip, MaxwellSlip
 from isorig.analysis.laws.springs import (
     AsymmetricDamping,
@@ -40,7 +40,7 @@ __all__ = [
     "CONTACT_LAWS", "FORMULAS", "LAWS", "SPRING_LAWS", "Arctan", "Asymmetric", "AsymmetricDamping", "Backlash", "Bilinear",
     "BoucWen", "BoundedSoftening", "ContactLaw", "Coulomb", "Cubic", "Curve", "Dahl", "DampingDrift", "Drift", "ElastoSlip",
     "EndStop", "FrictionCurve", "FrictionLaw", "Karnopp", "Law", "LinkLaw", "LuGre", "Maxwell", "MaxwellSlip", "Parameter",
-    "Periodic", "Polynomial", "PositionDependent", "QuadraticDamping", "SpringLaw", "Stribeck", "Viscous",
+    "Periodic", "Polynomial", "PositionDependent", "QuadraticDamping", "SpringLaw", "StiffeningHysteresis", "Stribeck", "Viscous",
 ]  # fmt: skip
 
 L = TypeVar("L", bound=Law)

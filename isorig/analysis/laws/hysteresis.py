@@ -20,6 +20,11 @@ STEPS = 5.0
 #: The curve of z in one direction: its step and its points, which reach z = 1 to rounding, and its distance from the rest at -1.
 #: Linear in between, z is off by less than 1e-4 up to the largest practical sharpness.
 STEP, POINTS, NEAR = 1.0 / 128.0, 4096, 1e-6
+#: Largest exponent of a force that grows with the distance: a simulation that leaves the data stays finite.
+STRONGEST = 50.0
+#: Stiffness of a loop that stiffens, over its initial one, up to which the step of a simulation is fine. Chosen: published loops
+#: reach three times.
+STEEPENED = 4.0
 
 
 @kernel
@@ -226,6 +231,86 @@ def bouc_wen_carry(
 
 
 BOUC_WEN = Formula(resist=bouc_wen_resist, carry=bouc_wen_carry)
+
+
+class StiffeningHysteresis(SpringLaw, frozen=True, kw_only=True, tag="stiffening_hysteresis"):
+    """df/dt = v (k + |f| (stiffening - dissipation sign(v f))), k the `initial_stiffness` (N/m): a loop that does not saturate.
+
+    Loaded from f = 0 the stiffness changes by (stiffening - dissipation) |f|, unloaded by (stiffening + dissipation) |f|, both
+    in 1/m: it is Bouc and Wen's law with n = 1, A = k, beta = `dissipation` and gamma = -`stiffening`, whose loop is limited only
+    if beta + gamma > 0 (Ismail, Ikhouane and Rodellar, Arch. Comput. Methods Eng. 16, 161, 2009).
+    """
+
+    initial_stiffness: Annotated[float, Parameter("N/m", 1e3, 1e4, above=0.0)]
+    stiffening: Annotated[float, Parameter("1/m", 10.0, 200.0, least=0.0)]
+    dissipation: Annotated[float, Parameter("1/m", 10.0, 200.0, least=0.0)]
+    remembers: ClassVar[bool] = True
+
+    @property
+    def _params(self) -> tuple[float, ...]:
+        return self.initial_stiffness, self.stiffening - self.dissipation, self.stiffening + self.dissipation
+
+    def element(self, link: LinkConstants) -> Element:
+        return Element(
+            formula=STIFFENING, params=self._params, memories=1, steepest=(STEEPENED * self.initial_stiffness, 0.0)
+        )  # fmt: skip
+
+    def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
+        return memory[0]
+
+    def rates(self, d: float, v: float, memory: FloatArray) -> FloatArray:
+        f = memory[0]
+        return np.array([v * (self.initial_stiffness + abs(f) * (self.stiffening - self.dissipation * np.sign(v * f)))])
+
+    def along(self, d: FloatArray, v: FloatArray, rate: float, link: LinkConstants = NO_LINK) -> FloatArray:
+        out = np.empty(len(v))
+        stiffened_along(np.array(self._params), np.diff(d, prepend=d[:1]), out)
+        return out
+
+
+@kernel
+def grown(f: float, k: float, growth: float, x: float) -> float:
+    """Solution of df/dx = k + growth f after a distance x."""
+    exponent = min(growth * x, STRONGEST)
+    return f + (k + growth * f) * (np.expm1(exponent) / growth if exponent != 0.0 else x)
+
+
+@kernel
+def stiffened(f: float, p: FloatArray, x: float) -> float:
+    """Force after a distance x (m) in one direction, in closed form: unloaded to zero, then loaded."""
+    way = 1.0 if x >= 0.0 else -1.0
+    f, x = way * f, abs(x)
+    if f < 0.0:
+        unloaded = np.log1p(-p[2] * f / p[0]) / p[2] if p[2] != 0.0 else -f / p[0]
+        if unloaded >= x:
+            return way * grown(f, p[0], -p[2], x)
+        f, x = 0.0, x - unloaded
+    return way * grown(f, p[0], p[1], x)
+
+
+@kernel
+def stiffened_along(p: FloatArray, distance: FloatArray, out: FloatArray) -> None:
+    """Forces after each of the distances (m), one after another, into `out`, shape (n,)."""
+    force = 0.0
+    for k in range(len(distance)):
+        force = stiffened(force, p, distance[k])
+        out[k] = force
+
+
+@kernel
+def stiffening_carry(
+    p: FloatArray, memory: FloatArray, after: FloatArray, d0: float, d1: float, v0: float, vm: float, v1: float,
+    low: float, high: float, h: float,
+) -> None:  # fmt: skip
+    x = turning(v0, vm, v1, low, high)
+    if x < 0.0:
+        after[0] = stiffened(memory[0], p, d1 - d0)
+    else:
+        gone = way(v0, vm, v1, low, x, h)
+        after[0] = stiffened(stiffened(memory[0], p, gone), p, d1 - d0 - gone)
+
+
+STIFFENING = Formula(resist=remembered, carry=stiffening_carry)
 
 
 class LuGre(ContactLaw, frozen=True, kw_only=True, tag="lugre"):
