@@ -184,6 +184,10 @@ class Job:
         """Whether the best fit stays with the data: its misfit is well below that of the current model."""
         return bool(run) and run[0][1].cost < max((1.0 - DECISIVE) * self.bare, TELLING)
 
+    def follows(self, run: Running) -> bool:
+        """Whether the best fit has not lost the motion."""
+        return self.stays(run) and run[0][1].cost < max(LOST, POLICY.settled * self.bare)
+
     def helps(self, entries: Sequence[Entry]) -> bool:
         """Whether one removes as much as no other single cause can then."""
         return any(share_removed(self.now.error, entry.score.error, self.floors) >= POLICY.contributes for entry in entries)
@@ -498,8 +502,7 @@ class Suspected:
             own = [(c, free, m) for c, free, _ in unlike(starts) if c.shape is None for m in c.starts]
             starts = [*starts, *(start for start in own if (id(start[0]), id(start[2])) not in begun)]
         run = verified(starts, job.rungs[-1], job.progress, sure=self.found.shows, limit=limit)
-        follows = job.stays(run) and run[0][1].cost < max(LOST, POLICY.settled * job.bare)
-        if job.left < 1.0 or len(job.rungs) == 1 or out_of_time() or follows:
+        if job.left < 1.0 or len(job.rungs) == 1 or out_of_time() or job.follows(run):
             return run
         # Impacts soon make two motions differ, however close their parameters are.
         again = followed(starts, job.rungs, job.current, job.progress, job.promising)
@@ -547,14 +550,17 @@ class Suspected:
             if not starts or then is None:
                 continue
             job.progress(f"an equation does not hold with {begun[0].cause} ({begun[0].location}); fitting another cause with it")
-            others = self._alone(starts, then, begun[0].location)
-            back = self._back(others[:1], begun)
-            run = verified([*starts, *(start for start, _ in back)], job.rungs[-1], job.progress)
-            if not run or run[0][1].cost > TELLING:
-                # The closest one may stand for another; and impacts soon make two motions differ, however close they begin.
-                back += self._back(others[1:], begun)
-                again = followed([*starts, *(start for start, _ in back)], job.rungs, job.current, job.progress, job.promising)
-                run = again if again and (not run or again[0][1].cost < run[0][1].cost) else run
+            back = self._forms_of_curves(begun, starts, then)
+            run = verified([start for start, _ in back], job.rungs[-1], job.progress) if back else []
+            if not job.follows(run):
+                others = self._alone(starts, then, begun[0].location)
+                back = self._back(others[:1], begun)
+                run = verified([*starts, *(start for start, _ in back)], job.rungs[-1], job.progress)
+                if not run or run[0][1].cost > TELLING:
+                    # The closest one may stand for another; and impacts soon make two motions differ, however close they begin.
+                    back += self._back(others[1:], begun)
+                    again = followed([*starts, *(start for start, _ in back)], job.rungs, job.current, job.progress, job.promising)
+                    run = again if again and (not run or again[0][1].cost < run[0][1].cost) else run
             behind = {id(start[0]): other for start, other in back}
             first = behind.get(id(run[0][0]), begun) if run else begun
             if run and (forms := self._forms_for(run[0], first)):
@@ -580,6 +586,26 @@ class Suspected:
     def _back(self, others: Starts, begun: Start) -> list[tuple[Start, Start]]:
         # The first cause started again with each of these in place, and which one that is.
         return [(start, other) for other in others for start in self._after(other)[0] if start[0].key == begun[0].key]
+
+    def _forms_of_curves(self, begun: Start, starts: Starts, then: Suspects) -> list[tuple[Start, Start]]:
+        # Forms of a curve and of the second cause at its place whose sum leaves about as little of the link's recorded force as
+        # both curves: each second cause, and the first one before it. A simulation of two curves takes much longer.
+        curve, _, _ = begun
+        there = [start[0] for start in starts if start[0].location == curve.location]
+        if curve.shape is None or not there:
+            return []
+        enough = POLICY.form_close * min(then.left(other, begun[1]) for other in there)
+        found: list[tuple[float, Start, Start]] = []
+        for first in unlike(self._started):
+            if first[0].location != curve.location or kind_of(first[0].cause) != kind_of(curve.cause):
+                continue
+            for second in proposed(first[2], self.job.evidence):
+                if second.location == curve.location and then.includes(*second.key) and not then.alike(second.key, first[0].key):
+                    left = then.left(second, first[1])
+                    if left <= enough:
+                        free = second.parameters(first[2], first[1])
+                        found += [(left, (second, free, model), first) for model in then.started(second, first[1])]
+        return [(start, first) for _, start, first in sorted(found, key=lambda item: item[0])]
 
     def _forms_for(self, pair: tuple[Candidate, Fit], begun: Start) -> tuple[Running, Start] | None:
         # Forms that come as close to the data as the curve of a pair, and the other cause of that with the values as they were
@@ -953,7 +979,10 @@ def _together(
     single = job.finished([entry for entry in forms if entry.candidate.key in named])
     if any(adequate(entry.score, job.floors) for entry in single):
         return None
-    alone_at_best = min(excess(one.error, job.floors) for one in (job.now, *(entry.score for entry in (*single, *forms))))
+    others = [job.now, *(entry.score for entry in (*single, *forms))]
+    alone_at_best = min(excess(one.error, job.floors) for one in others)
+    # In each run alike: one whose motion is lost after an impact does not decide.
+    alike_at_best = min(log_excess(one.error, job.floors) for one in others)
     for first, alone, second, rough in pairs:
         with suppress(FitError):
             both = finished(rough, job.trials)
@@ -963,7 +992,8 @@ def _together(
             # A fit that agrees with its own data to the noise may leave other data because its motion is sensitive to noise.
             floors = np.maximum(job.floors, job.allowed(both.model)) if both.cost <= AGREES else job.floors
             left = excess(entry.score.error, job.floors)
-            decisive = left <= POLICY.rest * alone_at_best and job.explains(entry)
+            alike = log_excess(entry.score.error, job.floors) <= alike_at_best + 0.5 * np.log(POLICY.rest)
+            decisive = (left <= POLICY.rest * alone_at_best or alike) and job.explains(entry)
             stands = adequate(entry.score, floors)
             # Two causes that leave more than one does are not both there.
             if stands or decisive or (job.nearly(entry) and left < alone_at_best):
