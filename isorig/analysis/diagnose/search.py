@@ -559,7 +559,9 @@ class Suspected:
                 if not run or run[0][1].cost > TELLING:
                     # The closest one may stand for another; and impacts soon make two motions differ, however close they begin.
                     back += self._back(others[1:], begun)
-                    again = followed([*starts, *(start for start, _ in back)], job.rungs, job.current, job.progress, job.promising)
+                    again = followed(
+                        [*starts, *(start for start, _ in back)], job.rungs, job.current, job.progress, job.promising
+                    )
                     run = again if again and (not run or again[0][1].cost < run[0][1].cost) else run
             behind = {id(start[0]): other for start, other in back}
             first = behind.get(id(run[0][0]), begun) if run else begun

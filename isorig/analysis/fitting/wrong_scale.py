@@ -245,8 +245,11 @@ def _explanations(given: RigModel) -> Iterator[_Explanation]:
     yield from (
         _Explanation("exchange", pair, factor) for pair in combinations(range(len(given.bodies)), 2) if _unlike(given, *pair)
     )
-    yield from _given("stiffness", stiff, [unit_of(f"links.{link.name}.stiffness", given) for link in given.links])
-    yield from _given("mass", heavy, [unit_of(f"bodies.{body.name}.mass", given) for body in given.bodies])
+    scaleless = all(drive.imposes for drive in given.drives)
+    units = [unit_of(f"links.{link.name}.stiffness", given) for link in given.links]
+    yield from _given("stiffness", stiff, units, scaleless=scaleless)
+    units = [unit_of(f"bodies.{body.name}.mass", given) for body in given.bodies]
+    yield from _given("mass", heavy, units, scaleless=scaleless)
     if ratios := tuple(k for k in stiff if _may_be_ratio(given, given.links[k])):
         yield _Explanation("damping", ratios)
     # A rate shows in the frequencies of resonances; without a spring there are none.
@@ -306,11 +309,16 @@ def _changes(quantity: Quantity) -> list[int]:
     return [order - MOTION[quantity] for order in (0, 1, 2) if order != MOTION[quantity]] if quantity in MOTION else []
 
 
-def _given(kind: Literal["stiffness", "mass"], places: Sequence[int], units: Sequence[str]) -> Iterator[_Explanation]:
-    # All values with one unit, or one of them, are given in another unit.
+def _given(
+    kind: Literal["stiffness", "mass"], places: Sequence[int], units: Sequence[str], *, scaleless: bool
+) -> Iterator[_Explanation]:
+    # All values with one unit, or one of them, are given in another unit. Without a force only ratios of masses and stiffnesses
+    # show, and hysteresis changes a stiffness by as much as a small factor.
     for unit in dict.fromkeys(units[k] for k in places):
         alike = tuple(k for k in places if units[k] == unit)
         for si in GIVEN.get(unit, {}).values():
+            if scaleless and abs(log(si)) < log(LEAST_RATIO):
+                continue
             yield _Explanation(kind, alike, 1.0 / si)
             if len(alike) > 1:
                 yield from (_Explanation(kind, (k,), 1.0 / si) for k in alike)
