@@ -437,8 +437,13 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
     noises = noise_of_runs(campaign, tuple(drive.channel for drive in model.drives))
     lowest, wrong = SLOW * lowest_mode(model), frozenset(zero_errors(campaign, model))
     by_drive: list[tuple[Run, int, Mapping[str, float]]] = []
-    trials, free = list[Trial](), set[str]()
-    drifting = drifts(model, min((run.duration for run in campaign.runs), default=0.0))
+    trials, free, released = list[Trial](), set[str](), list[Run]()
+    # Without a drive there is no force to judge by: a run-down is simulated from its described start.
+    driven = any(
+        not rests(run.read(d.channel), noise.get(d.channel, 0.0))
+        for run, noise in zip(campaign.runs, noises, strict=True) for d in model.drives
+    )  # fmt: skip
+    drifting = driven and drifts(model, min((run.duration for run in campaign.runs), default=0.0))
     for run, noise, of_drive in zip(campaign.runs, noises, drive_noises(campaign, model.drive.channel), strict=True):
         if run.configuration not in model.configurations:
             raise DataError(
@@ -455,6 +460,7 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
         drive = run.channel(model.drive.channel).read(0, stop)
         still = all(rests(run.channel(d.channel).read(0, stop), noise.get(d.channel, 0.0)) for d in model.drives)
         if still and not described_state(model, run.configuration):
+            released.append(run)
             continue
         if still:
             free.add(run.id)
@@ -482,6 +488,11 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
         )
     if by_drive:
         return _by_drive(campaign, model, by_drive)
+    if not trials and released:
+        raise DataError(
+            f"nothing drives run {released[0].id!r}, and the description gives no start for it; give initial_position or "
+            f"initial_velocity in configurations.{released[0].configuration}, or measure a run with a drive"
+        )
     if not trials:
         raise DataError(f"{campaign.source or 'the campaign'} has no run that a fit can use; measure at least one")
     return _with_decays_held_out(_with_starts(trials, model), free)
@@ -578,13 +589,12 @@ def onset_of(drive: FloatArray) -> int:
 def _by_drive(
     campaign: Campaign, model: RigModel, runs: Sequence[tuple[Run, int, Mapping[str, float]]]
 ) -> tuple[Trial, ...]:  # fmt: skip
-    # A body's position is preferred to its velocity, whose integral counts from the start of the run.
-    absolute = [s for s in model.sensors if s.force_in is None and MOTION[s.quantity] < 2 and s.relative_to == GROUND]
-    sensors = {sensor.body: sensor for sensor in sorted(absolute, key=lambda s: -MOTION[s.quantity])}
+    sensors = _motion_sensors(model)
     if len(sensors) != len(model.bodies):
         raise DataError(
             f"the rig {model.name!r} has a body that no spring holds, so it is judged by the force of its drive; "
-            "that takes the absolute position or velocity of every body, so measure those or add the spring to the description"
+            "that takes the position or velocity of every body, absolute or relative to one whose own is measured, so measure "
+            "those or add the spring to the description"
         )
     shortest = min(stop for _, stop, _ in runs)
     least: tuple[float, list[tuple[Motion, Motion]], BoolArray] | None = None
@@ -619,6 +629,16 @@ def _by_drive(
     return tuple(found)
 
 
+def _motion_sensors(model: RigModel) -> dict[str, Sensor]:
+    # The sensor of each body's motion, that of the body to which it is relative before it. A position is preferred to a velocity,
+    # whose integral counts from the start of the run.
+    usable = [s for s in model.sensors if s.force_in is None and MOTION[s.quantity] < 2 and not s.arms]
+    ordered, found = sorted(usable, key=lambda s: MOTION[s.quantity]), dict[str, Sensor]()
+    while known := [s for s in ordered if s.body not in found and (s.relative_to == GROUND or s.relative_to in found)]:
+        found[known[0].body] = known[0]
+    return found
+
+
 def _motions(
     model: RigModel, sensors: Mapping[str, Sensor], run: Run, stop: int, noise: Mapping[str, float], decimation: int
 ) -> tuple[Motion, Motion]:  # fmt: skip
@@ -628,11 +648,13 @@ def _motions(
     def position(sensor: Sensor, values: FloatArray) -> FloatArray:
         return position_from(values, rate) if MOTION[sensor.quantity] else values
 
-    clean, shaken = {}, {}
+    clean, shaken = {GROUND: np.zeros(stop)}, {GROUND: np.zeros(stop)}
     for body, sensor in sensors.items():
         values = run.channel(sensor.channel).read(0, stop)
-        clean[body] = position(sensor, values)
-        shaken[body] = position(sensor, values + sensor_noise(values, noise.get(sensor.channel, 0.0), generator))
+        clean[body] = position(sensor, values) + clean[sensor.relative_to]
+        noisy = values + sensor_noise(values, noise.get(sensor.channel, 0.0), generator)
+        shaken[body] = position(sensor, noisy) + shaken[sensor.relative_to]
+    del clean[GROUND], shaken[GROUND]
     drive = run.channel(model.drive.channel).read(0, stop)
     drive = as_held(drive, 1) if is_command(drive) else drive
     # A velocity has less noise than the acceleration. Its own low-pass is as wide as that allows: a dry contact follows the sign
