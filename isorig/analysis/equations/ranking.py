@@ -40,6 +40,8 @@ COARSE_DAMPING, FINE_DAMPING = 0.02, (0.008, 0.015, 0.03, 0.06)
 RESONATORS, CLOSER, WITHIN = 180, 13, 0.02
 #: Highest frequency of an attached resonator as a share of the usable band. Chosen: above it, it is only a mass.
 HIGHEST = 0.85
+#: Lowest frequency of an attached resonator over that of the spectra. Chosen: an absorber is tuned to a mode, the lowest, too.
+LEAST_ABOVE = 1.5
 #: Half bandwidth, in frequency resolutions of the segments, below which a resonator rings beyond a segment, and evaluations of
 #: the search for such a one.
 NARROW, RINGING = 1.5, 30
@@ -266,7 +268,7 @@ class Regressions:
 
     def _body(self, body: str, add: _Add, before: Mapping[str, float]) -> None:
         band = self.on.spectra.frequency
-        frequencies = np.geomspace(max(2.0 * self.on.lowest, band[0] * 1.5), HIGHEST * band[-1], RESONATORS)
+        frequencies = np.geomspace(LEAST_ABOVE * band[0], HIGHEST * band[-1], RESONATORS)
         if body in self.on.model.imposed or body in self.on.hidden:
             return
         row, mass = self.on.body_row(body), self.on.model.body(body).mass

@@ -52,8 +52,9 @@ def _path(model: RigModel, step: Step) -> str:
     }  # fmt: skip
     order = {
         "sensor": ("sensors", "drive"), "known_value": ("bodies", "drive"), "added_motion": ("bodies", "links"),
-        "friction_shape": ("contacts", "links"),
-    }.get(step.kind, ("links", "contacts"))  # fmt: skip
+        "friction_shape": ("contacts", "links"), "wrong_stiffness": ("links",),
+    }  # fmt: skip
+    order = order.get(step.cause) or order.get(step.kind, ("links", "contacts"))
     return next((f"{kind}.{place}" for kind in order if place in parts[kind]), "")
 
 
