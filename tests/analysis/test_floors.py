@@ -15,12 +15,12 @@ from scipy.integrate import cumulative_trapezoid
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
 from isorig.analysis.equations.ranking import ranking
 from isorig.analysis.equations.system import equations_of
-from isorig.analysis.errors import SimulationError
+from isorig.analysis.errors import DataError, SimulationError
 from isorig.analysis.fitting import score as scores
 from isorig.analysis.fitting import trials
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.laws import BoundedSoftening, Coulomb, Cubic, Stribeck
-from isorig.analysis.model.rig_model import Body, Chain, Contact, Drive, Link, RigModel, Sensor
+from isorig.analysis.model.rig_model import Body, Chain, Configuration, Contact, Drive, Link, RigModel, Sensor
 from isorig.analysis.simulate import Excitation
 from isorig.analysis.simulate.inverse import DECIMATIONS, EDGE, driven_groups, motion_from, required_drive
 from isorig.analysis.spectra.windows import HANN
@@ -323,6 +323,56 @@ def test_friction_follows_the_sign_of_a_velocity_that_oscillates_above_the_corne
     assert trial.motion.decimation > DECIMATIONS[0]
     off = trials.expected(rig, trial) - trial.measured
     assert np.sqrt(np.mean(off**2)) < 0.05 * np.std(trial.measured)
+
+
+@pytest.mark.parametrize("joint", ["absolute", "relative"])
+def test_the_motion_of_a_body_may_be_recorded_relative_to_another(joint: str) -> None:
+    """An encoder between two arms; the first arm's own position is recorded."""
+    time = np.arange(4000) / 500.0
+    hub, arm = 0.5 * np.sin(2.0 * np.pi * 0.7 * time), 0.5 * np.sin(2.0 * np.pi * 0.7 * time + 0.3)
+    records = {"hub": hub, "arm": arm - hub if joint == "relative" else arm, "u": np.cos(2.0 * np.pi * 0.7 * time)}
+    draw, channels = np.random.default_rng(8), {}
+    for name, values in records.items():
+        quantity, unit = ("torque", "N m") if name == "u" else ("angle", "rad")
+        noisy = values + draw.normal(0.0, 1e-4, len(time))
+        channels[name] = Channel(name=name, samples=noisy, quantity=quantity, unit=unit)
+    rig = RigModel(
+        name="joint", free_free=True, drive=Drive(channel="u", quantity="torque", factor=1.0, pushes={"hub": 1.0}),
+        bodies=(Body(name="hub", mass=0.002, motion="rotation"), Body(name="arm", mass=0.004, motion="rotation")),
+        links=(Link(name="joint", a="arm", b="hub", stiffness=1.3, damping=0.01),),
+        sensors=(
+            Sensor(channel="arm", body="arm", quantity="angle", relative_to="hub" if joint == "relative" else "ground"),
+            Sensor(channel="hub", body="hub", quantity="angle"),
+        ),
+    )  # fmt: skip
+    run = Run(id="r", configuration="unlocked", sample_rate=500.0, gain=1.0, channels=channels)
+    (trial,) = trials.prepare(Campaign(runs=(run,), source="joint"), rig)
+    assert trial.motion is not None
+    assert np.std(trial.motion.position["arm"] - arm) < 1e-3 * np.std(arm)
+    alone = msgspec.structs.replace(rig, sensors=rig.sensors[:1])
+    with pytest.raises(DataError, match="absolute or relative to one whose own is measured"):
+        trials.prepare(Campaign(runs=(run,), source="joint"), alone)
+
+
+def test_a_run_down_is_simulated_from_its_described_start() -> None:
+    """Nothing drives a rotor that runs down: there is no force of a drive to compare."""
+    time = np.arange(2000) / 50.0
+    speed = Channel(name="n", samples=300.0 * np.exp(-time / 15.0), quantity="angular_velocity", unit="rad/s")
+    still = Channel(name="u", samples=np.zeros(len(time)), quantity="torque", unit="N m")
+    run = Run(id="r", configuration="unlocked", sample_rate=50.0, gain=1.0, channels={"n": speed, "u": still})
+    rig = RigModel(
+        name="rotor", bodies=(Body(name="rotor", mass=0.03, motion="rotation"),),
+        links=(Link(name="bearing", a="rotor", damping=0.002),),
+        drive=Drive(channel="u", quantity="torque", factor=1.0, pushes={"rotor": 1.0}),
+        sensors=(Sensor(channel="n", body="rotor", quantity="angular_velocity"),),
+    )  # fmt: skip
+    with pytest.raises(DataError, match="nothing drives run 'r', and the description gives no start"):
+        trials.prepare(Campaign(runs=(run,), source="rotor"), rig)
+    begun = msgspec.structs.replace(rig, configurations={"unlocked": Configuration(initial_velocity={"rotor": 300.0})})
+    (trial,) = trials.prepare(Campaign(runs=(run,), source="rotor"), begun)
+    assert trial.motion is None
+    off = trials.expected(begun, trial) - trial.measured
+    assert np.std(off) < 1e-3 * np.std(trial.measured)
 
 
 def two_inertias(softening: float, zero: float) -> tuple[Campaign, RigModel]:

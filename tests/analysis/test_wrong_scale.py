@@ -404,6 +404,14 @@ def test_undescribed_friction_holds_a_body_without_a_spring_back(ratio: float, h
     assert not _held_back(ONE.description(), less)
 
 
+@pytest.mark.parametrize(("base", "small"), [(True, False), (False, True)])
+def test_a_small_factor_of_a_given_value_takes_a_known_force(base: bool, small: bool) -> None:
+    """On a moved base, a stiffness that hysteresis doubles is a mass in lb read as kg."""
+    rig = dataclasses.replace(ONE, base=base, drive_quantity="acceleration" if base else "force")
+    factors = [each.factor for each in _explanations(rig.description()) if each.kind == "mass" and each.factor]
+    assert min(max(factor, 1.0 / factor) for factor in factors) == pytest.approx(2.2046 if small else 1000.0, rel=1e-3)
+
+
 def test_a_rig_without_a_spring_does_not_show_a_wrong_rate() -> None:
     free = dataclasses.replace(ONE, joints=((0, -1, 0.0, 20.0),)).description()
     kinds = [{each.kind for each in _explanations(rig)} for rig in (free, ONE.description())]

@@ -265,6 +265,17 @@ def test_a_drive_that_acts_later_is_ahead_of_the_others() -> None:
     assert said(-2e-3) == "the motor channel is ahead of the others by 2.000 ± 0.010 ms"
 
 
+@pytest.mark.parametrize(("play", "said"), [(1.01e-6, "play of"), (0.99e-6, "friction of 17.6 ± 0.3 N behind a spring of")])
+def test_a_play_that_is_zero_within_its_uncertainty_is_not_mentioned(play: float, said: str) -> None:
+    values = {
+        "clearance": {"value": play, "std": 1e-6, "unit": "m"},
+        "spring_stiffness": {"value": 8.8e4, "std": 1e3, "unit": "N/m"},
+        "friction_force": {"value": 17.6, "std": 0.3, "unit": "N"},
+    }
+    slips = {"cause": "play_and_friction", "location": "mount", "kind": "memory", "form": "play_and_friction"}
+    assert cause_in_words(step(**slips, parameters=values)).startswith(said)
+
+
 def test_a_cause_without_a_phrase_lists_its_parameters() -> None:
     worn = {"cause": "worn_gear", "location": "mount", "kind": "memory", "form": "worn_gear"}
     gap = {"value": 2e-5, "std": 1e-6, "unit": "m"}

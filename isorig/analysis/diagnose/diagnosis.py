@@ -314,7 +314,7 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
         searched=tuple((before, tuple(_lean(entry) for entry in entries)) for before, entries in search.entries),
         tolerance=tolerance, cut_short=search.cut_short,
         residuals=residuals, pointed=shown_by_equations, spread=blamed.spread if blamed is not None else "",
-        doubts=contradicted or _standing(doubts(model, _credible(found), campaign), campaign, model, equations),
+        doubts=contradicted or _standing(_doubted(found, model, campaign), campaign, model, equations),
         zero_errors=tuple(zero_errors(campaign, model).values()), required_force=by_force,
     )  # fmt: skip
 
@@ -369,6 +369,13 @@ def _credible(found: _Found) -> tuple[Fit, ...]:
     first, last = found.stages[0].fit, found.stages[found.kept].fit
     kinds = {stage.step.kind for stage in found.stages[1 : found.kept + 1] if stage.step}
     return (last,) if found.verdict == "explained" and not kinds & MAY_STAND_FOR_UNITS else (first, last)
+
+
+def _doubted(found: _Found, model: RigModel, campaign: Campaign) -> tuple[Doubt, ...]:
+    # The doubts without those about the spring of a link whose force a named cause gives: its stiffness is a part of that.
+    steps = [stage.step for stage in found.stages[1 : found.kept + 1] if stage.step]
+    given = {f"links.{step.location}.stiffness" for step in steps if step.kind in ("spring_shape", "memory")}
+    return tuple(doubt for doubt in doubts(model, _credible(found), campaign) if doubt.parameter not in given)
 
 
 def _lean(entry: Entry) -> Entry:

@@ -245,7 +245,7 @@ def best_kind(
     forms: Sequence[Entry], shapes: Sequence[Entry], now: Score, floors: FloatArray, evidence: Evidence
 ) -> Found | None:  # fmt: skip
     """The step to the kind and place with the least error, and to a form there if one comes close to the free shape."""
-    entries = sorted((*forms, *shapes), key=lambda entry: excess(entry.score.error, floors))
+    entries = sorted((*forms, *_without_rest(shapes, floors, evidence)), key=lambda entry: excess(entry.score.error, floors))
     if not entries:
         return None
     ceilings: dict[tuple[Kind, str], Entry] = {}
@@ -283,6 +283,22 @@ def best_kind(
     curve = curve_of(chosen.candidate, chosen.fit, evidence)
     odd = chosen.kind in OF_BOTH_SIGNS and curve is not None and curve.is_odd
     return found_step(chosen, entries, now, twins, sureness, _closest(mates, now, floors, odd=odd), curve)
+
+
+def _without_rest(shapes: Sequence[Entry], floors: FloatArray, evidence: Evidence) -> list[Entry]:
+    # The free shapes without those of dry friction that is zero at rest, where a damping between the same ends comes close.
+    def is_damping(entry: Entry) -> bool:
+        curve = curve_of(entry.candidate, entry.fit, evidence) if entry.kind == "friction_shape" else None
+        if curve is None or curve.over != "speed":
+            return False
+        _, level, std = min(curve.points, key=lambda point: abs(point[0]))
+        return abs(level) <= POLICY.zero * std and any(
+            other.kind == "damping_shape" and _same_curve(other, entry)
+            and ratio(other.score.error, entry.score.error, floors) < POLICY.form_close
+            for other in shapes
+        )  # fmt: skip
+
+    return [entry for entry in shapes if not is_damping(entry)]
 
 
 def _closest(mates: Sequence[Entry], now: Score, floors: FloatArray, *, odd: bool) -> tuple[str, float] | None:

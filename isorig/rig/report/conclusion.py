@@ -17,8 +17,10 @@ from isorig.analysis.wording import MULTIPLE, first_of, in_per_cent, noise_alone
 from isorig.rig.files.findings import CauseAt, Findings, HeldValue, NamedCause, TriedCause, Value
 from isorig.rig.report.sections import words
 
-#: What a cause is, by its name in the findings: {place}, and its parameters by name, as value with uncertainty.
+#: What a cause is, by its name in the findings: {place}, and its parameters by name, as value with uncertainty; and without a
+#: parameter that is zero within its uncertainty.
 PHRASES: Mapping[str, str] = {cause.name: cause.phrase for cause in CATALOGUE}
+WITHOUT: Mapping[str, Mapping[str, str]] = {cause.name: cause.phrases_without for cause in CATALOGUE}
 KINDS: Mapping[Kind, str] = {
     "spring_shape": "a nonlinear spring force over deflection",
     "damping_shape": "a nonlinear damping force over velocity",
@@ -98,7 +100,9 @@ def cause_in_words(step: NamedCause) -> str:
     if "drift_rate" in values:
         shown["change"] = _change(values["drift_rate"], step.held.get("until"))
     try:
-        phrase = PHRASES[step.cause] if step.kind == "sensor" else PHRASES[step.cause].replace("the {place}", "{place}")
+        others = WITHOUT.get(step.cause, {})
+        phrase = next((others[name] for name, row in values.items() if name in others and _is_zero(row)), PHRASES[step.cause])
+        phrase = phrase if step.kind == "sensor" else phrase.replace("the {place}", "{place}")
         return phrase.format(place=words(step.location) if step.kind == "sensor" else place, **shown)
     except KeyError:  # a cause, or its parameters, that these phrases do not have
         listed = ", ".join(f"{words(name)} {size}" for name, size in shown.items() if name in values)
@@ -113,6 +117,10 @@ def _over_position(step: NamedCause) -> str:
     levels = [value for place, value, _ in step.curve.points if low <= place <= high and value is not None]
     least, largest = (sized(end(levels, default=0.0), step.curve.value_unit) for end in (min, max))
     return f" that depends on the position, from {least} to {largest}"
+
+
+def _is_zero(row: Value) -> bool:
+    return row.value is not None and row.std is not None and abs(row.value) < row.std
 
 
 def _size(row: Value, factor: float = 1.0) -> str:

@@ -50,11 +50,11 @@ def _path(model: RigModel, step: Step) -> str:
         "bodies": [body.name for body in model.bodies], "contacts": [contact.name for contact in model.contacts],
         "links": [link.name for link in model.links],
     }  # fmt: skip
-    order = {
+    orders: dict[str, tuple[str, ...]] = {
         "sensor": ("sensors", "drive"), "known_value": ("bodies", "drive"), "added_motion": ("bodies", "links"),
         "friction_shape": ("contacts", "links"), "wrong_stiffness": ("links",),
     }  # fmt: skip
-    order = order.get(step.cause) or order.get(step.kind, ("links", "contacts"))
+    order = orders.get(step.cause) or orders.get(step.kind, ("links", "contacts"))
     return next((f"{kind}.{place}" for kind in order if place in parts[kind]), "")
 
 

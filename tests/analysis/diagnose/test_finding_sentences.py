@@ -39,7 +39,8 @@ def test_agreement_is_about_the_lines_that_follow_the_drive() -> None:
     linear = homogeneity("locked", [70.0, 7.0], [AGREES], misfit=0.05, linear=0.04)
     assert "agrees at gains 70, 7 to within 0.8 %" in linear.text
     assert {cause for cause, _ in linear.supported} == {
-        "extra_mode", "wrong_mass", "sensor_gain", "channel_delay", "low_pass", "crosstalk", "moment_coupling", "imperfect_lock",
+        "extra_mode", "wrong_mass", "wrong_stiffness", "sensor_gain", "channel_delay", "low_pass", "crosstalk", "moment_coupling",
+        "imperfect_lock",
         "asymmetric_damping", "bilinear_stiffness",
     }  # fmt: skip
     other = homogeneity("locked", [70.0, 7.0], [AGREES], misfit=0.5, linear=0.04)

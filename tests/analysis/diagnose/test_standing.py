@@ -17,6 +17,7 @@ from isorig.analysis.diagnose import step as steps
 from isorig.analysis.diagnose.causes.base import Kind
 from isorig.analysis.diagnose.considered import all_considered
 from isorig.analysis.diagnose.diagnosis import MOST_STEPS, _of_sensors, _Search, _standing
+from isorig.analysis.diagnose.free_shapes import free_shapes
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.diagnose.revise import Revision, SearchStage, merged, near_rivals, stage_of
@@ -74,6 +75,31 @@ def reported(*, elsewhere: float) -> set[tuple[str, str]]:
     assert found is not None
     assert found.step.form == "sensor_gain"
     return {(found.step.cause, found.step.location), *found.step.indistinguishable}
+
+
+@pytest.mark.parametrize(
+    ("level", "behind", "kind"),
+    [(0.9, 1.4, "damping_shape"), (1.1, 1.4, "friction_shape"), (0.9, 1.6, "friction_shape")],
+)
+def test_a_friction_that_is_zero_at_rest_is_damping(level: float, behind: float, kind: str) -> None:
+    """Where a damping curve comes close; `level` is in its uncertainties of 95 %."""
+    campaign, guess = played(chain(), seed=7), guessed(chain(), 7)
+    trials = prepare(campaign, guess)
+    evidence = observe(campaign, guess, trials, guess, guess)
+    entries = {}
+    for shape in free_shapes(guess, evidence):
+        if shape.location == "l1" and shape.shape is not None and shape.shape.over == "speed":
+            table = "values" if shape.cause == "damping_shape" else "levels"
+            rest = f"{shape.shape.path}.{table}.0"
+            fit = Fit(model=shape.starts[0], free=shape.free, covariance=np.eye(len(shape.free)), cost=1.0, evaluations=1)
+            if shape.cause == "friction_shape":
+                std = fit.std[rest]
+                fit = replace(fit, model=fit.model.replace({rest: level * POLICY.zero * std}))
+            error = 0.01 * (behind if shape.cause == "damping_shape" else 1.0)
+            entries[shape.cause] = Entry(candidate=shape, fit=fit, score=scored(error))
+    found = best_kind([], list(entries.values()), scored(0.1), FLOORS, evidence)
+    assert found is not None
+    assert found.step.kind == kind
 
 
 @pytest.mark.parametrize(("share", "closest"), [(POLICY.main + 0.01, "sensor_gain"), (POLICY.main - 0.01, None), (-0.2, None)])

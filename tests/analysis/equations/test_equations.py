@@ -26,6 +26,7 @@ from isorig.analysis.fitting.solve import Free
 from isorig.analysis.model.rig_model import Body, Chain, Link, RigModel
 from isorig.analysis.parameters.joint_fit import fit_baseline
 from isorig.analysis.rounding import DWELL, is_command, rounding
+from isorig.analysis.simulate.natural import lowest_mode
 from isorig.analysis.simulate.sampling import Excitation
 from isorig.analysis.simulate.simulation import simulate
 from isorig.analysis.spectra.noise import noise_levels
@@ -252,6 +253,14 @@ def test_a_resonator_is_found_in_the_upper_half_of_the_usable_band() -> None:
     assert (best.kind, best.place, best.what) == ("added_motion", "first", "resonator")
     assert best.values["frequency"] == pytest.approx(0.7 * band, rel=0.01)
     assert best.values["mass"] == pytest.approx(mass, rel=0.1)
+
+
+def test_an_absorber_that_is_tuned_to_the_lowest_mode_is_found() -> None:
+    given = guessed(carts(), SEED + 17)
+    lowest = lowest_mode(carts())
+    best = ranking(equations_of(played(loaded(carts(), "second", 0.15, lowest), seed=SEED + 17), given)).explanations[0]
+    assert (best.kind, best.place, best.what) == ("added_motion", "second", "resonator")
+    assert best.values["frequency"] == pytest.approx(lowest, rel=0.02)
 
 
 def wavy(rig: RigModel, link: str, force: float, pitch: float) -> RigModel:

@@ -206,6 +206,8 @@ class Cause(ABC):
     rank: ClassVar[int] = 1
     #: The conclusion of a report: {place}, and the reported parameters by name, as value with uncertainty.
     phrase: ClassVar[str]
+    #: The same without a parameter that is zero within its uncertainty, by its name.
+    phrases_without: ClassVar[Mapping[str, str]] = {}
     #: Signs in the records that support it.
     signs: ClassVar[frozenset[SignKind]] = frozenset()
     #: What the equations of motion of the records call it where its kind has several unlike forms (`Explanation.what`).
