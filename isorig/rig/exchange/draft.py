@@ -290,7 +290,8 @@ def _no_records(tables: Sequence[ForeignTable]) -> str:
     if "transfer_function" in kinds:
         count = sum(spectrum.kind == "transfer_function" for spectrum in spectra)
         return (
-            f"{path} contains {count} transfer functions and no time record; a recording needs time records, so export those too"
+            f"{path} contains {count} transfer functions and no time record; a recording needs time records, so export those "
+            f"too, or draw the transfer functions with rig frf {path}"
         )
     if spectra:
         text = ", ".join(sorted(kind.replace("_", " ") for kind in kinds))
@@ -403,7 +404,7 @@ def _channel(name: str, source: str, column: Column) -> list[str]:
         note = "    # ? counts of an encoder: rad, or m if it is straight"
         sensitivity = "1.0    # ? counts in one unit, for rad counts per turn / (2 pi)"
     if column.sensitivity != 1.0:
-        sensitivity = f"{column.sensitivity!r}    # ? the file's unit system has {column.sensitivity:g} of its units in one"
+        sensitivity = f"{column.sensitivity!r}    # ? by the file, which has {column.sensitivity:g} of its units in one of these"
     return [
         f"[channels.{name if name.isascii() else value_text(name)}]    # {len(values)} values{extent}",
         f"source = {value_text(source)}",
@@ -478,7 +479,7 @@ def _run(
 ) -> list[str]:
     table, group, text = part.table, part.group, _run_text(part)
     guess = re.search(r"(?:gain|(?<![a-z])[ul])[ _-]?(\d+(?:\.\d+)?)", text, re.IGNORECASE)
-    gain = table.numbers.get(f"{group}.gain", table.numbers.get("gain")) or (float(guess[1]) if guess else 1.0)
+    gain = table.numbers.get(f"{group}.gain", table.numbers.get("gain")) or (float(guess[1]) if guess else 0.0) or 1.0
     rate = next(column.sample_rate for _, column in part.columns.values())
     lines = [
         "[[runs]]",
@@ -497,7 +498,7 @@ def _run(
             piece = replace(clock, values=clock.values[slice(*(part.samples or (None,)))])
             # The rate to which a guessed unit leads shows whether it is right.
             leads = f" then the sample rate is {column_rate(part.time, piece, ''):.6g} Hz" if is_even(part.time, piece) else ""
-            lines.append(f"time_unit = {value_text(unit)}" + ("" if clock.unit else f"    # ?{leads}"))
+            lines.append(f"time_unit = {value_text(unit)}" + ("" if seconds_per(clock.unit) else f"    # ?{leads}"))
     elif rate is not None:
         lines.append(f"sample_rate = {rate!r}")
     else:
