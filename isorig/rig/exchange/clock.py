@@ -6,9 +6,10 @@ import itertools
 import re
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from isorig.analysis.campaign import FloatArray, IntArray
 from isorig.rig.errors import PlanError, RecordingError
@@ -111,6 +112,16 @@ def seconds_of(column: pd.Series[str]) -> FloatArray:
         seconds = seconds + whole * np.concatenate([[0.0], np.cumsum(np.diff(seconds) < -0.5 * whole)])
     seconds[column.isna()] = np.nan
     return np.asarray(seconds - seconds[0])
+
+
+def clock_of(texts: NDArray[Any]) -> FloatArray | None:
+    """Seconds since the first of many texts that are times of day or dates, shape (n,); None if they are not."""
+    import pandas as pd
+
+    if len(texts) < BESIDE or texts.ndim != 1 or not CLOCK.fullmatch(str(texts[0])):
+        return None
+    column = pd.Series(texts.astype(str))
+    return seconds_of(column) if column.str.fullmatch(CLOCK).all() else None
 
 
 def seconds_per(unit: str) -> float | None:

@@ -58,6 +58,8 @@ AMBIGUOUS = ("A", "V", "m", "1", "in")
 SYMBOLS = {"V": "u|v|voltage|spannung", "A": "i|current|strom", "m": "x|y|z|s|d|position|displacement|weg"}
 #: What a released rig needs in its mapping.
 FREE = 'write excitation = "free" in every run of the mapping'
+#: Names of the records of a benchmark's parts: uEst and uVal.
+PARTS = re.compile(r"(?P<before>)(?P<name>\w+?)_?(?P<after>est|val|test|train|estimation|validation|training)", re.IGNORECASE)
 #: Single numbers of a file that are listed at most.
 NUMBERS_MOST = 12
 
@@ -206,8 +208,8 @@ def _is_bonder(places: Iterable[str]) -> bool:
 
 
 def _released(kinds: Mapping[str, Quantity]) -> bool:
-    # A single motion is a response: no column is a drive.
-    return len(kinds) == 1 and all(kind in MOTION for kind in kinds.values())
+    # A single motion is a response, also as the voltage of its sensor: no column is a drive.
+    return len(kinds) == 1 and all(kind in MOTION or kind == "voltage" for kind in kinds.values())
 
 
 def _starts(parts: Mapping[str, _Part], names: Mapping[str, str]) -> dict[str, Configuration]:
@@ -311,10 +313,17 @@ def _no_records(tables: Sequence[ForeignTable]) -> str:
 def _groups(table: ForeignTable) -> dict[str, dict[str, tuple[str, Column]]]:
     # Columns by the part before the last dot or slash, or after #: if groups have the same names, each group is a run.
     groups: dict[str, dict[str, tuple[str, Column]]] = {}
+    # An estimation and a validation part of a benchmark are runs, too.
+    parts = {source: PARTS.fullmatch(source) for source in table.columns}
+    named = len({found["after"] for found in parts.values() if found}) > 1 and all(parts.values())
     for source, column in table.columns.items():
-        found = re.fullmatch(r"(?:(?P<before>.*)[./])?(?P<name>[^./#]+)(?:#(?P<after>\d+))?", source)
+        found = parts[source] if named else re.fullmatch(r"(?:(?P<before>.*)[./])?(?P<name>[^./#]+)(?:#(?P<after>\d+))?", source)
         group, name = ("", source) if found is None else (found["before"] or found["after"] or "", found["name"])
         groups.setdefault(group, {})[name] = (source, column)
+    # Runs of an array have one clock.
+    numbered = next((columns for group, columns in groups.items() if group.isdigit()), {})
+    clocks = {name: place for name, place in groups.get("", {}).items() if name not in numbered and is_clock(name, place[1])}
+    groups = {group: {**(clocks if group.isdigit() else {}), **columns} for group, columns in groups.items()}
     alike = Counter(frozenset(columns) for columns in groups.values()).most_common(1)
     if alike and alike[0][1] == len(groups) and not _one_each(groups):
         return groups
@@ -463,7 +472,8 @@ def _name(source: str, column: Column, taken: set[str], words: Sequence[tuple[st
 def _run_text(part: _Part) -> str:
     # A program's default name of a group says nothing.
     group = re.split(r"[./]", part.group)[-1]
-    return part.table.path.stem if not group or UNTITLED.fullmatch(group) else group
+    stem = part.table.path.stem
+    return f"{stem}_{group}" if group.isdigit() else stem if not group or UNTITLED.fullmatch(group) else group
 
 
 def _configurations(parts: Sequence[_Part]) -> list[str]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isorig.analysis.campaign import FloatArray, Spectrum
-from isorig.rig.exchange.clock import is_time
+from isorig.rig.exchange.clock import clock_of, is_time
 from isorig.rig.exchange.table import COLUMNS_MOST, Column, ForeignTable, vectors_of
 
 #: Names of a sample rate (Hz) and of a sample interval (s), in lower case without separators.
@@ -34,7 +35,7 @@ NAME_LISTS = frozenset((
     "names", "channels", "channelnames", "channellabels", "labels", "columns", "columnnames", "variables", "variablenames",
     "signals", "signalnames", "sensors", "sensornames",
 ))  # fmt: skip
-UNIT_LISTS = frozenset(("unit", "units", "channelunits"))
+UNIT_LISTS = frozenset(("unit", "units", "channelunits", "columnunits", "variableunits", "signalunits", "sensorunits"))
 ABSCISSAE = ("x_values", "x", "abscissa", "time", "quantity")
 UNIT_WORDS = ("unit", "units")
 #: Separator after an array's name for its own attributes (attributes of a dataset).
@@ -97,10 +98,11 @@ def table_of(path: Path, items: Iterable[tuple[str, Any]], remarks: Sequence[str
     columns: dict[str, Column] = {}
     spectra: list[Spectrum] = []
     said = list(remarks)
-    for name, values in content.arrays.items():
+    elements = Counter(name.rpartition("[")[0] for name in content.arrays)
+    for name, number, values in _by_run(content):
         shape = tuple(n for n in values.shape if n > 1)
         axes = _sample_axes(name, shape, content)
-        vectors = vectors_of(name, values, axes[0] if len(axes) == 1 else None)
+        vectors = {f"{one}{number}": v for one, v in vectors_of(name, values, axes[0] if len(axes) == 1 else None).items()}
         if vectors and len(shape) > 1 and len(axes) != 1 and sorted(shape)[-2] >= SHORT and max(shape) <= COLUMNS_MOST:
             said.append(
                 f"{name!r} has the shape {values.shape}, and nothing says which axis has the samples: "
@@ -117,10 +119,44 @@ def table_of(path: Path, items: Iterable[tuple[str, Any]], remarks: Sequence[str
                 spectra += _spectra(vectors, axis, content, len(spectra))
         else:
             rate, unit, label = _rate(name, content), _unit(name, content), _label(name, content) if len(vectors) == 1 else ""
-            labels, units = (_listed(name, len(vectors), content, lists) for lists in (NAME_LISTS, UNIT_LISTS))
-            for k, (one, vector) in enumerate(vectors.items()):
+            # The channels are those of an array, or the elements of a list.
+            several, place = (name, 0) if len(vectors) > 1 else _element(name)
+            size = len(vectors) if len(vectors) > 1 else max(elements[several], place + 1)
+            labels, units = (_listed(several, size, content, lists) for lists in (NAME_LISTS, UNIT_LISTS))
+            for k, (one, vector) in enumerate(vectors.items(), place):
                 columns[one] = Column(values=vector, sample_rate=rate, unit=unit or units[k], label=label or labels[k])
     return ForeignTable(path=path, columns=columns, numbers=content.numbers, spectra=tuple(spectra), remarks=tuple(said))
+
+
+def _element(name: str) -> tuple[str, int]:
+    # The list that an array is an element of, and its place: data[2] is the third one of data.
+    found = re.fullmatch(r"(.+)\[(\d+)\]", name)
+    return (found[1], int(found[2])) if found else (name, 0)
+
+
+def _by_run(content: _Content) -> Iterator[tuple[str, str, NDArray[Any]]]:
+    # The arrays by name; those with samples, channels and runs along three axes by run, the second one with the mark #2.
+    for name, values in content.arrays.items():
+        axis = _run_axis(name, values, content)
+        if axis is None:
+            yield name, "", values
+        else:
+            yield from ((name, f"#{k}" if k > 1 else "", run) for k, run in enumerate(np.moveaxis(values, axis, 0), 1))
+
+
+def _run_axis(name: str, values: NDArray[Any], content: _Content) -> int | None:
+    # The axis of the runs, if an array has three axes, and a list has the names of its channels, or another array has as many
+    # samples and runs. Samples, channels and runs follow each other, or are in the reverse order.
+    if values.ndim != 3 or values.dtype.kind == "c" or _frequencies(name, max(values.shape), content) is not None:
+        return None
+    samples = int(np.argmax(values.shape))
+    rest = [axis for axis in range(3) if axis != samples]
+    named = [axis for axis in rest if any(_listed(name, values.shape[axis], content, NAME_LISTS | UNIT_LISTS))]
+    channels = named[0] if len(named) == 1 else 1 if samples != 1 else 2
+    (runs,) = (axis for axis in rest if axis != channels)
+    near = content.within(content.around(name)[0], content.arrays).values()
+    alike = sum(other.ndim == 3 and all(other.shape[k] == values.shape[k] for k in (samples, runs)) for other in near)
+    return runs if values.shape[runs] > 1 and (len(named) == 1 or alike > 1) else None
 
 
 def _add(name: str, value: Any, content: _Content) -> None:
@@ -132,6 +168,9 @@ def _add(name: str, value: Any, content: _Content) -> None:
         if stated and rate_of(f"{content.plain(name)}{stated[2]}", 1.0) is not None:
             with suppress(ValueError):
                 content.numbers[f"{name}{stated[2]}"] = float(stated[1])
+    elif values.dtype.kind in "US" and (clock := clock_of(values)) is not None:
+        content.arrays[name] = clock
+        content.words[f"{name}_unit"] = "s"
     elif values.dtype.kind in "US" and values.size <= COLUMNS_MOST:
         content.words.update((f"{name}[{k}]", str(text).strip()) for k, text in enumerate(values.ravel()))
     elif values.dtype.kind in "mM" and values.size > 1:

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_lab_files import ROWS, TIME, N, X, Y, check, drafted, said_of, table
 
 from isorig.rig.cli import main
 from isorig.rig.exchange.reading import read_foreign
 from isorig.rig.exchange.units import known_unit, name_and_unit, sensitivity_in
-from test_lab_files import N, ROWS, TIME, X, Y, check, drafted, said_of, table
 
 VOLTS = [f"{t:.3f};{0.1 * x:.5f};{0.0112 * y:.7f}" for t, x, y in zip(TIME, X, Y, strict=True)]
 PLAIN = [f"{x:.4f};{y:.4f}" for x, y in zip(X, Y, strict=True)]

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from isorig.rig.exchange.clock import completed
+from isorig.rig.exchange.clock import clock_of, completed
 from isorig.rig.exchange.table import ForeignTable, Format, check_declared
 from isorig.rig.exchange.tree import table_of
 from isorig.rig.exchange.units import name_and_unit
@@ -34,6 +34,8 @@ def _items(table: Any, remarks: list[str]) -> Iterator[tuple[str, Any]]:
 
     for name, column in zip(table.column_names, table.columns, strict=True):
         values = column.to_numpy()
+        if values.dtype.kind == "O" and (clock := clock_of(values)) is not None:
+            values = clock
         if values.dtype.kind not in "biufmM":
             remarks.append(f"column {name!r} has values of type {column.type}, which are no numbers, and is left out")
             continue

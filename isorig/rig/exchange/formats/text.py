@@ -17,7 +17,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.rig.errors import RecordingError
-from isorig.rig.exchange.clock import BESIDE, CLOCK, completed, names_time, seconds_of, seconds_per
+from isorig.rig.exchange.clock import BESIDE, CLOCK, completed, names_time, rises_evenly, sample_counter, seconds_of, seconds_per
 from isorig.rig.exchange.table import COLUMNS_MOST, Column, ForeignTable, Format
 from isorig.rig.exchange.tree import rate_of, table_of
 from isorig.rig.exchange.units import COUNTS, OTHER_UNITS, UNITS, known_unit, name_and_unit, sensitivity_in
@@ -78,6 +78,7 @@ _STEP = re.compile(
     rf"|\btinc\b|(?:^|\bx[ _-]|time[ _-]*)increment|time[ _-]*step|abtast(?:zeit|intervall)){_NUMBER}",
     re.IGNORECASE,
 )
+_UNIT = re.compile(r"(?:amplitude|vertical|\by)[ _-]*(?:axis[ _-]*)?units?\W+(?P<unit>[^\s,;:\"]+)", re.IGNORECASE)
 _PREFIX = re.compile(r"(?P<prefix>[km]?)(?:hz|s/s|sa/s|sps)(?:$|\W)", re.IGNORECASE)
 
 
@@ -102,15 +103,21 @@ def read_text(path: Path) -> ForeignTable:
     """The columns of a text file; names, units and the sample rate are taken from its header if present. Raises RecordingError,
     with the line and the cell, if there are no columns of numbers, or a line is truncated or contains a cell that is not a
     number."""
-    text = _with_whole_lines(_with_whole_cells(decoded(content_of(path, FILE_MOST))))
+    return table_of_text(decoded(content_of(path, FILE_MOST)), path)
+
+
+def table_of_text(text: str, path: Path) -> ForeignTable:
+    """The columns of a text, like those of a text file; messages name `path`. Raises RecordingError like `read_text`."""
+    text = _with_whole_lines(_with_whole_cells(text))
     if _TOUCHING.search(text[:HEAD_LONGEST]):
         text = _TOUCHING.sub(r"\1 ", text)
     lines = [line.rstrip("\r\n") for line in io.StringIO(text[:HEAD_LONGEST]).readlines()[:HEAD_LINES]]
     style = _with_decimal_of(text, _style(lines, path))
     _blame_thousands(lines, style, path)
     begin = sum(len(line) for line in itertools.islice(io.StringIO(text), style.first))
-    text = text[:begin] + _without_repeated_head(text[begin:], lines[: style.first])
-    frame = _frame(text, text[begin:], style, path)
+    body = _without_repeated_head(whole := text[begin:], lines[: style.first])
+    text = text if body is whole else text[:begin] + body
+    frame = _frame(text, body, style, path)
     names, units = _head(lines[: style.first], style)
     rate = _rate(lines if style.wordy else lines[: style.first], style)
     frame, about = _by_channel(frame, dict(enumerate(zip(names, units, strict=True))), path)
@@ -135,6 +142,10 @@ def read_text(path: Path) -> ForeignTable:
                 f"column {name!r} has no unit, so its sensitivity of {number:g} {signal}/({per}) is not applied: if its values "
                 f"are in V, write it as sensitivity, in V per {per}"
             )
+    if single := _single_unit(lines[: style.first]):
+        named = (key for key, column in columns.items() if not (names_time(key) or column.unit or rises_evenly(column)))
+        records = [key for key in named if sample_counter(columns[key]) is None]
+        columns |= {key: replace(columns[key], unit=single) for key in records if len(records) == 1}
     columns = {key: replace(column, sample_rate=rate) for key, column in columns.items()}
     # A table over frequency: real and imaginary parts, or magnitude and phase, become complex values.
     over = table_of(path, [(name.replace(".", "_"), column.values) for name, column in _joined(columns).items()])
@@ -144,7 +155,13 @@ def read_text(path: Path) -> ForeignTable:
     heads = (_named(line, style.separator, style) or [] for line in lines[: style.first])
     if not any(re.search(r"[^\W\d_]", cell) for head in heads for cell in head):
         remarks += _continued([column.values for column in found_columns.values()])
-    return ForeignTable(path=path, columns=found_columns, remarks=(*remarks, *said, *_empty_lines(text[begin:])))
+    return ForeignTable(path=path, columns=found_columns, remarks=(*remarks, *said, *_empty_lines(body)))
+
+
+def _single_unit(head: Sequence[str]) -> str:
+    # The unit of a file with one record: Amplitude unit: N.
+    found = (_UNIT.search(line) for line in head)
+    return next((each["unit"] for each in found if each and known_unit(each["unit"])), "")
 
 
 def decoded(raw: bytes) -> str:
