@@ -32,7 +32,7 @@ TIME_UNITS = {
 _WORD = r"t|time|zeit|temps|tiempo|tempo|secs?|seconds?|sek|x_?value|x[ _-]axis|time_?stamp|zeitstempel|elapsed[ _]?time|clock"
 _NAME = re.compile(
     rf"(?:.*[./])?(?:(?:{_WORD})(?:[ _]*(?:in[ _]+)?(?P<unit>s|sec|seconds|ms|us|µs|ns|min|h))?"
-    r"|(?P<alone>(?:milli|micro)s(?:econds)?))(?:[ _]*\d+)?(?:\[\d+\])?",
+    r"|(?P<alone>(?:milli|micro)s(?:econds)?))(?:[ _]*\d+)?(?:\[\d+\]|\s+-\s.*)?",
     re.IGNORECASE,
 )
 #: A time of day, with or without its date, its hours and its time zone.

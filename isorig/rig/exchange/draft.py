@@ -389,10 +389,16 @@ def _part(table: ForeignTable, group: str, there: dict[str, tuple[str, Column]],
             said[name] = f"column {source!r} is in {column.unit or 's'}, which is no unit of a channel, so it is left out"
     rising = (name for name, (source, column) in there.items() if name not in said and _may_be_time(source, column))
     clock = time or next((there[name][0] for name in rising), None)
+    if clock is None and next(iter(there.values()))[1].sample_rate is None:
+        even = [source for name, (source, column) in there.items() if name not in said and column.whole and is_even("", column)]
+        asked = "rises evenly from row to row: if it is a clock, write time = {!r} and its time_unit, and delete its channel"
+        counted = tuple(f"column {source!r} {asked.format(source)}" for source in even)
+    else:
+        counted = ()
     # Programs write the same clock once for each channel.
     same = {name for name, (_, c) in there.items() if clock and np.array_equal(c.values, table.columns[clock].values)}
     records = {name: place for name, place in there.items() if name not in {*said, *same}}
-    return _Part(table, group, records, clock, tuple(said.values())) if records else _Part(table, group, there, time)
+    return _Part(table, group, records, clock, (*said.values(), *counted)) if records else _Part(table, group, there, time)
 
 
 def _may_be_time(source: str, column: Column) -> bool:
@@ -445,6 +451,8 @@ def _unit_in(*names: str) -> str | None:
 
 def _parted(name: str) -> tuple[str, str | None]:
     # A label or name without the unit at its end, and that unit: encoder_angle_deg, force_kN, Kraft (N), gyro [deg/s].
+    if (words := re.search(r"[\s_]([mµμun]?m|rad|deg)_(s2?)$", name)) and (unit := known_unit(f"{words[1]}/{words[2]}")):
+        return name[: words.start()], unit
     bracketed = re.search(r"[\[(]([^\[\]()]+)[)\]]$", name)
     found = bracketed or re.search(r"[\s_.\-(\[]([^\s_.\-()\[\]]+)[)\]]?$", name)
     if not found or not (unit := known_unit(found[1])):
@@ -514,7 +522,11 @@ def _run(
     else:
         rates = _stated_rates(table)
         said = [f"sample_rate = {rate!r}    # ? the file states it as {name!r}" for name, rate in rates.items()]
-        absent = "# sample_rate = 1024.0    # ? not given by the file; required for the import"
+        # A frequency in the name of a file may be that of its drive.
+        named = re.search(r"(?<![\d.,])(\d+(?:[.,]\d+)?)[ _-]?(k?)(?:hz|sps)", table.path.stem, re.IGNORECASE)
+        hertz = float(named[1].replace(",", ".")) * (1e3 if named[2] else 1.0) if named else 1024.0
+        only = f" except perhaps in its name, {named[0]!r}" if named else ""
+        absent = f"# sample_rate = {hertz!r}    # ? not given by the file{only}; required for the import"
         lines.append(said[0] if len(set(rates.values())) == 1 else absent)
     if part.samples is not None:
         lines.append(f"samples = {value_text(list(part.samples))}")

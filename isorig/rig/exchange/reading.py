@@ -11,7 +11,6 @@ from isorig.analysis.errors import AnalysisError
 from isorig.analysis.wording import did_you_mean
 from isorig.rig.errors import RecordingError, RigError
 from isorig.rig.exchange.formats import FORMATS
-from isorig.rig.exchange.formats.excel import EXCEL
 from isorig.rig.exchange.table import ForeignTable, Format
 from isorig.rig.files.inputs import opened_regular
 from isorig.rig.files.output import reason
@@ -71,7 +70,7 @@ def _blame_content(path: Path, named: Format | None) -> None:
     # Whether the content is that of another format than the name says.
     with opened_regular(path) as file:
         head = file.read(HEAD)
-    if other := next((what for begin, what in OTHERS if head.startswith(begin)), None) or _document_in(path, head, named):
+    if other := next((what for begin, what in OTHERS if head.startswith(begin)), None) or _document_in(path, head):
         raise RecordingError(f"{path} is {other}")
     formats = [each for each in dict.fromkeys(FORMATS.values()) if each.begins is not None and each.begins.match(head)]
     if formats and named not in formats:
@@ -81,7 +80,7 @@ def _blame_content(path: Path, named: Format | None) -> None:
         )
 
 
-def _document_in(path: Path, head: bytes, named: Format | None) -> str | None:
+def _document_in(path: Path, head: bytes) -> str | None:
     # Spreadsheets are archives, like .npz files. Vector's text log of a CAN begins with its date, and the base of its numbers.
     if re.match(rb"date .*\r?\nbase (?:hex|dec)", head):
         return CAN_LOG
@@ -91,11 +90,10 @@ def _document_in(path: Path, head: bytes, named: Format | None) -> str | None:
         return None if path.suffix == ".npz" else "a damaged archive; save or copy it again"
     with zipfile.ZipFile(path) as archive:
         names = archive.namelist()
-    if any(name.startswith("xl/") for name in names):
-        return None if named is EXCEL else "an Excel workbook; rename it to .xlsx, or save it as CSV"
     if "mimetype" in names and "content.xml" in names:
         return "an OpenDocument file; save it as CSV"
-    return None if any(name.endswith(".npy") for name in names) else "an archive; unpack it"
+    known = any(name.endswith(".npy") or name.startswith("xl/") for name in names)
+    return None if known else "an archive; unpack it"
 
 
 def _with_sound_rates(table: ForeignTable) -> ForeignTable:

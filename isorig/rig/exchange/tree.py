@@ -6,7 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isorig.analysis.campaign import FloatArray, Spectrum
-from isorig.rig.exchange.clock import clock_of, is_time
+from isorig.rig.errors import RecordingError
+from isorig.rig.exchange.clock import clock_of, is_time, says_time
 from isorig.rig.exchange.table import COLUMNS_MOST, Column, ForeignTable, vectors_of
 
 #: Names of a sample rate (Hz) and of a sample interval (s), in lower case without separators.
@@ -44,6 +45,8 @@ PLAIN = frozenset(("values", "value", "data", "y", "samples", "signal", "h"))
 #: Keys of a structure that name it, in order of preference, and structures that only contain the array (Simulink's `signals`).
 NAMES = ("name", "channel", "label", "id", "title")
 WRAPPERS = ("signals",)
+#: Names of a column of words that names the channel of each row.
+LONG = frozenset(("channel", "kanal", "signal", "sensor", "variable", "measurement", "series", "tag", "name", "field"))
 #: Columns with fewer values next to longer ones are settings, not records.
 SHORT = 16
 #: A real column of transfer functions with values between 0 and this is a coherence.
@@ -60,6 +63,7 @@ class _Content:
     arrays: dict[str, NDArray[Any]] = field(default_factory=dict)
     numbers: dict[str, float] = field(default_factory=dict)
     words: dict[str, str] = field(default_factory=dict)
+    texts: dict[str, NDArray[Any]] = field(default_factory=dict)
 
     def around(self, name: str) -> list[str]:
         # The structures around a name, innermost first, each with its separator; the last one is the file.
@@ -125,7 +129,33 @@ def table_of(path: Path, items: Iterable[tuple[str, Any]], remarks: Sequence[str
             labels, units = (_listed(several, size, content, lists) for lists in (NAME_LISTS, UNIT_LISTS))
             for k, (one, vector) in enumerate(vectors.items(), place):
                 columns[one] = Column(values=vector, sample_rate=rate, unit=unit or units[k], label=label or labels[k])
+    columns = by_channel(columns, content.texts, path)
     return ForeignTable(path=path, columns=columns, numbers=content.numbers, spectra=tuple(spectra), remarks=tuple(said))
+
+
+def by_channel(columns: dict[str, Column], words: Mapping[str, NDArray[Any]], path: Path) -> dict[str, Column]:
+    """The columns of a table, with one for each channel if it has the channels below each other, named by a column of words.
+
+    `words` are its columns of words, shape (n,). Raises RecordingError if the channels have different times.
+    """
+    for name, texts in words.items():
+        rows = {key: column for key, column in columns.items() if len(column.values) == len(texts)}
+        values = [key for key, column in rows.items() if not says_time(key, column)]
+        channels, first, place = np.unique(texts, return_index=True, return_inverse=True)
+        repeated = 1 < len(channels) <= min(COLUMNS_MOST, len(texts) // 2)
+        if _plain(re.split(r"[./]", name)[-1]) not in LONG or len(values) != 1 or not repeated:
+            continue
+        at = {str(channels[k]): np.flatnonzero(place == k) for k in np.argsort(first)}
+        begin = next(iter(at.values()))
+        times = {key: replace(column, values=column.values[begin]) for key, column in rows.items() if key not in values}
+        if not all(np.array_equal(times[key].values, rows[key].values[own]) for key in times for own in at.values()):
+            raise RecordingError(
+                f"{path} has the channels {', '.join([*at][:8])} below each other, as its column {name!r} says, but not with the "
+                "same times; export one column for each channel, or one file"
+            )
+        record = rows[values[0]]
+        return {**times, **{channel: replace(record, values=record.values[own]) for channel, own in at.items()}}
+    return columns
 
 
 def _element(name: str) -> tuple[str, int]:
@@ -171,8 +201,10 @@ def _add(name: str, value: Any, content: _Content) -> None:
     elif values.dtype.kind in "US" and (clock := clock_of(values)) is not None:
         content.arrays[name] = clock
         content.words[f"{name}_unit"] = "s"
-    elif values.dtype.kind in "US" and values.size <= COLUMNS_MOST:
-        content.words.update((f"{name}[{k}]", str(text).strip()) for k, text in enumerate(values.ravel()))
+    elif values.dtype.kind in "US":
+        content.texts[name] = values.ravel()
+        few = values.ravel()[: COLUMNS_MOST * (values.size <= COLUMNS_MOST)]
+        content.words.update((f"{name}[{k}]", str(text).strip()) for k, text in enumerate(few))
     elif values.dtype.kind in "mM" and values.size > 1:
         content.arrays[name] = (values - values.ravel()[0]) / np.timedelta64(1, "s")
         content.words[f"{name}_unit"] = "s"

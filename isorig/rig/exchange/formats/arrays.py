@@ -13,7 +13,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from isorig.rig.exchange.clock import clock_of, completed
+from isorig.rig.exchange.clock import completed
 from isorig.rig.exchange.table import AGAIN, ForeignTable, Format, check_declared
 from isorig.rig.exchange.tree import NAMES, table_of
 from isorig.rig.files.inputs import content_of
@@ -90,7 +90,7 @@ def _listed(name: str, value: list[Any], depth: int) -> Iterator[tuple[str, Any]
     elif value and all(isinstance(item, dict) for item in value):
         items = [_unnested(item) for item in value]
         plain = set.intersection(*(set(item) for item in items))
-        rows = {key: _numbers_or_times([item[key] for item in items]) for key in items[0] if key in plain}
+        rows = {key: _numbers_or_words([item[key] for item in items]) for key in items[0] if key in plain}
         if len(value) > 1 and any(values is not None and values.ndim == 1 for values in rows.values()):
             # Rows of a table: {"t": 0.0, "x": 1.0}, {"t": 0.1, ...}
             yield from ((f"{name}.{key}" if name else key, values) for key, values in rows.items() if values is not None)
@@ -123,9 +123,8 @@ def _numbers(value: list[Any]) -> Any:
     return values if whole else None
 
 
-def _numbers_or_times(value: list[Any]) -> Any:
-    texts = all(isinstance(item, str) for item in value)
-    return clock_of(np.array(value)) if texts else _numbers(value)
+def _numbers_or_words(value: list[Any]) -> Any:
+    return np.array(value) if all(isinstance(item, str) for item in value) else _numbers(value)
 
 
 def _has_words(value: Any) -> bool:
@@ -148,5 +147,5 @@ NPZ = Format(
     name="a .npz file",
     read=read_npz,
     advice="save plain arrays of numbers with numpy.savez",
-    begins=re.compile(rb"PK\x03\x04"),
+    begins=re.compile(rb"PK\x03\x04.{26}[^\0]{1,500}\.npy", re.DOTALL),
 )

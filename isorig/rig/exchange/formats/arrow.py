@@ -36,6 +36,8 @@ def _items(table: Any, remarks: list[str]) -> Iterator[tuple[str, Any]]:
         values = column.to_numpy()
         if values.dtype.kind == "O" and (clock := clock_of(values)) is not None:
             values = clock
+        if values.dtype.kind == "O" and len(values) and isinstance(values[0], str):
+            yield name, values.astype(str)
         if values.dtype.kind not in "biufmM":
             remarks.append(f"column {name!r} has values of type {column.type}, which are no numbers, and is left out")
             continue

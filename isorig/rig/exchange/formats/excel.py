@@ -60,5 +60,5 @@ def _is_setting(row: list[Any]) -> bool:
 
 EXCEL = Format(
     extensions=(".xlsx", ".xlsm"), name="an Excel workbook", read=read_excel, advice="save its numbers as CSV",
-    begins=re.compile(rb"PK\x03\x04"),
+    begins=re.compile(rb"PK\x03\x04.{26}(?:\[Content_Types\]|_rels/|docProps/|customXml/|xl/)", re.DOTALL),
 )  # fmt: skip

@@ -11,15 +11,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from isorig.analysis.campaign import FloatArray
 from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.clock import BESIDE, CLOCK, completed, names_time, rises_evenly, sample_counter, seconds_of, seconds_per
-from isorig.rig.exchange.table import COLUMNS_MOST, Column, ForeignTable, Format
-from isorig.rig.exchange.tree import rate_of, table_of
+from isorig.rig.exchange.table import Column, ForeignTable, Format
+from isorig.rig.exchange.tree import by_channel, rate_of, table_of
 from isorig.rig.exchange.units import COUNTS, OTHER_UNITS, UNITS, known_unit, name_and_unit, sensitivity_in
 from isorig.rig.files.inputs import content_of
 from isorig.rig.files.output import reason
@@ -43,8 +44,6 @@ MARKS = (
 FILE_MOST = 1 << 30
 #: Maximum number of header lines, and of their characters.
 HEAD_LINES, HEAD_LONGEST = 1000, 1 << 20
-#: Names of a column of words that names the channel of each row.
-LONG = ("channel", "kanal", "signal", "sensor", "variable", "measurement", "series", "tag", "name", "field", "_field")
 #: Fewest successive lines with a single value that are a column, unless the file ends before.
 ROWS_LEAST = 3
 #: Words of two columns with the parts of complex values.
@@ -120,14 +119,14 @@ def table_of_text(text: str, path: Path) -> ForeignTable:
     frame = _frame(text, body, style, path)
     names, units = _head(lines[: style.first], style)
     rate = _rate(lines if style.wordy else lines[: style.first], style)
-    frame, about = _by_channel(frame, dict(enumerate(zip(names, units, strict=True))), path)
     sensors = _sensitivities(lines[: style.first], style)
     columns: dict[str, Column] = {}
     remarks = [*_notes(lines, style), *_cut(text, style, path)]
-    for k, (name, unit) in about.items():
+    words: dict[str, NDArray[Any]] = {}
+    for k, (name, unit) in enumerate(zip(names, units, strict=True)):
         if frame[k].dtype.kind != "f" and k not in style.clocks:
             _blame_numbers(frame[k].dropna(), text, style, k, path)
-            remarks.append(f"column {name!r} contains words ({frame[k].dropna().iloc[0]!r}) and is left out")
+            words[name] = frame[k].to_numpy(str)
             continue
         values = seconds_of(frame[k]) if k in style.clocks else frame[k].to_numpy()
         stated = np.unique(values[np.isfinite(values)])
@@ -142,6 +141,9 @@ def table_of_text(text: str, path: Path) -> ForeignTable:
                 f"column {name!r} has no unit, so its sensitivity of {number:g} {signal}/({per}) is not applied: if its values "
                 f"are in V, write it as sensitivity, in V per {per}"
             )
+    stored, columns = columns, by_channel(columns, words, path)
+    unused = words if stored is columns else {}
+    remarks += [f"column {name!r} contains words ({texts[0]!r}) and is left out" for name, texts in unused.items()]
     if single := _single_unit(lines[: style.first]):
         named = (key for key, column in columns.items() if not (names_time(key) or column.unit or rises_evenly(column)))
         records = [key for key in named if sample_counter(columns[key]) is None]
@@ -536,30 +538,6 @@ def _head(head: Sequence[str], style: _Style) -> tuple[list[str], list[str]]:
     # A row of units may have its name in the first column.
     units = ["" if re.search(r"unit|einheit", unit, re.IGNORECASE) else unit.strip("[]()").strip(" -") for unit in units]
     return names, [unit or own for unit, (_, own) in zip(units, named, strict=True)]
-
-
-def _by_channel(
-    frame: pd.DataFrame, about: dict[int, tuple[str, str]], path: Path
-) -> tuple[pd.DataFrame, dict[int, tuple[str, str]]]:
-    # One column for each channel of a table that has them below each other, named by a column of words; with names and units.
-    import pandas as pd
-
-    word = next((k for k, (name, _) in about.items() if name.lower() in LONG and frame[k].dtype.kind != "f"), None)
-    timed = {k for k, (name, unit) in about.items() if names_time(name) or seconds_per(unit)}
-    values = [k for k in about if frame[k].dtype.kind == "f" and k not in timed]
-    if word is None or len(values) != 1 or not 1 < frame[word].nunique() <= COLUMNS_MOST:
-        return frame, about
-    parts = {str(name): part.reset_index(drop=True) for name, part in frame.groupby(word, sort=False)}
-    rest = [k for k in about if k not in (word, *values)]
-    first = next(iter(parts.values()))[rest]
-    if not all(part[rest].equals(first) for part in parts.values()):
-        raise RecordingError(
-            f"{path} has the channels {', '.join([*parts][:8])} below each other, as its column {about[word][0]!r} says, but not "
-            "with the same times; export one column for each channel, or one file"
-        )
-    found = {k: about[k] for k in rest} | {k: (name, about[values[0]][1]) for k, name in enumerate(parts, len(about))}
-    joined = pd.concat([first, *(part[values[0]] for part in parts.values())], axis=1)
-    return joined.set_axis([*found], axis=1), found
 
 
 def _sensitivities(head: Sequence[str], style: _Style) -> dict[int, tuple[float, str, str]]:
