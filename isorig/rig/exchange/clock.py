@@ -29,7 +29,9 @@ TIME_UNITS = {
     **dict.fromkeys(("h", "hour", "hours", "stunde", "stunden"), 3600.0),
     **dict.fromkeys(("d", "day", "days", "tage"), 86400.0),
 }
-_WORD = r"t|time|zeit|temps|tiempo|tempo|secs?|seconds?|sek|x_?value|x[ _-]axis|time_?stamp|zeitstempel|elapsed[ _]?time|clock"
+_WORD = (
+    r"t|time|zeit|temps|tiempo|tempo|secs?|seconds?|sek|x_?value|x[ _-]axis|time_?stamp|zeitstempel|elapsed(?:[ _]?time)?|clock"
+)
 _NAME = re.compile(
     rf"(?:.*[./])?(?:(?:{_WORD})(?:[ _]*(?:in[ _]+)?(?P<unit>s|sec|seconds|ms|us|µs|ns|min|h))?"
     r"|(?P<alone>(?:milli|micro)s(?:econds)?))(?:[ _]*\d+)?(?:\[\d+\]|\s+-\s.*)?",
@@ -37,9 +39,9 @@ _NAME = re.compile(
 )
 #: A time of day, with or without its date, its hours and its time zone.
 CLOCK = re.compile(
-    r"(?:(?P<date>\d{4}[-/]\d\d?[-/]\d\d?|\d\d?[./-]\d\d?[./-]\d{2,4})[ T])?"
+    r"(?:(?P<date>\d{4}[-/.]\d\d?[-/.]\d\d?|\d\d?[./-]\d\d?[./-]\d{2,4}|\d\d?[- ][a-z]{3}[- ]\d{2,4}),?[ T])?"
     r"(?:(?P<h>\d\d?):(?P<m>\d\d)(?::(?P<s>\d\d(?:[.,:]\d+)?))?|(?P<m2>\d\d?):(?P<s2>\d\d[.,]\d+))"
-    r"(?: ?(?P<half>[AP]M)|Z|[+-]\d\d:?\d\d)?",
+    r"(?: ?(?P<half>[AP]M)|Z| ?UTC| ?GMT| ?[+-]\d\d:?\d\d)?",
     re.IGNORECASE,
 )
 #: Times since 1970 in units of one second, from 2001 to 2128: by their size a clock without a unit is known to be one of these.
@@ -102,7 +104,7 @@ def seconds_of(column: pd.Series[str]) -> FloatArray:
     seconds = np.asarray(pd.Series(seconds).where(column.notna()).ffill(), dtype=np.float64)
     if parts["date"].notna().any():
         # The day or the month is first: where both are possible, the one with which the dates are closer together.
-        dates = parts["date"].dropna()
+        dates = parts["date"].str.replace(r"^(\d{4})[./]", r"\1-", regex=True).dropna()
         orders = ("." in dates.iloc[0], "." not in dates.iloc[0])
         read = [pd.to_datetime(parts["date"], dayfirst=first, errors="coerce", format="mixed").ffill() for first in orders]
         days = min(read, key=lambda dates: (dates.isna().any(), dates.max() - dates.min()))

@@ -58,8 +58,16 @@ AMBIGUOUS = ("A", "V", "m", "1", "in")
 SYMBOLS = {"V": "u|v|voltage|spannung", "A": "i|current|strom", "m": "x|y|z|s|d|position|displacement|weg"}
 #: What a released rig needs in its mapping.
 FREE = 'write excitation = "free" in every run of the mapping'
-#: Names of the records of a benchmark's parts: uEst and uVal.
-PARTS = re.compile(r"(?P<before>)(?P<name>\w+?)_?(?P<after>est|val|test|train|estimation|validation|training)", re.IGNORECASE)
+_RUN = r"(?P<after>(?:run|trial|test|rep|experiment|measurement|versuch|lauf|messung)[ _-]?\d+)"
+#: Names of records with the run or the part of a benchmark: run1_force, force_run1, uEst and uVal.
+PARTS = tuple(
+    re.compile(rf"(?P<before>){form}", re.IGNORECASE)
+    for form in (
+        rf"{_RUN}[ _-]?(?P<name>[^./]+)",
+        rf"(?P<name>[^./]+?)[ _-]?{_RUN}",
+        r"(?P<name>\w+?)_?(?P<after>est|val|test|train|estimation|validation|training)",
+    )
+)
 #: Single numbers of a file that are listed at most.
 NUMBERS_MOST = 12
 
@@ -314,16 +322,19 @@ def _groups(table: ForeignTable) -> dict[str, dict[str, tuple[str, Column]]]:
     # Columns by the part before the last dot or slash, or after #: if groups have the same names, each group is a run.
     groups: dict[str, dict[str, tuple[str, Column]]] = {}
     # An estimation and a validation part of a benchmark are runs, too.
-    parts = {source: PARTS.fullmatch(source) for source in table.columns}
-    named = len({found["after"] for found in parts.values() if found}) > 1 and all(parts.values())
+    records = [source for source, column in table.columns.items() if not is_clock(source, column)]
+    matched = ({source: form.fullmatch(source) for source in records} for form in PARTS)
+    parts = next((each for each in matched if all(each.values()) and len({m["after"] for m in each.values() if m}) > 1), {})
     for source, column in table.columns.items():
-        found = parts[source] if named else re.fullmatch(r"(?:(?P<before>.*)[./])?(?P<name>[^./#]+)(?:#(?P<after>\d+))?", source)
+        found = parts.get(source) or re.fullmatch(r"(?:(?P<before>.*)[./])?(?P<name>[^./#]+)(?:#(?P<after>\d+))?", source)
         group, name = ("", source) if found is None else (found["before"] or found["after"] or "", found["name"])
         groups.setdefault(group, {})[name] = (source, column)
-    # Runs of an array have one clock.
-    numbered = next((columns for group, columns in groups.items() if group.isdigit()), {})
-    clocks = {name: place for name, place in groups.get("", {}).items() if name not in numbered and is_clock(name, place[1])}
-    groups = {group: {**(clocks if group.isdigit() else {}), **columns} for group, columns in groups.items()}
+    # Runs of an array, or of numbered names, have one clock.
+    inner = next((columns for group, columns in groups.items() if group.isdigit() or (group and parts)), {})
+    clocks = {name: place for name, place in groups.get("", {}).items() if name not in inner and is_clock(name, place[1])}
+    if parts and len(clocks) == len(groups.get("", {})):
+        groups.pop("", None)
+    groups = {group: {**(clocks if group.isdigit() or parts else {}), **columns} for group, columns in groups.items()}
     alike = Counter(frozenset(columns) for columns in groups.values()).most_common(1)
     if alike and alike[0][1] == len(groups) and not _one_each(groups):
         return groups

@@ -65,6 +65,16 @@ def test_parts_of_a_benchmark(tmp_path: Path) -> None:
     assert len(drafted(tmp_path, tmp_path / "n.mat")) == 1
 
 
+@pytest.mark.parametrize("form", ["run{}_{}", "{1}_run{0}", "{1} run {0}"])
+def test_runs_in_names(tmp_path: Path, form: str) -> None:
+    """Their clock may be a common one."""
+    names = [form.format(k, name) for k in range(3) for name in ("a", "b")]
+    rows = zip(TIME, *(values for run in RUNS for values in run), strict=True)
+    lines = [",".join(map(str, row)) for row in rows]
+    check_runs(drafted(tmp_path, table(tmp_path / "m.csv", ",".join(["time", *names]), *lines)), ("a", "b"))
+    assert len(drafted(tmp_path, table(tmp_path / "n.csv", "time,test1_a,test2_b", *ROWS))) == 1
+
+
 def test_cells_with_lists_of_names(tmp_path: Path) -> None:
     cells = np.empty((1, 2), object)
     cells[0, 0], cells[0, 1] = X[:, None], Y[:, None]
@@ -142,6 +152,14 @@ def test_runs_of_a_universal_file(tmp_path: Path) -> None:
         )
     )
     check_runs(drafted(tmp_path, tmp_path / "m.uff"), ("channel_1_z_force", "channel_1_z_acceleration"))
+
+
+@pytest.mark.parametrize(("length", "unit", "size"), [(1.0, "g", 9.80665), (1.0, "mm/s^2", 1e-3), (1000.0, "mm/s^2", None)])
+def test_a_label_that_contradicts_the_unit_system(tmp_path: Path, length: float, unit: str, size: float | None) -> None:
+    system = f"{-1:6d}\n{164:6d}\n{1:10d}{'system':20}{2:10d}\n{length:25.16e}{1.0:25.16e}{1.0:25.16e}\n{0.0:25.16e}\n{-1:6d}\n"
+    (tmp_path / "m.uff").write_text(system + dataset(X, 12, unit, 1, 1))
+    remarks = read_foreign(tmp_path / "m.uff").remarks
+    assert (f"if its values are in the unit system, write sensitivity = {size or 0:g}" in " ".join(remarks)) is (size is not None)
 
 
 def test_lvm_without_the_cells_of_clocks(tmp_path: Path) -> None:

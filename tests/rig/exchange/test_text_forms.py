@@ -128,6 +128,21 @@ def test_names_followed_by_units() -> None:
     assert sensitivity_in("5 V/div") is None
 
 
+@pytest.mark.parametrize("form", ["%d-%b-%Y %H:%M:%S.", "%Y.%m.%d %H:%M:%S.", "%d.%m.%Y, %H:%M:%S,", "%d/%m/%y %H:%M:%S."])
+@pytest.mark.parametrize("zone", ["", " UTC"])
+def test_forms_of_dates(tmp_path: Path, form: str, zone: str) -> None:
+    rows = [f"{d.strftime(form)}{d.microsecond // 1000:03d}{zone};{row}" for d, row in zip(DATES, PLAIN, strict=True)]
+    (run,) = drafted(tmp_path, table(tmp_path / "m.csv", "time;a;b", *rows))
+    check(run, {"a": X, "b": Y})
+
+
+def test_a_second_table_with_its_own_settings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = table(tmp_path / "m.csv", "Run,1", "time,a,b", *ROWS, "", "Run,2", "time,a,b", *ROWS)
+    assert "line 124 has words below the numbers: if a second table begins there, save each" in said_of(
+        capsys, "--draft", file, "-o", tmp_path / "d.toml"
+    )
+
+
 def test_a_gain_of_zero_is_not_proposed(tmp_path: Path) -> None:
     assert main(["import", "--draft", str(table(tmp_path / "u00.csv", "time,a,b", *ROWS)), "-o", str(tmp_path / "d.toml")]) == 0
     assert "gain = 1.0" in (tmp_path / "d.toml").read_text()

@@ -13,6 +13,7 @@ from typing import Any
 from isorig.rig.errors import PlanError, RecordingError
 from isorig.rig.exchange.formats.text import table_of_text
 from isorig.rig.exchange.table import Column, ForeignTable, Format, check_declared
+from isorig.rig.exchange.tree import SHORT
 
 
 def read_excel(path: Path) -> ForeignTable:
@@ -31,7 +32,10 @@ def read_excel(path: Path) -> ForeignTable:
         for sheet in book.worksheets:
             rows = [list(row) for row in sheet.iter_rows(values_only=True)]
             try:
-                tables[sheet.title] = table_of_text("".join(map(_line, rows)), path)
+                table = table_of_text("".join(map(_line, rows)), path)
+                if len(rows) < SHORT:
+                    raise RecordingError(f"it has {len(rows)} rows")
+                tables[sheet.title] = table
             except RecordingError as why:
                 remarks.append(f"sheet {sheet.title!r} is left out ({why})")
                 numbers |= {f"{sheet.title}/{row[0]}": float(row[1]) for row in rows if _is_setting(row)}

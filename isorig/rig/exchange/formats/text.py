@@ -143,7 +143,7 @@ def table_of_text(text: str, path: Path) -> ForeignTable:
             )
     stored, columns = columns, by_channel(columns, words, path)
     unused = words if stored is columns else {}
-    remarks += [f"column {name!r} contains words ({texts[0]!r}) and is left out" for name, texts in unused.items()]
+    remarks += [f"column {name!r} contains words ({str(texts[0])!r}) and is left out" for name, texts in unused.items()]
     if single := _single_unit(lines[: style.first]):
         named = (key for key, column in columns.items() if not (names_time(key) or column.unit or rises_evenly(column)))
         records = [key for key in named if sample_counter(columns[key]) is None]
@@ -246,7 +246,7 @@ def _without_repeated_head(body: str, head: Sequence[str]) -> str:
 def _blame(text: str, style: _Style, path: Path) -> None:
     # The first line that does not belong to the table, by its number in the file.
     short: list[tuple[int, int]] = []
-    last = 0
+    last, heads = 0, {cells[0] for line in text.splitlines()[: style.first] if (cells := _fields(line, style.separator))}
     for number, raw in enumerate(io.StringIO(text), 1):
         line = raw.split("#", 1)[0]
         if number <= style.first or not line.strip():
@@ -256,7 +256,8 @@ def _blame(text: str, style: _Style, path: Path) -> None:
         if len(fields) > style.count and any(fields[style.count :]):
             raise RecordingError(f"{here} has {len(fields)} cells but the lines before it have {style.count}; correct that line")
         wrong = next((k for k, field in enumerate(fields) if not (_is_value(field, style.decimal) or k in style.wordy)), None)
-        if len(fields) > 1 and not any(_is_value(field, style.decimal) for field in fields):
+        again = fields[0] in heads and not _is_value(fields[0], style.decimal)
+        if again or (len(fields) > 1 and not any(_is_value(field, style.decimal) for field in fields)):
             raise RecordingError(
                 f"{here} has words below the numbers: if a second table begins there, save each as its own file, otherwise "
                 "delete that line"

@@ -62,7 +62,7 @@ def read_uff(path: Path) -> ForeignTable:
     columns: dict[str, Column] = {}
     spectra: list[Spectrum] = []
     remarks: list[str] = []
-    system = SI
+    system, stated = SI, False
     sets = _sets(path)
     functions = [item for item in sets if item["type"] == 58]
     responses = _by_quantity(functions, _names(functions, "rsp"))
@@ -70,7 +70,7 @@ def read_uff(path: Path) -> ForeignTable:
     for place, item in enumerate(sets, 1):
         if item["type"] == 164:
             length, force = float(item.get("length") or 1.0), float(item.get("force") or 1.0)
-            system = (length, force) if 0.0 < length < np.inf and 0.0 < force < np.inf else SI
+            system, stated = ((length, force) if 0.0 < length < np.inf and 0.0 < force < np.inf else SI), True
             continue
         response, reference, label = next(named)
         here = f"function {place} ({response})"
@@ -91,6 +91,14 @@ def read_uff(path: Path) -> ForeignTable:
             while key in columns:
                 key, number = f"{response}#{number}", number + 1
             columns[key] = replace(found, label=label)
+            si, long, strong = TYPES.get(int(item.get("ordinate_spec_data_type", 0)), ("", 0, 0))
+            known = known_unit(found.unit)
+            size = system[0] ** long * system[1] ** strong / found.sensitivity
+            if stated and si and known is not None and not np.isclose(UNITS[known].factor * size, 1.0, rtol=1e-2):
+                remarks.append(
+                    f"{here} has the label {found.unit!r}, but the file's unit system (dataset 164) has {size:g} of its units in "
+                    f"one {si}: if its values are in the unit system, write sensitivity = {size * UNITS[known].factor:.6g}"
+                )
         else:
             spectra.append(replace(found, name=f"{len(spectra):03d}"))
     if not columns and not spectra and remarks:
