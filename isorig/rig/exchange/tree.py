@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -17,6 +18,7 @@ from isorig.analysis.campaign import FloatArray, Spectrum
 from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.clock import clock_of, is_time, says_time
 from isorig.rig.exchange.table import COLUMNS_MOST, Column, ForeignTable, vectors_of
+from isorig.rig.exchange.units import known_unit
 
 #: Names of a sample rate (Hz) and of a sample interval (s), in lower case without separators.
 RATES = frozenset((
@@ -47,6 +49,11 @@ NAMES = ("name", "channel", "label", "id", "title")
 WRAPPERS = ("signals",)
 #: Names of a column of words that names the channel of each row.
 LONG = frozenset(("channel", "kanal", "signal", "sensor", "variable", "measurement", "series", "tag", "name", "field"))
+#: Words of two columns with the parts of complex values.
+PARTS = (
+    ("real", "imag"), ("real", "imaginary"), ("re", "im"), ("magnitude", "phase"), ("mag", "phase"), ("amplitude", "phase"),
+    ("db", "deg"), ("db", "phase"),
+)  # fmt: skip
 #: Columns with fewer values next to longer ones are settings, not records.
 SHORT = 16
 #: A real column of transfer functions with values between 0 and this is a coherence.
@@ -156,6 +163,41 @@ def by_channel(columns: dict[str, Column], words: Mapping[str, NDArray[Any]], pa
         record = rows[values[0]]
         return {**times, **{channel: replace(record, values=record.values[own]) for channel, own in at.items()}}
     return columns
+
+
+def over_frequency(path: Path, columns: dict[str, Column], words: Mapping[str, NDArray[Any]]) -> ForeignTable | None:
+    """The spectra of a table of numbers and words by column, shape (n,), if it is one over frequency; None otherwise.
+
+    Functions are below each other where the frequency starts again; the words `response` and `reference` name their channels.
+    """
+    axis = next((column.values for name, column in columns.items() if _plain(name) in FREQUENCIES), None)
+    if axis is None or any(is_time(name, column) for name, column in columns.items()):
+        return None
+    again = (np.flatnonzero(np.diff(axis) < 0.0) + 1).tolist()
+    edges = [0, *(again if len(again) < COLUMNS_MOST else []), len(axis)]
+    items: list[tuple[str, Any]] = []
+    for k, (begin, end) in enumerate(pairwise(edges)):
+        for name, column in _joined(columns).items():
+            items.append((f"{k}.{name.replace('.', '_')}", column.values[begin:end]))
+        items += [(f"{k}.{name}", str(texts[begin])) for name, texts in words.items() if len(texts) == len(axis)]
+    found = table_of(path, items)
+    return found if found.spectra and not found.columns else None
+
+
+def _joined(columns: dict[str, Column]) -> dict[str, Column]:
+    rest = dict(columns)
+    joined: dict[str, Column] = {}
+    for name in columns:
+        for one, other in PARTS:
+            partner = next((n for n in rest if n.lower() == re.sub(rf"(?i)\b{one}\b|(?<=_){one}$", other, name).lower()), None)
+            if name in rest and partner is not None and partner != name:
+                a, b = rest.pop(name), rest.pop(partner)
+                turn = np.pi / 180.0 if known_unit(b.unit or other) == "deg" else 1.0
+                size = 10.0 ** (a.values / 20.0) if "db" in (one, a.unit.lower()) else a.values
+                values = a.values + 1j * b.values if other.startswith("im") else size * np.exp(1j * turn * b.values)
+                joined[re.sub(rf"(?i)[ _]*{one}$", "", name) or "response"] = Column(values=values, unit=a.unit)
+                break
+    return {**rest, **joined}
 
 
 def _element(name: str) -> tuple[str, int]:

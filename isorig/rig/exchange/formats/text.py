@@ -20,7 +20,7 @@ from isorig.analysis.campaign import FloatArray
 from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.clock import BESIDE, CLOCK, completed, names_time, rises_evenly, sample_counter, seconds_of, seconds_per
 from isorig.rig.exchange.table import Column, ForeignTable, Format
-from isorig.rig.exchange.tree import by_channel, rate_of, table_of
+from isorig.rig.exchange.tree import by_channel, over_frequency, rate_of
 from isorig.rig.exchange.units import COUNTS, OTHER_UNITS, UNITS, known_unit, name_and_unit, sensitivity_in
 from isorig.rig.files.inputs import content_of
 from isorig.rig.files.output import reason
@@ -46,11 +46,6 @@ FILE_MOST = 1 << 30
 HEAD_LINES, HEAD_LONGEST = 1000, 1 << 20
 #: Fewest successive lines with a single value that are a column, unless the file ends before.
 ROWS_LEAST = 3
-#: Words of two columns with the parts of complex values.
-PARTS = (
-    ("real", "imag"), ("real", "imaginary"), ("re", "im"), ("magnitude", "phase"), ("mag", "phase"), ("amplitude", "phase"),
-    ("db", "deg"), ("db", "phase"),
-)  # fmt: skip
 #: Number of lines at the end whose digits are compared.
 LAST_LINES = 50
 #: Each row continues the one before it if the step between them is smaller than this share of the steps from row to row. Chosen.
@@ -150,8 +145,7 @@ def table_of_text(text: str, path: Path) -> ForeignTable:
         columns |= {key: replace(columns[key], unit=single) for key in records if len(records) == 1}
     columns = {key: replace(column, sample_rate=rate) for key, column in columns.items()}
     # A table over frequency: real and imaginary parts, or magnitude and phase, become complex values.
-    over = table_of(path, [(name.replace(".", "_"), column.values) for name, column in _joined(columns).items()])
-    if over.spectra and not over.columns:
+    if (over := over_frequency(path, columns, words)) is not None:
         return over
     found_columns, said = completed(columns)
     heads = (_named(line, style.separator, style) or [] for line in lines[: style.first])
@@ -640,22 +634,6 @@ def _number(text: str, style: _Style) -> float:
 def _plain(text: str) -> float:
     # A number with a point or a comma for its decimals.
     return float(text.replace(",", ".")) if text.count(".") + text.count(",") < 2 else 0.0
-
-
-def _joined(columns: dict[str, Column]) -> dict[str, Column]:
-    rest = dict(columns)
-    joined: dict[str, Column] = {}
-    for name in columns:
-        for one, other in PARTS:
-            partner = next((n for n in rest if n.lower() == re.sub(rf"(?i)\b{one}\b|(?<=_){one}$", other, name).lower()), None)
-            if name in rest and partner is not None and partner != name:
-                a, b = rest.pop(name), rest.pop(partner)
-                turn = np.pi / 180.0 if known_unit(b.unit or other) == "deg" else 1.0
-                size = 10.0 ** (a.values / 20.0) if "db" in (one, a.unit.lower()) else a.values
-                values = a.values + 1j * b.values if other.startswith("im") else size * np.exp(1j * turn * b.values)
-                joined[re.sub(rf"(?i)[ _]*{one}$", "", name) or "response"] = Column(values=values, unit=a.unit)
-                break
-    return {**rest, **joined}
 
 
 TEXT = Format(extensions=(".csv", ".txt", ".tsv", ".dat", ".asc", ".prn"), name="text", read=read_text)
