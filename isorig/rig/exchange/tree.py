@@ -177,9 +177,10 @@ def over_frequency(path: Path, columns: dict[str, Column], words: Mapping[str, N
     edges = [0, *(again if len(again) < COLUMNS_MOST else []), len(axis)]
     items: list[tuple[str, Any]] = []
     for k, (begin, end) in enumerate(pairwise(edges)):
+        here = f"{k}." if words or len(edges) > 2 else ""
         for name, column in _joined(columns).items():
-            items.append((f"{k}.{name.replace('.', '_')}", column.values[begin:end]))
-        items += [(f"{k}.{name}", str(texts[begin])) for name, texts in words.items() if len(texts) == len(axis)]
+            items.append((f"{here}{name.replace('.', '_')}", column.values[begin:end]))
+        items += [(f"{here}{name}", str(texts[begin])) for name, texts in words.items() if len(texts) == len(axis)]
     found = table_of(path, items)
     return found if found.spectra and not found.columns else None
 
