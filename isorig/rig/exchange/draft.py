@@ -198,6 +198,8 @@ def _further_numbers(table: ForeignTable) -> list[str]:
     # Single numbers of a file may be scales or calibrations.
     rates = _stated_rates(table)
     plain = [f"{name} = {number:.6g}" for name, number in table.numbers.items() if name not in rates]
+    few = ((name, column.values.tolist()) for name, column in table.columns.items() if 1 < len(column.values) < SHORT)
+    plain += [f"{name} = {values}" for name, values in few]
     return [f"further numbers of the file, perhaps scales of channels: {', '.join(plain[:NUMBERS_MOST])}"] if plain else []
 
 
@@ -335,10 +337,25 @@ def _groups(table: ForeignTable) -> dict[str, dict[str, tuple[str, Column]]]:
     if parts and len(clocks) == len(groups.get("", {})):
         groups.pop("", None)
     groups = {group: {**(clocks if group.isdigit() or parts else {}), **columns} for group, columns in groups.items()}
+    groups = _by_structure(groups)
     alike = Counter(frozenset(columns) for columns in groups.values()).most_common(1)
     if alike and alike[0][1] == len(groups) and not _one_each(groups):
         return groups
     return {"": {source: (source, column) for source, column in table.columns.items()}} if table.columns else {}
+
+
+def _by_structure(groups: dict[str, dict[str, tuple[str, Column]]]) -> dict[str, dict[str, tuple[str, Column]]]:
+    # Structures with one array each whose names are repeated (run1.force.data, run2.force.data) are channels of several runs.
+    if not _one_each(groups):
+        return groups
+    outer: dict[str, dict[str, tuple[str, Column]]] = {}
+    for group, columns in groups.items():
+        before, _, channel = group.replace("/", ".").rpartition(".")
+        for name, place in columns.items():
+            outer.setdefault(before, {})[name if is_clock(name, place[1]) else channel] = place
+    common = set.intersection(*(set(before.split(".")) for before in outer))
+    named = {"_".join(part for part in before.split(".") if part not in common): columns for before, columns in outer.items()}
+    return named if 1 < len(named) == len(outer) and len({frozenset(columns) for columns in outer.values()}) == 1 else groups
 
 
 def _one_each(groups: Mapping[str, Mapping[str, tuple[str, Column]]]) -> bool:

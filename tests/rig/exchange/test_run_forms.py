@@ -11,6 +11,7 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
+from nptdms import ChannelObject, TdmsWriter
 from openpyxl import Workbook
 from scipy.io import savemat
 from test_lab_files import ROWS, TIME, N, X, Y, check, drafted, said_of, table
@@ -73,6 +74,37 @@ def test_runs_in_names(tmp_path: Path, form: str) -> None:
     lines = [",".join(map(str, row)) for row in rows]
     check_runs(drafted(tmp_path, table(tmp_path / "m.csv", ",".join(["time", *names]), *lines)), ("a", "b"))
     assert len(drafted(tmp_path, table(tmp_path / "n.csv", "time,test1_a,test2_b", *ROWS))) == 1
+
+
+@pytest.mark.parametrize("form", ["h5", "json"])
+def test_runs_of_channels_with_a_structure_each(tmp_path: Path, form: str) -> None:
+    file = tmp_path / f"m.{form}"
+    if form == "h5":
+        with h5py.File(file, "w") as hdf:
+            for k, values in enumerate(RUNS):
+                for name, each in zip("ab", values, strict=True):
+                    hdf[f"tests/run{k}/{name}/data"] = each
+            hdf.attrs["fs"] = 1000.0
+    else:
+        runs = [
+            {"id": f"run{k}", "fs": 1000.0, "channels": {n: {"data": v.tolist()} for n, v in zip("ab", run, strict=True)}}
+            for k, run in enumerate(RUNS)
+        ]
+        file.write_text(json.dumps({"runs": runs}))
+    found = drafted(tmp_path, file)
+    assert [run.id for run in found] == ["run0", "run1", "run2"]
+    check_runs(found, ("a", "b"))
+
+
+def test_lists_of_sensitivities_are_reported(tmp_path: Path) -> None:
+    """They may be those of the sensors whose voltages the array has."""
+    savemat(tmp_path / "m.mat", {"data": np.stack([X, Y], 1), "sensitivity": [0.01, 0.1], "fs": 1000.0})
+    assert main(["import", "--draft", str(tmp_path / "m.mat"), "-o", str(tmp_path / "d.toml")]) == 0
+    assert "perhaps scales of channels: sensitivity = [0.01, 0.1]" in (tmp_path / "d.toml").read_text()
+    with TdmsWriter(tmp_path / "m.tdms") as file:
+        properties = {"wf_increment": 1e-3, "Sensitivity": 10.2, "Slot": 3}
+        file.write_segment([ChannelObject("Log", "a", X, properties), ChannelObject("Log", "b", Y, properties)])
+    assert set(read_foreign(tmp_path / "m.tdms").numbers.values()) == {10.2}
 
 
 def test_cells_with_lists_of_names(tmp_path: Path) -> None:

@@ -64,6 +64,16 @@ def test_a_sensitivity_without_a_unit_is_reported(tmp_path: Path) -> None:
     assert {column.sensitivity for column in found.columns.values()} == {1.0}
 
 
+def test_a_sensitivity_of_one_channel_is_reported(tmp_path: Path) -> None:
+    """A list of channels above the table: the place of the cell is not that of the column; in a name it is."""
+    listed = ["Channel 1: b, V, 11.2 mV/N", "Channel 2: a, V, 100 mV/(m/s^2)"]
+    found = read_foreign(table(tmp_path / "m.csv", *listed, "t [s],a [V],b [V]", *(row.replace(";", ",") for row in VOLTS)))
+    assert [column.sensitivity for column in found.columns.values()] == [1.0, 1.0, 1.0]
+    assert "line 1 ('Channel 1: b, V, 11.2 mV/N') states a sensitivity, which is not applied" in " ".join(found.remarks)
+    found = read_foreign(table(tmp_path / "n.csv", "t [s];a [V];b [V] 11.2 mV/N", *VOLTS))
+    assert [column.sensitivity for column in found.columns.values()] == pytest.approx([1.0, 1.0, 0.0112])
+
+
 @pytest.mark.parametrize("order", ["below each other", "in turns"])
 def test_channels_named_in_each_row(tmp_path: Path, order: str, capsys: pytest.CaptureFixture[str]) -> None:
     rows = [f"{t:.3f},{name},{x:.4f}" for name, values in (("left", X), ("right", Y)) for t, x in zip(TIME, values, strict=True)]

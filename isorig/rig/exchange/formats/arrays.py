@@ -91,7 +91,8 @@ def _listed(name: str, value: list[Any], depth: int) -> Iterator[tuple[str, Any]
         items = [_unnested(item) for item in value]
         plain = set.intersection(*(set(item) for item in items))
         rows = {key: _numbers_or_words([item[key] for item in items]) for key in items[0] if key in plain}
-        if len(value) > 1 and any(values is not None and values.ndim == 1 for values in rows.values()):
+        longer = any(values is not None and values.ndim > 1 and values.shape[1] > len(value) for values in rows.values())
+        if len(value) > 1 and not longer and any(values is not None and values.ndim == 1 for values in rows.values()):
             # Rows of a table: {"t": 0.0, "x": 1.0}, {"t": 0.1, ...}
             yield from ((f"{name}.{key}" if name else key, values) for key, values in rows.items() if values is not None)
             return

@@ -62,8 +62,8 @@ _MISSING = re.compile(
 )
 _NUMBER = r"(?P<gap>[^0-9+\-]{0,20})(?P<number>\d+(?:[.,'\u2019]\d+)*(?:e[+-]?\d+)?)\s*(?P<unit>[a-zµμ1/]*)"
 _RATE = re.compile(
-    r"(?:sampl\w*[ _-]*(?:rate|freq\w*|per[ _]s(?:econd)?)|(?:scan|acquisition)[ _-]*rate|(?:abtast|mess)(?:rate|frequenz)"
-    r"|fr[eé]quence d.[eé]chantillonnage|frequenza di campionamento|frecuencia de muestreo"
+    r"(?:sampl\w*[ _-]*(?:rate|freq\w*|per[ _]s(?:econd)?)|(?:scan|acquisition)[ _-]*rate|sampling(?=\s*[:=])"
+    r"|(?:abtast|mess)(?:rate|frequenz)|fr[eé]quence d.[eé]chantillonnage|frequenza di campionamento|frecuencia de muestreo"
     rf"|\bf_?s(?:ampl\w*)?\b|\bodr\b){_NUMBER}",
     re.IGNORECASE,
 )
@@ -114,9 +114,9 @@ def table_of_text(text: str, path: Path) -> ForeignTable:
     frame = _frame(text, body, style, path)
     names, units = _head(lines[: style.first], style)
     rate = _rate(lines if style.wordy else lines[: style.first], style)
-    sensors = _sensitivities(lines[: style.first], style)
+    sensors, stated = _sensitivities(lines[: style.first], style)
     columns: dict[str, Column] = {}
-    remarks = [*_notes(lines, style), *_cut(text, style, path)]
+    remarks = [*_notes(lines, style), *stated, *_cut(text, style, path)]
     words: dict[str, NDArray[Any]] = {}
     for k, (name, unit) in enumerate(zip(names, units, strict=True)):
         if frame[k].dtype.kind != "f" and k not in style.clocks:
@@ -124,8 +124,8 @@ def table_of_text(text: str, path: Path) -> ForeignTable:
             words[name] = frame[k].to_numpy(str)
             continue
         values = seconds_of(frame[k]) if k in style.clocks else frame[k].to_numpy()
-        stated = np.unique(values[np.isfinite(values)])
-        if len(stated) == 1 and (found := rate_of(name, float(stated[0]))) is not None:
+        single = np.unique(values[np.isfinite(values)])
+        if len(single) == 1 and (found := rate_of(name, float(single[0]))) is not None:
             rate = found
             continue
         key = name if name not in columns else f"{name}[{k}]"
@@ -139,10 +139,10 @@ def table_of_text(text: str, path: Path) -> ForeignTable:
     stored, columns = columns, by_channel(columns, words, path)
     unused = words if stored is columns else {}
     remarks += [f"column {name!r} contains words ({str(texts[0])!r}) and is left out" for name, texts in unused.items()]
-    if single := _single_unit(lines[: style.first]):
+    if only := _single_unit(lines[: style.first]):
         named = (key for key, column in columns.items() if not (names_time(key) or column.unit or rises_evenly(column)))
         records = [key for key in named if sample_counter(columns[key]) is None]
-        columns |= {key: replace(columns[key], unit=single) for key in records if len(records) == 1}
+        columns |= {key: replace(columns[key], unit=only) for key in records if len(records) == 1}
     columns = {key: replace(column, sample_rate=rate) for key, column in columns.items()}
     # A table over frequency: real and imaginary parts, or magnitude and phase, become complex values.
     if (over := over_frequency(path, columns, words)) is not None:
@@ -535,17 +535,24 @@ def _head(head: Sequence[str], style: _Style) -> tuple[list[str], list[str]]:
     return names, [unit or own for unit, (_, own) in zip(units, named, strict=True)]
 
 
-def _sensitivities(head: Sequence[str], style: _Style) -> dict[int, tuple[float, str, str]]:
+def _sensitivities(head: Sequence[str], style: _Style) -> tuple[dict[int, tuple[float, str, str]], list[str]]:
     # By column: number, unit of the signal, and unit of the quantity, from a line with 100 mV/g in its cells, or with numbers in
-    # them and mV/g in the first one.
+    # them and mV/g in the first one; and sentences about other lines, which state the sensitivity of one channel.
     found: dict[int, tuple[float, str, str]] = {}
-    for line in head:
+    single: dict[int, str] = {}
+    for number, line in enumerate(head, 1):
         fields = _fields(line.lstrip("#% "), style.separator)
         per = re.split(r"[(\[]", fields[0], maxsplit=1)[-1] if fields else ""
-        for k, cell in enumerate(fields) if len(fields) <= style.count else ():
-            if said := sensitivity_in(f"{cell} {per}" if k and re.fullmatch(r"[\d.,]+", cell) else cell):
-                found[k] = said[1:]
-    return found
+        cells = (f"{cell} {per}" if k and re.fullmatch(r"[\d.,]+", cell) else cell for k, cell in enumerate(fields))
+        here = {k: said for k, cell in enumerate(cells) if (said := sensitivity_in(cell))}
+        named = all(rest and not re.match("sens", rest, re.IGNORECASE) for rest, *_ in here.values())
+        if len(fields) == style.count and (named or len(here) > (style.count > 2)):
+            found |= {k: said[1:] for k, said in here.items()}
+        elif here:
+            single[number] = line.strip()[:60]
+    return found, [
+        f"line {n} ({text!r}) states a sensitivity, which is not applied: give it to its channel" for n, text in single.items()
+    ]
 
 
 def _is_sensitivity(cell: str) -> bool:
