@@ -59,10 +59,11 @@ SYMBOLS = {"V": "u|v|voltage|spannung", "A": "i|current|strom", "m": "x|y|z|s|d|
 #: What a released rig needs in its mapping.
 FREE = 'write excitation = "free" in every run of the mapping'
 _RUN = r"(?P<after>(?:run|trial|test|rep|experiment|measurement|versuch|lauf|messung)[ _-]?\d+)"
-#: Names of records with the run or the part of a benchmark: run1_force, force_run1, uEst and uVal.
+#: Names of records with the run or the part of a benchmark: data[1][0], run1_force, force_run1, uEst and uVal.
 PARTS = tuple(
     re.compile(rf"(?P<before>){form}", re.IGNORECASE)
     for form in (
+        r"(?P<after>[^./]+\[\d+\])(?P<name>\[[\d,]+\])",
         rf"{_RUN}[ _-]?(?P<name>[^./]+)",
         rf"(?P<name>[^./]+?)[ _-]?{_RUN}",
         r"(?P<name>\w+?)_?(?P<after>est|val|test|train|estimation|validation|training)",

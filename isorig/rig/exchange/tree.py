@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from isorig.analysis.campaign import FloatArray, Spectrum
 from isorig.rig.errors import RecordingError
-from isorig.rig.exchange.clock import clock_of, is_time, says_time
+from isorig.rig.exchange.clock import clock_of, is_time, run_numbers, says_time
 from isorig.rig.exchange.table import COLUMNS_MOST, Column, ForeignTable, vectors_of
 from isorig.rig.exchange.units import known_unit
 
@@ -46,7 +46,7 @@ OWN = "#"
 PLAIN = frozenset(("values", "value", "data", "y", "samples", "signal", "h"))
 #: Keys of a structure that name it, in order of preference, and structures that only contain the array (Simulink's `signals`).
 NAMES = ("name", "channel", "label", "id", "title")
-WRAPPERS = ("signals",)
+WRAPPERS = ("signals", "y_values")
 #: Names of a column of words that names the channel of each row.
 LONG = frozenset(("channel", "kanal", "signal", "sensor", "variable", "measurement", "series", "tag", "name", "field"))
 #: Words of two columns with the parts of complex values.
@@ -141,7 +141,8 @@ def table_of(path: Path, items: Iterable[tuple[str, Any]], remarks: Sequence[str
 
 
 def by_channel(columns: dict[str, Column], words: Mapping[str, NDArray[Any]], path: Path) -> dict[str, Column]:
-    """The columns of a table, with one for each channel if it has the channels below each other, named by a column of words.
+    """The columns of a table, with one for each channel if it has the channels below each other, named by a column of words; or
+    with the numbers of runs that such a column names.
 
     `words` are its columns of words, shape (n,). Raises RecordingError if the channels have different times.
     """
@@ -162,7 +163,8 @@ def by_channel(columns: dict[str, Column], words: Mapping[str, NDArray[Any]], pa
             )
         record = rows[values[0]]
         return {**times, **{channel: replace(record, values=record.values[own]) for channel, own in at.items()}}
-    return columns
+    numbers = {name: Column(values=np.unique(texts, return_inverse=True)[1]) for name, texts in words.items()}
+    return columns | {name: column for name, column in numbers.items() if len(run_numbers(name, column))}
 
 
 def over_frequency(path: Path, columns: dict[str, Column], words: Mapping[str, NDArray[Any]]) -> ForeignTable | None:
@@ -301,8 +303,10 @@ def _label(name: str, content: _Content) -> str:
     if not before or content.plain(name) not in PLAIN:
         return ""
     words = {key.lower(): text for key, text in content.within(before, content.words).items()}
-    said = next((words[key] for key in NAMES if words.get(key)), "")
     parts = [part for part in before.removesuffix(dot).split(dot) if part.lower() not in WRAPPERS]
+    # Siemens Testlab names a record in a structure next to its values.
+    record = content.words.get(dot.join((*parts, "function_record", "name")), "")
+    said = next((words[key] for key in NAMES if words.get(key)), record)
     return said or (parts[-1] if parts and not parts[-1].endswith("]") else "")
 
 

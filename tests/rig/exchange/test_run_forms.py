@@ -96,6 +96,43 @@ def test_runs_of_channels_with_a_structure_each(tmp_path: Path, form: str) -> No
     check_runs(found, ("a", "b"))
 
 
+def test_cells_with_a_run_each(tmp_path: Path) -> None:
+    cells = np.empty((3, 1), object)
+    for k, (x, y) in enumerate(RUNS):
+        cells[k, 0] = np.stack([TIME, x, y], 1)
+    savemat(tmp_path / "m.mat", {"data": cells})
+    check_runs(drafted(tmp_path, tmp_path / "m.mat"), ("channel_1", "channel_2"))
+
+
+@pytest.mark.parametrize("form", ["csv", "parquet"])
+def test_words_that_name_the_runs(tmp_path: Path, form: str) -> None:
+    a, b = (np.concatenate([run[k] for run in RUNS]) for k in (0, 1))
+    frame = pd.DataFrame({"run": np.repeat(["x", "y", "z"], N), "fs": 1000.0, "a": a, "b": b})
+    frame.to_csv(tmp_path / "m.csv", index=False)
+    frame.drop(columns="fs").assign(dt=1e-3).to_parquet(tmp_path / "m.parquet")
+    assert main(["import", "--draft", str(tmp_path / f"m.{form}"), "-o", str(tmp_path / "d.toml")]) == 0
+    text = (tmp_path / "d.toml").read_text()
+    assert text.count("[[runs]]") == 3
+    assert "column 'run' numbers the runs, so it is no channel and left out" in text
+    frame = frame.assign(run=np.where(a > 0.0, "high", "low"))
+    frame.to_csv(tmp_path / "n.csv", index=False)
+    assert "column 'run' contains words" in " ".join(read_foreign(tmp_path / "n.csv").remarks)
+
+
+def test_names_of_testlab(tmp_path: Path) -> None:
+    signals = {
+        f"Signal_{k}": {
+            "x_values": {"start_value": 0.0, "increment": 1e-3, "number_of_values": N},
+            "y_values": {"values": values[:, None], "quantity": {"label": "N"}},
+            "function_record": {"name": name},
+        }
+        for k, (name, values) in enumerate((("left", X), ("right", Y)))
+    }
+    savemat(tmp_path / "m.mat", signals)
+    (run,) = drafted(tmp_path, tmp_path / "m.mat")
+    check(run, {"left": X, "right": Y})
+
+
 def test_lists_of_sensitivities_are_reported(tmp_path: Path) -> None:
     """They may be those of the sensors whose voltages the array has."""
     savemat(tmp_path / "m.mat", {"data": np.stack([X, Y], 1), "sensitivity": [0.01, 0.1], "fs": 1000.0})

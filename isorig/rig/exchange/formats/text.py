@@ -137,8 +137,8 @@ def table_of_text(text: str, path: Path) -> ForeignTable:
                 f"are in V, write it as sensitivity, in V per {per}"
             )
     stored, columns = columns, by_channel(columns, words, path)
-    unused = words if stored is columns else {}
-    remarks += [f"column {name!r} contains words ({str(texts[0])!r}) and is left out" for name, texts in unused.items()]
+    unused = [name for name in words if stored.keys() <= columns.keys() and name not in columns]
+    remarks += [f"column {name!r} contains words ({str(words[name][0])!r}) and is left out" for name in unused]
     if only := _single_unit(lines[: style.first]):
         named = (key for key, column in columns.items() if not (names_time(key) or column.unit or rises_evenly(column)))
         records = [key for key in named if sample_counter(columns[key]) is None]
