@@ -98,7 +98,7 @@ def name_and_unit(head: str) -> tuple[str, str]:
     found = re.fullmatch(r"(.+?)\s*[\[(]([^\])]+)[\])]", head)
     if found and not re.search(r"\S[\[(]\d+.$", head):
         return found[1], found[2]
-    whole = re.fullmatch(r"(.+)[\s_]([^\s_]+/[^\s_]+)", head)
+    whole = re.fullmatch(r"(.+)[\s_]([^\s_()\[\]]+/[^\s_()\[\]]+)", head)
     if whole and known_unit(whole[2]):
         return whole[1], whole[2]
     found = re.fullmatch(r"(.+?)(?:\s*/\s*|\s+in\s+|,\s*)([^/].*)", head)

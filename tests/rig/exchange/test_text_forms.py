@@ -136,6 +136,7 @@ def test_names_followed_by_units() -> None:
     assert name_and_unit("acc, g") == name_and_unit("acc in g") == name_and_unit("acc / g") == ("acc", "g")
     assert sensitivity_in("acc [V] 100 mV/g") == ("acc [V]", 100.0, "mV", "g")
     assert sensitivity_in("5 V/div") is None
+    assert known_unit(name_and_unit("acc [g (9.81 m/s²)]")[1]) is None
 
 
 @pytest.mark.parametrize("form", ["%d-%b-%Y %H:%M:%S.", "%Y.%m.%d %H:%M:%S.", "%d.%m.%Y, %H:%M:%S,", "%d/%m/%y %H:%M:%S."])
