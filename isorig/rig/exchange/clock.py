@@ -6,13 +6,18 @@ import itertools
 import re
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from isorig.analysis.campaign import FloatArray, IntArray
 from isorig.rig.errors import PlanError, RecordingError
 from isorig.rig.exchange.table import Column
 from isorig.rig.files.recording import VALUE_MOST
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 #: Seconds per unit of time, as written by programs; lower case.
 TIME_UNITS = {
@@ -24,14 +29,26 @@ TIME_UNITS = {
     **dict.fromkeys(("h", "hour", "hours", "stunde", "stunden"), 3600.0),
     **dict.fromkeys(("d", "day", "days", "tage"), 86400.0),
 }
-_WORD = r"t|time|zeit|temps|tiempo|tempo|secs?|seconds?|sek|x_?value|x[ _-]axis|time_?stamp|zeitstempel|elapsed[ _]?time|clock"
+_WORD = (
+    r"t|time|zeit|temps|tiempo|tempo|secs?|seconds?|sek|x_?value|x[ _-]axis|time_?stamp|zeitstempel|elapsed(?:[ _]?time)?|clock"
+)
 _NAME = re.compile(
     rf"(?:.*[./])?(?:(?:{_WORD})(?:[ _]*(?:in[ _]+)?(?P<unit>s|sec|seconds|ms|us|µs|ns|min|h))?"
-    r"|(?P<alone>(?:milli|micro)s(?:econds)?))(?:[ _]*\d+)?(?:\[\d+\])?",
+    r"|(?P<alone>(?:milli|micro)s(?:econds)?))(?:[ _]*\d+)?(?:\[\d+\]|\s+-\s.*)?",
+    re.IGNORECASE,
+)
+#: A time of day, with or without its date, its hours and its time zone.
+CLOCK = re.compile(
+    r"(?:(?P<date>\d{4}[-/.]\d\d?[-/.]\d\d?|\d\d?[./-]\d\d?[./-]\d{2,4}|\d\d?[- ][a-z]{3}[- ]\d{2,4}),?[ T])?"
+    r"(?:(?P<h>\d\d?):(?P<m>\d\d)(?::(?P<s>\d\d(?:[.,:]\d+)?))?|(?P<m2>\d\d?):(?P<s2>\d\d[.,]\d+))"
+    r"(?: ?(?P<half>[AP]M)|Z| ?UTC| ?GMT| ?[+-]\d\d:?\d\d)?",
     re.IGNORECASE,
 )
 #: Times since 1970 in units of one second, from 2001 to 2128: by their size a clock without a unit is known to be one of these.
 EPOCH = (1e9, 5e9)
+#: Days since 1900 (spreadsheets) and since the year 0 (MATLAB), from 2000 to 2100, and the largest interval of a clock in days:
+#: as seconds it would be that of a rate above 1 MHz, which no logger that starts at such a number has.
+DAYS, DAYS_STEP = ((36526, 73051), (730486, 767011)), 1e-6
 #: Names of columns with a part of a date that is no number of seconds.
 CALENDAR = ("year", "month", "jahr", "monat", "date", "datum")
 #: Names of columns that number the runs of a file.
@@ -72,6 +89,43 @@ RATE_AGREES = 5e-3
 LOST_MOST = 0.1
 
 
+def seconds_of(column: pd.Series[str]) -> FloatArray:
+    """Seconds since the first reading of a clock in words; without a date it may pass midnight, without hours the full hour."""
+    import pandas as pd
+
+    parts = column.str.extract(rf"^(?:{CLOCK.pattern})$", flags=re.IGNORECASE)
+    minutes, own = parts["m"].fillna(parts["m2"]), parts["s"].fillna(parts["s2"]).str.replace(r"[,:]", ".", regex=True)
+    hours = pd.to_numeric(parts["h"], errors="coerce")
+    half = parts["half"].str.upper()
+    hours = hours.where(half.isna(), hours % 12 + 12 * (half == "PM"))
+    seconds = np.zeros(len(column))
+    for part, size in ((hours, 3600.0), (minutes, 60.0), (own, 1.0)):
+        seconds += pd.to_numeric(part, errors="coerce").fillna(0.0).to_numpy(np.float64) * size
+    seconds = np.asarray(pd.Series(seconds).where(column.notna()).ffill(), dtype=np.float64)
+    if parts["date"].notna().any():
+        # The day or the month is first: where both are possible, the one with which the dates are closer together.
+        dates = parts["date"].str.replace(r"^(\d{4})[./]", r"\1-", regex=True).dropna()
+        orders = ("." in dates.iloc[0], "." not in dates.iloc[0])
+        read = [pd.to_datetime(parts["date"], dayfirst=first, errors="coerce", format="mixed").ffill() for first in orders]
+        days = min(read, key=lambda dates: (dates.isna().any(), dates.max() - dates.min()))
+        seconds = seconds + (days - days.iloc[0]).dt.days.to_numpy(np.float64) * 86400.0
+    else:
+        whole = 86400.0 if parts["h"].notna().any() else 3600.0
+        seconds = seconds + whole * np.concatenate([[0.0], np.cumsum(np.diff(seconds) < -0.5 * whole)])
+    seconds[column.isna()] = np.nan
+    return np.asarray(seconds - seconds[0])
+
+
+def clock_of(texts: NDArray[Any]) -> FloatArray | None:
+    """Seconds since the first of many texts that are times of day or dates, shape (n,); None if they are not."""
+    import pandas as pd
+
+    if len(texts) < BESIDE or texts.ndim != 1 or not CLOCK.fullmatch(str(texts[0])):
+        return None
+    column = pd.Series(texts.astype(str))
+    return seconds_of(column) if column.str.fullmatch(CLOCK).all() else None
+
+
 def seconds_per(unit: str) -> float | None:
     """Seconds per unit of time; None if it is not a unit of time."""
     return TIME_UNITS.get(unit.strip().strip("[]()").strip().lower())
@@ -79,11 +133,14 @@ def seconds_per(unit: str) -> float | None:
 
 def time_unit(name: str, column: Column) -> str:
     """The unit of a time column: given by the file, by its name, or by the size of a time since 1970; otherwise seconds."""
-    if column.unit:
+    if seconds_per(column.unit):
         return column.unit
     found = _NAME.fullmatch(name)
     largest = np.nanmax(column.values, initial=0.0)
     size = next((unit for unit in ("ms", "us", "ns") if EPOCH[0] <= largest * TIME_UNITS[unit] < EPOCH[1]), "s")
+    if any(first <= largest < last for first, last in DAYS) and len(column.values) > 1:
+        intervals = np.abs(np.diff(np.asarray(column.values, dtype=np.float64)))
+        size = "d" if np.nanmedian(intervals) < DAYS_STEP else size
     return (found["unit"] or found["alone"] if found else None) or size
 
 

@@ -58,6 +58,17 @@ AMBIGUOUS = ("A", "V", "m", "1", "in")
 SYMBOLS = {"V": "u|v|voltage|spannung", "A": "i|current|strom", "m": "x|y|z|s|d|position|displacement|weg"}
 #: What a released rig needs in its mapping.
 FREE = 'write excitation = "free" in every run of the mapping'
+_RUN = r"(?P<after>(?:run|trial|test|rep|experiment|measurement|versuch|lauf|messung)[ _-]?\d+)"
+#: Names of records with the run or the part of a benchmark: data[1][0], run1_force, force_run1, uEst and uVal.
+PARTS = tuple(
+    re.compile(rf"(?P<before>){form}", re.IGNORECASE)
+    for form in (
+        r"(?P<after>[^./]+\[\d+\])(?P<name>\[[\d,]+\])",
+        rf"{_RUN}[ _-]?(?P<name>[^./]+)",
+        rf"(?P<name>[^./]+?)[ _-]?{_RUN}",
+        r"(?P<name>\w+?)_?(?P<after>est|val|test|train|estimation|validation|training)",
+    )
+)
 #: Single numbers of a file that are listed at most.
 NUMBERS_MOST = 12
 
@@ -188,6 +199,8 @@ def _further_numbers(table: ForeignTable) -> list[str]:
     # Single numbers of a file may be scales or calibrations.
     rates = _stated_rates(table)
     plain = [f"{name} = {number:.6g}" for name, number in table.numbers.items() if name not in rates]
+    few = ((name, column.values.tolist()) for name, column in table.columns.items() if 1 < len(column.values) < SHORT)
+    plain += [f"{name} = {values}" for name, values in few]
     return [f"further numbers of the file, perhaps scales of channels: {', '.join(plain[:NUMBERS_MOST])}"] if plain else []
 
 
@@ -206,8 +219,8 @@ def _is_bonder(places: Iterable[str]) -> bool:
 
 
 def _released(kinds: Mapping[str, Quantity]) -> bool:
-    # A single motion is a response: no column is a drive.
-    return len(kinds) == 1 and all(kind in MOTION for kind in kinds.values())
+    # A single motion is a response, also as the voltage of its sensor: no column is a drive.
+    return len(kinds) == 1 and all(kind in MOTION or kind == "voltage" for kind in kinds.values())
 
 
 def _starts(parts: Mapping[str, _Part], names: Mapping[str, str]) -> dict[str, Configuration]:
@@ -290,7 +303,8 @@ def _no_records(tables: Sequence[ForeignTable]) -> str:
     if "transfer_function" in kinds:
         count = sum(spectrum.kind == "transfer_function" for spectrum in spectra)
         return (
-            f"{path} contains {count} transfer functions and no time record; a recording needs time records, so export those too"
+            f"{path} contains {count} transfer functions and no time record; a recording needs time records, so export those "
+            f"too, or draw the transfer functions with rig frf {path}"
         )
     if spectra:
         text = ", ".join(sorted(kind.replace("_", " ") for kind in kinds))
@@ -310,14 +324,39 @@ def _no_records(tables: Sequence[ForeignTable]) -> str:
 def _groups(table: ForeignTable) -> dict[str, dict[str, tuple[str, Column]]]:
     # Columns by the part before the last dot or slash, or after #: if groups have the same names, each group is a run.
     groups: dict[str, dict[str, tuple[str, Column]]] = {}
+    # An estimation and a validation part of a benchmark are runs, too.
+    records = [source for source, column in table.columns.items() if not is_clock(source, column)]
+    matched = ({source: form.fullmatch(source) for source in records} for form in PARTS)
+    parts = next((each for each in matched if all(each.values()) and len({m["after"] for m in each.values() if m}) > 1), {})
     for source, column in table.columns.items():
-        found = re.fullmatch(r"(?:(?P<before>.*)[./])?(?P<name>[^./#]+)(?:#(?P<after>\d+))?", source)
+        found = parts.get(source) or re.fullmatch(r"(?:(?P<before>.*)[./])?(?P<name>[^./#]+)(?:#(?P<after>\d+))?", source)
         group, name = ("", source) if found is None else (found["before"] or found["after"] or "", found["name"])
         groups.setdefault(group, {})[name] = (source, column)
+    # Runs of an array, or of numbered names, have one clock.
+    inner = next((columns for group, columns in groups.items() if group.isdigit() or (group and parts)), {})
+    clocks = {name: place for name, place in groups.get("", {}).items() if name not in inner and is_clock(name, place[1])}
+    if parts and len(clocks) == len(groups.get("", {})):
+        groups.pop("", None)
+    groups = {group: {**(clocks if group.isdigit() or parts else {}), **columns} for group, columns in groups.items()}
+    groups = _by_structure(groups)
     alike = Counter(frozenset(columns) for columns in groups.values()).most_common(1)
     if alike and alike[0][1] == len(groups) and not _one_each(groups):
         return groups
     return {"": {source: (source, column) for source, column in table.columns.items()}} if table.columns else {}
+
+
+def _by_structure(groups: dict[str, dict[str, tuple[str, Column]]]) -> dict[str, dict[str, tuple[str, Column]]]:
+    # Structures with one array each whose names are repeated (run1.force.data, run2.force.data) are channels of several runs.
+    if not _one_each(groups):
+        return groups
+    outer: dict[str, dict[str, tuple[str, Column]]] = {}
+    for group, columns in groups.items():
+        before, _, channel = group.replace("/", ".").rpartition(".")
+        for name, place in columns.items():
+            outer.setdefault(before, {})[name if is_clock(name, place[1]) else channel] = place
+    common = set.intersection(*(set(before.split(".")) for before in outer))
+    named = {"_".join(part for part in before.split(".") if part not in common): columns for before, columns in outer.items()}
+    return named if 1 < len(named) == len(outer) and len({frozenset(columns) for columns in outer.values()}) == 1 else groups
 
 
 def _one_each(groups: Mapping[str, Mapping[str, tuple[str, Column]]]) -> bool:
@@ -379,10 +418,16 @@ def _part(table: ForeignTable, group: str, there: dict[str, tuple[str, Column]],
             said[name] = f"column {source!r} is in {column.unit or 's'}, which is no unit of a channel, so it is left out"
     rising = (name for name, (source, column) in there.items() if name not in said and _may_be_time(source, column))
     clock = time or next((there[name][0] for name in rising), None)
+    if clock is None and next(iter(there.values()))[1].sample_rate is None:
+        even = [source for name, (source, column) in there.items() if name not in said and column.whole and is_even("", column)]
+        asked = "rises evenly from row to row: if it is a clock, write time = {!r} and its time_unit, and delete its channel"
+        counted = tuple(f"column {source!r} {asked.format(source)}" for source in even)
+    else:
+        counted = ()
     # Programs write the same clock once for each channel.
     same = {name for name, (_, c) in there.items() if clock and np.array_equal(c.values, table.columns[clock].values)}
     records = {name: place for name, place in there.items() if name not in {*said, *same}}
-    return _Part(table, group, records, clock, tuple(said.values())) if records else _Part(table, group, there, time)
+    return _Part(table, group, records, clock, (*said.values(), *counted)) if records else _Part(table, group, there, time)
 
 
 def _may_be_time(source: str, column: Column) -> bool:
@@ -403,7 +448,7 @@ def _channel(name: str, source: str, column: Column) -> list[str]:
         note = "    # ? counts of an encoder: rad, or m if it is straight"
         sensitivity = "1.0    # ? counts in one unit, for rad counts per turn / (2 pi)"
     if column.sensitivity != 1.0:
-        sensitivity = f"{column.sensitivity!r}    # ? the file's unit system has {column.sensitivity:g} of its units in one"
+        sensitivity = f"{column.sensitivity!r}    # ? by the file, which has {column.sensitivity:g} of its units in one of these"
     return [
         f"[channels.{name if name.isascii() else value_text(name)}]    # {len(values)} values{extent}",
         f"source = {value_text(source)}",
@@ -435,6 +480,8 @@ def _unit_in(*names: str) -> str | None:
 
 def _parted(name: str) -> tuple[str, str | None]:
     # A label or name without the unit at its end, and that unit: encoder_angle_deg, force_kN, Kraft (N), gyro [deg/s].
+    if (words := re.search(r"[\s_]([mµμun]?m|rad|deg)_(s2?)$", name)) and (unit := known_unit(f"{words[1]}/{words[2]}")):
+        return name[: words.start()], unit
     bracketed = re.search(r"[\[(]([^\[\]()]+)[)\]]$", name)
     found = bracketed or re.search(r"[\s_.\-(\[]([^\s_.\-()\[\]]+)[)\]]?$", name)
     if not found or not (unit := known_unit(found[1])):
@@ -462,7 +509,8 @@ def _name(source: str, column: Column, taken: set[str], words: Sequence[tuple[st
 def _run_text(part: _Part) -> str:
     # A program's default name of a group says nothing.
     group = re.split(r"[./]", part.group)[-1]
-    return part.table.path.stem if not group or UNTITLED.fullmatch(group) else group
+    stem = part.table.path.stem
+    return f"{stem}_{group}" if group.isdigit() else stem if not group or UNTITLED.fullmatch(group) else group
 
 
 def _configurations(parts: Sequence[_Part]) -> list[str]:
@@ -478,7 +526,7 @@ def _run(
 ) -> list[str]:
     table, group, text = part.table, part.group, _run_text(part)
     guess = re.search(r"(?:gain|(?<![a-z])[ul])[ _-]?(\d+(?:\.\d+)?)", text, re.IGNORECASE)
-    gain = table.numbers.get(f"{group}.gain", table.numbers.get("gain")) or (float(guess[1]) if guess else 1.0)
+    gain = table.numbers.get(f"{group}.gain", table.numbers.get("gain")) or (float(guess[1]) if guess else 0.0) or 1.0
     rate = next(column.sample_rate for _, column in part.columns.values())
     lines = [
         "[[runs]]",
@@ -497,13 +545,17 @@ def _run(
             piece = replace(clock, values=clock.values[slice(*(part.samples or (None,)))])
             # The rate to which a guessed unit leads shows whether it is right.
             leads = f" then the sample rate is {column_rate(part.time, piece, ''):.6g} Hz" if is_even(part.time, piece) else ""
-            lines.append(f"time_unit = {value_text(unit)}" + ("" if clock.unit else f"    # ?{leads}"))
+            lines.append(f"time_unit = {value_text(unit)}" + ("" if seconds_per(clock.unit) else f"    # ?{leads}"))
     elif rate is not None:
         lines.append(f"sample_rate = {rate!r}")
     else:
         rates = _stated_rates(table)
         said = [f"sample_rate = {rate!r}    # ? the file states it as {name!r}" for name, rate in rates.items()]
-        absent = "# sample_rate = 1024.0    # ? not given by the file; required for the import"
+        # A frequency in the name of a file may be that of its drive.
+        named = re.search(r"(?<![\d.,])(\d+(?:[.,]\d+)?)[ _-]?(k?)(?:hz|sps)", table.path.stem, re.IGNORECASE)
+        hertz = float(named[1].replace(",", ".")) * (1e3 if named[2] else 1.0) if named else 1024.0
+        only = f" except perhaps in its name, {named[0]!r}" if named else ""
+        absent = f"# sample_rate = {hertz!r}    # ? not given by the file{only}; required for the import"
         lines.append(said[0] if len(set(rates.values())) == 1 else absent)
     if part.samples is not None:
         lines.append(f"samples = {value_text(list(part.samples))}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from isorig.rig.files.recording import VALUE_MOST
 #: Bytes at the start of a file by which its format is recognized.
 HEAD = 1024
 ARCHIVE = b"PK\x03\x04"
+CAN_LOG = "a log of CAN messages; decode it with its database (DBC), and save the signals as CSV or MATLAB"
 #: Files that cannot be imported, by their first bytes, and what to do with them.
 OTHERS = (
     (b"\xd0\xcf\x11\xe0", "an Excel workbook or another document; save its numbers as CSV"),
@@ -25,6 +27,8 @@ OTHERS = (
     (b"MDF     ", "an MDF file; export it as CSV, MATLAB or HDF5"),
     (b"CDF", "a netCDF 3 file; convert it to netCDF 4, or export it as CSV"),
     (b"\x1f\x8b", "compressed; unpack it"),
+    (b"LOGG", CAN_LOG),
+    (b";$FILEVERSION", CAN_LOG),
     (b"%PDF", "a PDF document; export its numbers as CSV"),
 )
 
@@ -77,18 +81,19 @@ def _blame_content(path: Path, named: Format | None) -> None:
 
 
 def _document_in(path: Path, head: bytes) -> str | None:
-    # Spreadsheets are archives, like .npz files.
+    # Spreadsheets are archives, like .npz files. Vector's text log of a CAN begins with its date, and the base of its numbers.
+    if re.match(rb"date .*\r?\nbase (?:hex|dec)", head):
+        return CAN_LOG
     if not head.startswith(ARCHIVE):
         return None
     if not zipfile.is_zipfile(path):
         return None if path.suffix == ".npz" else "a damaged archive; save or copy it again"
     with zipfile.ZipFile(path) as archive:
         names = archive.namelist()
-    if any(name.startswith("xl/") for name in names):
-        return "an Excel workbook; save it as CSV"
     if "mimetype" in names and "content.xml" in names:
         return "an OpenDocument file; save it as CSV"
-    return None if any(name.endswith(".npy") for name in names) else "an archive; unpack it"
+    known = any(name.endswith(".npy") or name.startswith("xl/") for name in names)
+    return None if known else "an archive; unpack it"
 
 
 def _with_sound_rates(table: ForeignTable) -> ForeignTable:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,8 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isorig.analysis.campaign import FloatArray, Spectrum
-from isorig.rig.exchange.clock import is_time
+from isorig.rig.errors import RecordingError
+from isorig.rig.exchange.clock import clock_of, is_time, run_numbers, says_time
 from isorig.rig.exchange.table import COLUMNS_MOST, Column, ForeignTable, vectors_of
+from isorig.rig.exchange.units import known_unit
 
 #: Names of a sample rate (Hz) and of a sample interval (s), in lower case without separators.
 RATES = frozenset((
@@ -34,7 +38,7 @@ NAME_LISTS = frozenset((
     "names", "channels", "channelnames", "channellabels", "labels", "columns", "columnnames", "variables", "variablenames",
     "signals", "signalnames", "sensors", "sensornames",
 ))  # fmt: skip
-UNIT_LISTS = frozenset(("unit", "units", "channelunits"))
+UNIT_LISTS = frozenset(("unit", "units", "channelunits", "columnunits", "variableunits", "signalunits", "sensorunits"))
 ABSCISSAE = ("x_values", "x", "abscissa", "time", "quantity")
 UNIT_WORDS = ("unit", "units")
 #: Separator after an array's name for its own attributes (attributes of a dataset).
@@ -42,7 +46,14 @@ OWN = "#"
 PLAIN = frozenset(("values", "value", "data", "y", "samples", "signal", "h"))
 #: Keys of a structure that name it, in order of preference, and structures that only contain the array (Simulink's `signals`).
 NAMES = ("name", "channel", "label", "id", "title")
-WRAPPERS = ("signals",)
+WRAPPERS = ("signals", "y_values")
+#: Names of a column of words that names the channel of each row.
+LONG = frozenset(("channel", "kanal", "signal", "sensor", "variable", "measurement", "series", "tag", "name", "field"))
+#: Words of two columns with the parts of complex values.
+PARTS = (
+    ("real", "imag"), ("real", "imaginary"), ("re", "im"), ("magnitude", "phase"), ("mag", "phase"), ("amplitude", "phase"),
+    ("db", "deg"), ("db", "phase"),
+)  # fmt: skip
 #: Columns with fewer values next to longer ones are settings, not records.
 SHORT = 16
 #: A real column of transfer functions with values between 0 and this is a coherence.
@@ -59,6 +70,7 @@ class _Content:
     arrays: dict[str, NDArray[Any]] = field(default_factory=dict)
     numbers: dict[str, float] = field(default_factory=dict)
     words: dict[str, str] = field(default_factory=dict)
+    texts: dict[str, NDArray[Any]] = field(default_factory=dict)
 
     def around(self, name: str) -> list[str]:
         # The structures around a name, innermost first, each with its separator; the last one is the file.
@@ -97,10 +109,11 @@ def table_of(path: Path, items: Iterable[tuple[str, Any]], remarks: Sequence[str
     columns: dict[str, Column] = {}
     spectra: list[Spectrum] = []
     said = list(remarks)
-    for name, values in content.arrays.items():
+    elements = Counter(name.rpartition("[")[0] for name in content.arrays)
+    for name, number, values in _by_run(content):
         shape = tuple(n for n in values.shape if n > 1)
         axes = _sample_axes(name, shape, content)
-        vectors = vectors_of(name, values, axes[0] if len(axes) == 1 else None)
+        vectors = {f"{one}{number}": v for one, v in vectors_of(name, values, axes[0] if len(axes) == 1 else None).items()}
         if vectors and len(shape) > 1 and len(axes) != 1 and sorted(shape)[-2] >= SHORT and max(shape) <= COLUMNS_MOST:
             said.append(
                 f"{name!r} has the shape {values.shape}, and nothing says which axis has the samples: "
@@ -117,10 +130,108 @@ def table_of(path: Path, items: Iterable[tuple[str, Any]], remarks: Sequence[str
                 spectra += _spectra(vectors, axis, content, len(spectra))
         else:
             rate, unit, label = _rate(name, content), _unit(name, content), _label(name, content) if len(vectors) == 1 else ""
-            labels, units = (_listed(name, len(vectors), content, lists) for lists in (NAME_LISTS, UNIT_LISTS))
-            for k, (one, vector) in enumerate(vectors.items()):
+            # The channels are those of an array, or the elements of a list.
+            several, place = (name, 0) if len(vectors) > 1 else _element(name)
+            size = len(vectors) if len(vectors) > 1 else max(elements[several], place + 1)
+            labels, units = (_listed(several, size, content, lists) for lists in (NAME_LISTS, UNIT_LISTS))
+            for k, (one, vector) in enumerate(vectors.items(), place):
                 columns[one] = Column(values=vector, sample_rate=rate, unit=unit or units[k], label=label or labels[k])
+    columns = by_channel(columns, content.texts, path)
     return ForeignTable(path=path, columns=columns, numbers=content.numbers, spectra=tuple(spectra), remarks=tuple(said))
+
+
+def by_channel(columns: dict[str, Column], words: Mapping[str, NDArray[Any]], path: Path) -> dict[str, Column]:
+    """The columns of a table, with one for each channel if it has the channels below each other, named by a column of words; or
+    with the numbers of runs that such a column names.
+
+    `words` are its columns of words, shape (n,). Raises RecordingError if the channels have different times.
+    """
+    for name, texts in words.items():
+        rows = {key: column for key, column in columns.items() if len(column.values) == len(texts)}
+        values = [key for key, column in rows.items() if not says_time(key, column)]
+        channels, first, place = np.unique(texts, return_index=True, return_inverse=True)
+        repeated = 1 < len(channels) <= min(COLUMNS_MOST, len(texts) // 2)
+        if _plain(re.split(r"[./]", name)[-1]) not in LONG or len(values) != 1 or not repeated:
+            continue
+        at = {str(channels[k]): np.flatnonzero(place == k) for k in np.argsort(first)}
+        begin = next(iter(at.values()))
+        times = {key: replace(column, values=column.values[begin]) for key, column in rows.items() if key not in values}
+        if not all(np.array_equal(times[key].values, rows[key].values[own]) for key in times for own in at.values()):
+            raise RecordingError(
+                f"{path} has the channels {', '.join([*at][:8])} below each other, as its column {name!r} says, but not with the "
+                "same times; export one column for each channel, or one file"
+            )
+        record = rows[values[0]]
+        return {**times, **{channel: replace(record, values=record.values[own]) for channel, own in at.items()}}
+    numbers = {name: Column(values=np.unique(texts, return_inverse=True)[1]) for name, texts in words.items()}
+    return columns | {name: column for name, column in numbers.items() if len(run_numbers(name, column))}
+
+
+def over_frequency(path: Path, columns: dict[str, Column], words: Mapping[str, NDArray[Any]]) -> ForeignTable | None:
+    """The spectra of a table of numbers and words by column, shape (n,), if it is one over frequency; None otherwise.
+
+    Functions are below each other where the frequency starts again; the words `response` and `reference` name their channels.
+    """
+    axis = next((column.values for name, column in columns.items() if _plain(name) in FREQUENCIES), None)
+    if axis is None or any(is_time(name, column) for name, column in columns.items()):
+        return None
+    again = (np.flatnonzero(np.diff(axis) < 0.0) + 1).tolist()
+    edges = [0, *(again if len(again) < COLUMNS_MOST else []), len(axis)]
+    items: list[tuple[str, Any]] = []
+    for k, (begin, end) in enumerate(pairwise(edges)):
+        here = f"{k}." if words or len(edges) > 2 else ""
+        for name, column in _joined(columns).items():
+            items.append((f"{here}{name.replace('.', '_')}", column.values[begin:end]))
+        items += [(f"{here}{name}", str(texts[begin])) for name, texts in words.items() if len(texts) == len(axis)]
+    found = table_of(path, items)
+    return found if found.spectra and not found.columns else None
+
+
+def _joined(columns: dict[str, Column]) -> dict[str, Column]:
+    rest = dict(columns)
+    joined: dict[str, Column] = {}
+    for name in columns:
+        for one, other in PARTS:
+            partner = next((n for n in rest if n.lower() == re.sub(rf"(?i)\b{one}\b|(?<=_){one}$", other, name).lower()), None)
+            if name in rest and partner is not None and partner != name:
+                a, b = rest.pop(name), rest.pop(partner)
+                turn = np.pi / 180.0 if known_unit(b.unit or other) == "deg" else 1.0
+                size = 10.0 ** (a.values / 20.0) if "db" in (one, a.unit.lower()) else a.values
+                values = a.values + 1j * b.values if other.startswith("im") else size * np.exp(1j * turn * b.values)
+                joined[re.sub(rf"(?i)[ _]*{one}$", "", name) or "response"] = Column(values=values, unit=a.unit)
+                break
+    return {**rest, **joined}
+
+
+def _element(name: str) -> tuple[str, int]:
+    # The list that an array is an element of, and its place: data[2] is the third one of data.
+    found = re.fullmatch(r"(.+)\[(\d+)\]", name)
+    return (found[1], int(found[2])) if found else (name, 0)
+
+
+def _by_run(content: _Content) -> Iterator[tuple[str, str, NDArray[Any]]]:
+    # The arrays by name; those with samples, channels and runs along three axes by run, the second one with the mark #2.
+    for name, values in content.arrays.items():
+        axis = _run_axis(name, values, content)
+        if axis is None:
+            yield name, "", values
+        else:
+            yield from ((name, f"#{k}" if k > 1 else "", run) for k, run in enumerate(np.moveaxis(values, axis, 0), 1))
+
+
+def _run_axis(name: str, values: NDArray[Any], content: _Content) -> int | None:
+    # The axis of the runs, if an array has three axes, and a list has the names of its channels, or another array has as many
+    # samples and runs. Samples, channels and runs follow each other, or are in the reverse order.
+    if values.ndim != 3 or values.dtype.kind == "c" or _frequencies(name, max(values.shape), content) is not None:
+        return None
+    samples = int(np.argmax(values.shape))
+    rest = [axis for axis in range(3) if axis != samples]
+    named = [axis for axis in rest if any(_listed(name, values.shape[axis], content, NAME_LISTS | UNIT_LISTS))]
+    channels = named[0] if len(named) == 1 else 1 if samples != 1 else 2
+    (runs,) = (axis for axis in rest if axis != channels)
+    near = content.within(content.around(name)[0], content.arrays).values()
+    alike = sum(other.ndim == 3 and all(other.shape[k] == values.shape[k] for k in (samples, runs)) for other in near)
+    return runs if values.shape[runs] > 1 and (len(named) == 1 or alike > 1) else None
 
 
 def _add(name: str, value: Any, content: _Content) -> None:
@@ -132,8 +243,13 @@ def _add(name: str, value: Any, content: _Content) -> None:
         if stated and rate_of(f"{content.plain(name)}{stated[2]}", 1.0) is not None:
             with suppress(ValueError):
                 content.numbers[f"{name}{stated[2]}"] = float(stated[1])
-    elif values.dtype.kind in "US" and values.size <= COLUMNS_MOST:
-        content.words.update((f"{name}[{k}]", str(text).strip()) for k, text in enumerate(values.ravel()))
+    elif values.dtype.kind in "US" and (clock := clock_of(values)) is not None:
+        content.arrays[name] = clock
+        content.words[f"{name}_unit"] = "s"
+    elif values.dtype.kind in "US":
+        content.texts[name] = values.ravel()
+        few = values.ravel()[: COLUMNS_MOST * (values.size <= COLUMNS_MOST)]
+        content.words.update((f"{name}[{k}]", str(text).strip()) for k, text in enumerate(few))
     elif values.dtype.kind in "mM" and values.size > 1:
         content.arrays[name] = (values - values.ravel()[0]) / np.timedelta64(1, "s")
         content.words[f"{name}_unit"] = "s"
@@ -187,8 +303,10 @@ def _label(name: str, content: _Content) -> str:
     if not before or content.plain(name) not in PLAIN:
         return ""
     words = {key.lower(): text for key, text in content.within(before, content.words).items()}
-    said = next((words[key] for key in NAMES if words.get(key)), "")
     parts = [part for part in before.removesuffix(dot).split(dot) if part.lower() not in WRAPPERS]
+    # Siemens Testlab names a record in a structure next to its values.
+    record = content.words.get(dot.join((*parts, "function_record", "name")), "")
+    said = next((words[key] for key in NAMES if words.get(key)), record)
     return said or (parts[-1] if parts and not parts[-1].endswith("]") else "")
 
 

@@ -45,9 +45,14 @@ _SPELLINGS = (
     ("s^-1", "s-1"),
     (" s-2", "/s^2"),
     (" s-1", "/s"),
+    (".s-2", "/s^2"),
+    (".s-1", "/s"),
 )
 _WORDS = {
-    "meter": "m", "metre": "m", "meters": "m", "metres": "m",
+    "meter": "m", "metre": "m", "meters": "m", "metres": "m", "millimeter": "mm", "millimetre": "mm", "millimeters": "mm",
+    "millimetres": "mm", "micron": "um", "microns": "um", "micrometer": "um", "micrometre": "um", "ips": "in/s", "gₙ": "g",
+    "mG": "mg", "milli-g": "mg", "mgn": "mg", "mps2": "m/s^2", "ms^-2": "m/s^2", "ms-2": "m/s^2", "mps": "m/s",
+    "lb": "lbf", "lbs": "lbf",
     "gn": "g", "g_n": "g", "G": "g", "g's": "g", "gs": "g",
     "volt": "V", "volts": "V", "Volt": "V", "Volts": "V", "newton": "N", "Newton": "N",
     "newtons": "N", "Newtons": "N", "feet": "ft", "kph": "km/h", "kp": "kgf", "pond": "gf",
@@ -56,13 +61,20 @@ _WORDS = {
     "revolution": "rev", "revolutions": "rev", "inch": "in", "inches": "in", "mils": "mil", "thou": "mil", "kips": "kip",
     "ft lbf": "lbf ft", "in lbf": "lbf in", "ft-lb": "lbf ft", "lb-ft": "lbf ft", "in-lb": "lbf in", "lb-in": "lbf in",
 }  # fmt: skip
+#: The kind of an amplitude after a unit: the samples of a time record have the unit itself.
+_AMPLITUDE = re.compile(r"[ _,]*\(?(?:rms|pk|peak|eff)\.?\)?$", re.IGNORECASE)
+#: The sensitivity of a sensor in a header: 100 mV/g, 0,01 V/N, (10.2 mV/(m/s²)).
+_SENSITIVITY = re.compile(
+    r"[(\[]?\s*(?P<number>\d+(?:[.,]\d+)?(?:e[+-]?\d+)?)\s*(?P<signal>[mµμu]?V)\s*/\s*(?P<per>\([^()]+\)|[^\s()\[\]]+)\s*[)\]]?",
+    re.IGNORECASE,
+)
 #: A torque without a space between force and length, or with a dot or a hyphen.
 _TORQUE = re.compile(r"(N|kN|mN|lbf|ozf|kgf|gf)[ .·*-]?(m|cm|mm|in|ft)")
 
 
 def known_unit(text: str) -> str | None:
     """The table's name of a unit, for any known spelling; None if it is not in the table."""
-    name = text.strip().strip("[]()").strip()
+    name = _AMPLITUDE.sub("", text.strip()).strip("[]()").strip()
     for old, new in _SPELLINGS:
         name = name.replace(old, new)
     name = _WORDS.get(name, name)
@@ -71,12 +83,25 @@ def known_unit(text: str) -> str | None:
     return name if name in UNITS else None
 
 
+def sensitivity_in(text: str) -> tuple[str, float, str, str] | None:
+    """The rest of a text that states a sensitivity ("acc [V] 100 mV/g"), and its number, unit of the signal, and unit of the
+    quantity; None if it states none."""
+    found = _SENSITIVITY.search(text)
+    signal, per = (known_unit(found["signal"]), known_unit(found["per"])) if found else (None, None)
+    if not found or signal is None or per is None or not (number := float(found["number"].replace(",", "."))):
+        return None
+    return (text[: found.start()] + text[found.end() :]).strip(), number, signal, per
+
+
 def name_and_unit(head: str) -> tuple[str, str]:
     """The name and the unit in the head of a column: "force [N]", "force (N)", "force / N"; the unit is "" if there is none."""
     found = re.fullmatch(r"(.+?)\s*[\[(]([^\])]+)[\])]", head)
     if found and not re.search(r"\S[\[(]\d+.$", head):
         return found[1], found[2]
-    found = re.fullmatch(r"(.+?)\s*/\s*([^/].*)", head)
+    whole = re.fullmatch(r"(.+)[\s_]([^\s_()\[\]]+/[^\s_()\[\]]+)", head)
+    if whole and known_unit(whole[2]):
+        return whole[1], whole[2]
+    found = re.fullmatch(r"(.+?)(?:\s*/\s*|\s+in\s+|,\s*)([^/].*)", head)
     if found and (known_unit(found[2]) or seconds_per(found[2])):
         return found[1], found[2]
     return head, ""

@@ -186,7 +186,7 @@ def test_missing_channels_and_typing_errors(tmp_path: Path, capsys: pytest.Captu
     [
         ('unit = "N"', 'unit = "newtn"', "unit 'newtn' (did you mean 'newton'?); known are m/s^2"),
         ('unit = "m/s^2"', 'unit = "M/S^2"', "(did you mean 'm/s^2'?)"),
-        ('unit = "m/s^2"', 'unit = "ms-2"', "(did you mean 'm/s^2'?)"),
+        ('unit = "m/s^2"', 'unit = "m/s^3"', "(did you mean 'm/s^2'?)"),
         ('unit = "m/s^2"', 'unit = "Pa"', "unit 'Pa'; known are"),
         ('unit = "m/s^2"', 'unit = "m/sec2"', ""),
         ('unit = "N"', 'unit = "Newtons"', ""),

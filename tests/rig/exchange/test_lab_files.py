@@ -183,7 +183,7 @@ def test_the_decimal_mark_of_the_data_is_that_of_the_head(tmp_path: Path) -> Non
         ([f"{k};{1234567 + k:,d};1.0".replace(",", "\u202f") for k in range(N)], "which seems to have separators of thousands"),
         ([f"{k};34,34,{100 + k};1.0" for k in range(N)], "'34,34,100', which seems to have separators of thousands"),
         (["0.000,OVERLOAD,1.0", *ROWS[1:]], "line 2, column 2 contains 'OVERLOAD', which is not a number"),
-        ([*ROWS[:50], "0.050,--,1.0", *ROWS[51:]], "line 52, column 2 contains '--', which is not a number; correct it, leave"),
+        ([*ROWS[:50], "0.050,?,1.0", *ROWS[51:]], "line 52, column 2 contains '?', which is not a number; correct it, leave"),
         ([*(row.replace(",", ";") for row in ROWS), "0.120;1'234.5;1.0"], "seems to have separators of thousands"),
         ([f"{k};{1137 * k:,d}".replace(",", ".") for k in range(N)], "seems to separate thousands; export it without"),
     ],

@@ -22,7 +22,7 @@ H = 1.0 / (100.0**2 - F**2 + 2j * 0.02 * 100.0 * F)
 def test_what_this_program_exports_comes_back(recording: Path, tmp_path: Path) -> None:
     with open_recording(recording) as campaign:
         wanted = {item.name: item.frf for item in transfer_functions(campaign, resolution=4.0)}
-    for ending in ("uff", "mat"):
+    for ending in ("uff", "mat", "csv", "parquet"):
         words = ["export", str(recording), "-o", str(tmp_path / f"f.{ending}"), "--what", "frf", "--resolution", "4"]
         assert main(words) == 0
         found = read_responses(tmp_path / f"f.{ending}")

@@ -90,8 +90,9 @@ def _listed(name: str, value: list[Any], depth: int) -> Iterator[tuple[str, Any]
     elif value and all(isinstance(item, dict) for item in value):
         items = [_unnested(item) for item in value]
         plain = set.intersection(*(set(item) for item in items))
-        rows = {key: _numbers([item[key] for item in items]) for key in items[0] if key in plain}
-        if len(value) > 1 and any(values is not None and values.ndim == 1 for values in rows.values()):
+        rows = {key: _numbers_or_words([item[key] for item in items]) for key in items[0] if key in plain}
+        longer = any(values is not None and values.ndim > 1 and values.shape[1] > len(value) for values in rows.values())
+        if len(value) > 1 and not longer and any(values is not None and values.ndim == 1 for values in rows.values()):
             # Rows of a table: {"t": 0.0, "x": 1.0}, {"t": 0.1, ...}
             yield from ((f"{name}.{key}" if name else key, values) for key, values in rows.items() if values is not None)
             return
@@ -123,6 +124,10 @@ def _numbers(value: list[Any]) -> Any:
     return values if whole else None
 
 
+def _numbers_or_words(value: list[Any]) -> Any:
+    return np.array(value) if all(isinstance(item, str) for item in value) else _numbers(value)
+
+
 def _has_words(value: Any) -> bool:
     # numpy would accept "1.5" and true as numbers.
     return any(_has_words(item) if isinstance(item, list) else isinstance(item, str | bool) for item in value)
@@ -143,5 +148,5 @@ NPZ = Format(
     name="a .npz file",
     read=read_npz,
     advice="save plain arrays of numbers with numpy.savez",
-    begins=re.compile(rb"PK\x03\x04"),
+    begins=re.compile(rb"PK\x03\x04.{26}[^\0]{1,500}\.npy", re.DOTALL),
 )

@@ -8,9 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from isorig.rig.exchange.clock import completed
-from isorig.rig.exchange.table import ForeignTable, Format, check_declared
-from isorig.rig.exchange.tree import table_of
+from isorig.rig.exchange.clock import clock_of, completed
+from isorig.rig.exchange.table import Column, ForeignTable, Format, check_declared
+from isorig.rig.exchange.tree import over_frequency, table_of
 from isorig.rig.exchange.units import name_and_unit
 
 #: Bytes of a value in memory, at most.
@@ -21,7 +21,12 @@ def _reader(opened: Callable[[Path], Any]) -> Callable[[Path], ForeignTable]:
     # A reader of tables that are opened in this way.
     def read(path: Path) -> ForeignTable:
         remarks: list[str] = []
-        table = table_of(path, _items(opened(path), remarks), remarks)
+        items = list(_items(opened(path), remarks))
+        words = {name: values for name, values in items if not isinstance(values, str) and values.dtype.kind in "US"}
+        numbers = {name: Column(values=values) for name, values in items if not isinstance(values, str) and name not in words}
+        if (over := over_frequency(path, numbers, words)) is not None:
+            return over
+        table = table_of(path, items, remarks)
         columns, said = completed(table.columns)
         return replace(table, columns=columns, remarks=(*table.remarks, *said))
 
@@ -34,6 +39,10 @@ def _items(table: Any, remarks: list[str]) -> Iterator[tuple[str, Any]]:
 
     for name, column in zip(table.column_names, table.columns, strict=True):
         values = column.to_numpy()
+        if values.dtype.kind == "O" and (clock := clock_of(values)) is not None:
+            values = clock
+        if values.dtype.kind == "O" and len(values) and isinstance(values[0], str):
+            yield name, values.astype(str)
         if values.dtype.kind not in "biufmM":
             remarks.append(f"column {name!r} has values of type {column.type}, which are no numbers, and is left out")
             continue

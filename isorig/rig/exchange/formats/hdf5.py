@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,8 @@ from isorig.rig.exchange.tree import OWN, UNIT_WORDS, table_of
 from isorig.rig.files.hdf import opened
 from isorig.rig.files.recording import FORMAT
 
+#: Attributes with the factor and the offset of stored values.
+SCALING = (("scale_factor", "scale"), ("add_offset", "offset"))
 #: Its signature, also after the block that MATLAB writes before it.
 BEGINS = re.compile(rb"(.{512})?\x89HDF", re.DOTALL)
 
@@ -36,28 +38,36 @@ def _items(name: str, item: object) -> Iterator[tuple[str, Any]]:
     if isinstance(item, h5py.Group):
         yield from _attributes(f"{name}/", item)
     elif isinstance(item, h5py.Dataset):
+        packing = _packing(item)
         if item.dtype.names and item.dtype.names != ("r", "i"):
             raw = item[()]
             yield from ((f"{name}/{key}", np.asarray(raw[key])) for key in item.dtype.names)
         elif item.dtype.kind in "biufc":
-            yield name, _scaled(np.asarray(item[()]), item.attrs)
+            yield name, _scaled(np.asarray(item[()]), packing)
         elif h5py.check_string_dtype(item.dtype) is not None and item.size:
             yield name, _texts(item[()])
         own = f"{name}/" if item.dtype.names else f"{name}{OWN}/"
         for key, value in _attributes("", item):
+            if key in packing:
+                continue
             yield (f"{name}_unit" if key.lower() in UNIT_WORDS and isinstance(value, str) else f"{own}{key}"), value
 
 
-def _scaled(values: Any, attributes: Any) -> Any:
-    # Packed values of netCDF (CF conventions, 8.1): physical value = stored value * scale_factor + add_offset.
-    names = ("scale_factor", "add_offset", "_FillValue")
-    packed = {
-        key: float(np.ravel(attributes[key])[0]) for key in names if np.asarray(attributes.get(key, "")).dtype.kind in "iuf"
-    }
-    if values.dtype.kind not in "iuf" or not {"scale_factor", "add_offset"} & set(packed):
+def _packing(item: h5py.Dataset) -> dict[str, float]:
+    # Attributes of packed values (CF conventions, 8.1), and of whole numbers from a converter that other programs scale.
+    names = ("scale_factor", "add_offset", "_FillValue", *(("scale", "offset") if item.dtype.kind in "iu" else ()))
+    given = {name: np.ravel(item.attrs[name])[:1] for name in names if np.asarray(item.attrs.get(name, "")).dtype.kind in "iuf"}
+    packed = item.dtype.kind in "iuf" and given.keys() - {"_FillValue"}
+    return {name: float(number[0]) for name, number in given.items() if len(number)} if packed else {}
+
+
+def _scaled(values: Any, packing: Mapping[str, float]) -> Any:
+    # Physical value = stored value * scale_factor + add_offset.
+    if not packing:
         return values
-    physical = values * packed.get("scale_factor", 1.0) + packed.get("add_offset", 0.0)
-    return np.where(values == packed["_FillValue"], np.nan, physical) if "_FillValue" in packed else physical
+    scale, offset = (next((packing[name] for name in names if name in packing), None) for names in SCALING)
+    physical = values * (1.0 if scale is None else scale) + (offset or 0.0)
+    return np.where(values == packing["_FillValue"], np.nan, physical) if "_FillValue" in packing else physical
 
 
 def _attributes(before: str, item: Any) -> Iterator[tuple[str, Any]]:

@@ -63,10 +63,17 @@ def _channels(segment: Mapping[str, Any], here: str, remarks: list[str]) -> Iter
     clocks = [k for k, name in enumerate(names) if name == X]
     # Headers have a cell for each data column; if there is a time column before each channel, its cell is empty.
     shift = 1 if names and names[0] == X else 0
+
+    # Some writers leave these cells out.
+    def said(key: str, place: int) -> str:
+        cells = [str(cell).strip() for cell in segment.get(key, [])]
+        filled = [cell for cell in cells if cell]
+        at, cells = (places.index(place), filled) if len(filled) == len(places) else (place - shift, cells)
+        return dict(enumerate(cells)).get(at, "")
+
     for place in places:
         clock = max((k for k in clocks if k < place), default=None)
-        step = float(dict(enumerate(segment.get("Delta_X", []))).get(place - shift, "nan"))
-        unit = str(dict(enumerate(segment.get("Y_Unit_Label", []))).get(place - shift, "")).strip()
+        step, unit = float(said("Delta_X", place) or "nan"), said("Y_Unit_Label", place)
         rate = _rate(None if clock is None else data[:, clock], step, f"{here}, {names[place]!r}")
         if rate is None and step > 0.0:
             remarks.append(f"the interval of {names[place]!r}, {step:g} s, is rounded, so its sample rate is unknown: give it")

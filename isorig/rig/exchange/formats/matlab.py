@@ -40,18 +40,21 @@ def read_matlab(path: Path) -> ForeignTable:
 
 
 def _version5(path: Path) -> ForeignTable:
-    from scipy.io import loadmat
+    from scipy.io import loadmat, whosmat
 
     _bounded(path)
     # scipy's reader crashes on some damaged files.
     survived(path)
     items: list[tuple[str, Any]] = []
     remarks = []
+    # The simple cells have no axes of one element, also where a single channel is between its samples and its runs.
+    shapes = {name: shape for name, shape, _ in whosmat(path) if len(shape) > 2}
     for name, value in loadmat(path, simplify_cells=True).items():
         if name == "None" or type(value).__name__ == "MatlabOpaque":
             remarks.append(OBJECT)
         elif not name.startswith("__"):
-            items += _flattened(name, value)
+            numbers = isinstance(value, np.ndarray) and value.dtype.kind in "biufc" and name in shapes
+            items += [(name, value.reshape(shapes[name]))] if numbers else _flattened(name, value)
     return table_of(path, items, remarks)
 
 

@@ -14,6 +14,8 @@ from isorig.rig.errors import PlanError, RecordingError
 from isorig.rig.exchange.table import UNTITLED, ForeignTable, Format
 from isorig.rig.exchange.tree import OWN, table_of
 
+#: Words in the name of a property that may scale a channel; the others describe the file.
+SCALES = re.compile(r"sensitiv|calib|scale[ _]?factor", re.IGNORECASE)
 #: Properties of a channel with its unit.
 UNITS = ("NI_UnitDescription", "unit_string")
 
@@ -64,7 +66,8 @@ def read_tdms(path: Path) -> ForeignTable:
         text = f"its channels {', '.join(empty)} are empty" if empty else "it has no channel of numbers"
         raise RecordingError(f"{path} has no samples ({text}); record it again, or export the file that the logger wrote them to")
     named = {name: replace(column, label=labels.get(name, "")) for name, column in table.columns.items()}
-    return replace(table, columns=named, numbers={})
+    scales = {name: number for name, number in table.numbers.items() if SCALES.search(name)}
+    return replace(table, columns=named, numbers=scales)
 
 
 TDMS = Format(extensions=(".tdms",), name="TDMS", read=read_tdms, begins=re.compile(b"TDSm"))

@@ -9,17 +9,19 @@ import itertools
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from isorig.analysis.campaign import FloatArray
 from isorig.rig.errors import RecordingError
-from isorig.rig.exchange.clock import BESIDE, completed, names_time, seconds_per
+from isorig.rig.exchange.clock import BESIDE, CLOCK, completed, names_time, rises_evenly, sample_counter, seconds_of, seconds_per
 from isorig.rig.exchange.table import Column, ForeignTable, Format
-from isorig.rig.exchange.tree import rate_of, table_of
-from isorig.rig.exchange.units import COUNTS, OTHER_UNITS, known_unit, name_and_unit
+from isorig.rig.exchange.tree import by_channel, over_frequency, rate_of
+from isorig.rig.exchange.units import COUNTS, OTHER_UNITS, UNITS, known_unit, name_and_unit, sensitivity_in
 from isorig.rig.files.inputs import content_of
 from isorig.rig.files.output import reason
 
@@ -48,26 +50,29 @@ ROWS_LEAST = 3
 LAST_LINES = 50
 #: Each row continues the one before it if the step between them is smaller than this share of the steps from row to row. Chosen.
 CONTINUED = 0.8
-#: A time of day, with or without its date, its hours and its time zone.
-_CLOCK = re.compile(
-    r"(?:(?P<date>\d{4}[-/]\d\d?[-/]\d\d?|\d\d?[./-]\d\d?[./-]\d{2,4})[ T])?"
-    r"(?:(?P<h>\d\d?):(?P<m>\d\d)(?::(?P<s>\d\d(?:[.,:]\d+)?))?|(?P<m2>\d\d?):(?P<s2>\d\d[.,]\d+))"
-    r"(?: ?(?P<half>[AP]M)|Z|[+-]\d\d:?\d\d)?",
-    re.IGNORECASE,
-)
 #: The end of a number in a column of fixed width, if the sign of the next one touches it.
 _TOUCHING = re.compile(r"(\d(?P<mark>[.,])\d+[eEdD][+-]\d{2,3})(?=[+-]?\d(?P=mark)\d+[eEdD])")
 #: A number with separators of thousands: in its groups of three digits, or of two as in India.
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:(?P<mark>[.,'’ \u00a0\u202f])(?:\d\d(?P=mark))*\d{3}(?:(?P=mark)\d{3})*)(?:[.,]\d*)?")
+#: A line with several cells in one quotation.
+_QUOTED = re.compile(r'"[^"]*(?:[;\t]|,[^"]*,)[^"]*"')
+#: A cell that programs write for a missing value.
+_MISSING = re.compile(
+    r"(?m)(?:^|(?<=[;,\t|]))[ ]*(?:#(?:N/?A|NV|DIV/0!|NUM!|VALUE!|WERT!|ZAHL!|REF!|BEZUG!)|-{1,3})[ ]*(?=[;,\t|\r\n]|\Z)"
+)
 _NUMBER = r"(?P<gap>[^0-9+\-]{0,20})(?P<number>\d+(?:[.,'\u2019]\d+)*(?:e[+-]?\d+)?)\s*(?P<unit>[a-zµμ1/]*)"
 _RATE = re.compile(
-    rf"(?:sampl\w*[ _-]*(?:rate|freq\w*)|scan[ _-]*rate|abtast(?:rate|frequenz)|\bfs\b|\bf_s\b){_NUMBER}", re.IGNORECASE
-)
-_STEP = re.compile(
-    r"(?:sampl\w*[ _-]*(?:interval|period|time)|x[ _-]axis[ _-]delta|delta[ _-]?[tx]|\bdt\b|\btinc\b|(?:^|time[ _-]*)increment"
-    rf"|time[ _-]*step|abtast(?:zeit|intervall)){_NUMBER}",
+    r"(?:sampl\w*[ _-]*(?:rate|freq\w*|per[ _]s(?:econd)?)|(?:scan|acquisition)[ _-]*rate|sampling(?=\s*[:=])"
+    r"|(?:abtast|mess)(?:rate|frequenz)|fr[eé]quence d.[eé]chantillonnage|frequenza di campionamento|frecuencia de muestreo"
+    rf"|\bf_?s(?:ampl\w*)?\b|\bodr\b){_NUMBER}",
     re.IGNORECASE,
 )
+_STEP = re.compile(
+    r"(?:sampl\w*[ _-]*(?:interval|period|time)|x[ _-]axis[ _-]delta|(?:delta|δ)[ _-]?[tx]|\bdx\b|\bdt\b"
+    rf"|\btinc\b|(?:^|\bx[ _-]|time[ _-]*)increment|time[ _-]*step|abtast(?:zeit|intervall)){_NUMBER}",
+    re.IGNORECASE,
+)
+_UNIT = re.compile(r"(?:amplitude|vertical|\by)[ _-]*(?:axis[ _-]*)?units?\W+(?P<unit>[^\s,;:\"]+)", re.IGNORECASE)
 _PREFIX = re.compile(r"(?P<prefix>[km]?)(?:hz|s/s|sa/s|sps)(?:$|\W)", re.IGNORECASE)
 
 
@@ -92,40 +97,67 @@ def read_text(path: Path) -> ForeignTable:
     """The columns of a text file; names, units and the sample rate are taken from its header if present. Raises RecordingError,
     with the line and the cell, if there are no columns of numbers, or a line is truncated or contains a cell that is not a
     number."""
-    text = _with_whole_cells(decoded(content_of(path, FILE_MOST)))
+    return table_of_text(decoded(content_of(path, FILE_MOST)), path)
+
+
+def table_of_text(text: str, path: Path) -> ForeignTable:
+    """The columns of a text, like those of a text file; messages name `path`. Raises RecordingError like `read_text`."""
+    text = _with_whole_lines(_with_whole_cells(text))
     if _TOUCHING.search(text[:HEAD_LONGEST]):
         text = _TOUCHING.sub(r"\1 ", text)
     lines = [line.rstrip("\r\n") for line in io.StringIO(text[:HEAD_LONGEST]).readlines()[:HEAD_LINES]]
     style = _with_decimal_of(text, _style(lines, path))
     _blame_thousands(lines, style, path)
     begin = sum(len(line) for line in itertools.islice(io.StringIO(text), style.first))
-    frame = _frame(text, text[begin:], style, path)
+    body = _without_repeated_head(whole := text[begin:], lines[: style.first])
+    text = text if body is whole else text[:begin] + body
+    frame = _frame(text, body, style, path)
     names, units = _head(lines[: style.first], style)
     rate = _rate(lines if style.wordy else lines[: style.first], style)
+    sensors, stated = _sensitivities(lines[: style.first], style)
     columns: dict[str, Column] = {}
-    remarks = [*_notes(lines, style), *_cut(text, style, path)]
+    remarks = [*_notes(lines, style), *stated, *_cut(text, style, path)]
+    words: dict[str, NDArray[Any]] = {}
     for k, (name, unit) in enumerate(zip(names, units, strict=True)):
         if frame[k].dtype.kind != "f" and k not in style.clocks:
             _blame_numbers(frame[k].dropna(), text, style, k, path)
-            remarks.append(f"column {name!r} contains words ({frame[k].dropna().iloc[0]!r}) and is left out")
+            words[name] = frame[k].to_numpy(str)
             continue
-        values = _seconds(frame[k]) if k in style.clocks else frame[k].to_numpy()
-        stated = np.unique(values[np.isfinite(values)])
-        if len(stated) == 1 and (found := rate_of(name, float(stated[0]))) is not None:
+        values = seconds_of(frame[k]) if k in style.clocks else frame[k].to_numpy()
+        single = np.unique(values[np.isfinite(values)])
+        if len(single) == 1 and (found := rate_of(name, float(single[0]))) is not None:
             rate = found
             continue
         key = name if name not in columns else f"{name}[{k}]"
-        columns[key] = Column(values=values, unit="s" if k in style.clocks else unit)
+        columns[key] = _sensed(Column(values=values, unit="s" if k in style.clocks else unit), sensors.get(k))
+        if k in sensors and not unit:
+            number, signal, per = sensors[k]
+            remarks.append(
+                f"column {name!r} has no unit, so its sensitivity of {number:g} {signal}/({per}) is not applied: if its values "
+                f"are in V, write it as sensitivity, in V per {per}"
+            )
+    stored, columns = columns, by_channel(columns, words, path)
+    unused = [name for name in words if stored.keys() <= columns.keys() and name not in columns]
+    remarks += [f"column {name!r} contains words ({str(words[name][0])!r}) and is left out" for name in unused]
+    if only := _single_unit(lines[: style.first]):
+        named = (key for key, column in columns.items() if not (names_time(key) or column.unit or rises_evenly(column)))
+        records = [key for key in named if sample_counter(columns[key]) is None]
+        columns |= {key: replace(columns[key], unit=only) for key in records if len(records) == 1}
     columns = {key: replace(column, sample_rate=rate) for key, column in columns.items()}
     # A table over frequency: real and imaginary parts, or magnitude and phase, become complex values.
-    over = table_of(path, [(name.replace(".", "_"), column.values) for name, column in _joined(columns).items()])
-    if over.spectra and not over.columns:
+    if (over := over_frequency(path, columns, words)) is not None:
         return over
     found_columns, said = completed(columns)
     heads = (_named(line, style.separator, style) or [] for line in lines[: style.first])
     if not any(re.search(r"[^\W\d_]", cell) for head in heads for cell in head):
         remarks += _continued([column.values for column in found_columns.values()])
-    return ForeignTable(path=path, columns=found_columns, remarks=(*remarks, *said, *_empty_lines(text[begin:])))
+    return ForeignTable(path=path, columns=found_columns, remarks=(*remarks, *said, *_empty_lines(body)))
+
+
+def _single_unit(head: Sequence[str]) -> str:
+    # The unit of a file with one record: Amplitude unit: N.
+    found = (_UNIT.search(line) for line in head)
+    return next((each["unit"] for each in found if each and known_unit(each["unit"])), "")
 
 
 def decoded(raw: bytes) -> str:
@@ -146,6 +178,12 @@ def _with_whole_cells(text: str) -> str:
     head = re.sub(r'(?<![^,;\t\n])"[^"]*"(?=[,;\t\r\n])', lambda cell: " ".join(cell[0].split()), text[:HEAD_LONGEST])
     missing = text.count("\n", 0, HEAD_LONGEST) - head.count("\n")
     return "\n" * missing + head + text[HEAD_LONGEST:]
+
+
+def _with_whole_lines(text: str) -> str:
+    # Some programs quote each line, with its separators, as if it were one cell.
+    lines = text[:HEAD_LONGEST].splitlines()[:LAST_LINES]
+    return text.replace('"', "") if len(lines) > 2 and all(_QUOTED.fullmatch(line) for line in lines) else text
 
 
 def _empty_lines(body: str) -> list[str]:
@@ -172,12 +210,12 @@ def _frame(text: str, body: str, style: _Style, path: Path) -> pd.DataFrame:
         try:
             frame = parsed(body)
         except ValueError:
-            # An exponent of Fortran, a minus of Unicode.
-            frame = parsed(re.sub(r"(?<=[\d.,])[dD](?=[+-]?\d)", "e", body.replace("−", "-")))
+            # An exponent of Fortran, a minus of Unicode, a mark for a missing value.
+            frame = parsed(_MISSING.sub("", re.sub(r"(?<=[\d.,])[dD](?=[+-]?\d)", "e", body.replace("−", "-"))))
     except (ValueError, pd.errors.ParserError) as error:
         _blame(text, style, path)
         raise RecordingError(f"{path} has a cell that is not a number ({reason(error)}); correct or cut it") from None
-    unclear = not all(frame[k].dropna().str.fullmatch(_CLOCK).all() for k in style.clocks)
+    unclear = not all(frame[k].dropna().str.fullmatch(CLOCK).all() for k in style.clocks)
     for k in (*style.empty, *style.wordy):
         values = pd.to_numeric(frame[k].str.replace(style.decimal, "."), errors="coerce")
         if frame[k].isna().all() or (values.notna().any() and k in style.empty):
@@ -190,10 +228,19 @@ def _frame(text: str, body: str, style: _Style, path: Path) -> pd.DataFrame:
     return frame
 
 
+def _without_repeated_head(body: str, head: Sequence[str]) -> str:
+    # Lines of the header that are repeated below become empty lines, so that the others keep their numbers. A spreadsheet's mark
+    # for a missing value would begin a comment.
+    for line in {line.strip() for line in head if re.search(r"[^\W\d_]", line)}:
+        if line in body:
+            body = re.sub(rf"(?m)^[ ]*{re.escape(line)}[ ]*$", "", body)
+    return _MISSING.sub("", body) if "#" in body else body
+
+
 def _blame(text: str, style: _Style, path: Path) -> None:
     # The first line that does not belong to the table, by its number in the file.
     short: list[tuple[int, int]] = []
-    last = 0
+    last, heads = 0, {cells[0] for line in text.splitlines()[: style.first] if (cells := _fields(line, style.separator))}
     for number, raw in enumerate(io.StringIO(text), 1):
         line = raw.split("#", 1)[0]
         if number <= style.first or not line.strip():
@@ -203,7 +250,8 @@ def _blame(text: str, style: _Style, path: Path) -> None:
         if len(fields) > style.count and any(fields[style.count :]):
             raise RecordingError(f"{here} has {len(fields)} cells but the lines before it have {style.count}; correct that line")
         wrong = next((k for k, field in enumerate(fields) if not (_is_value(field, style.decimal) or k in style.wordy)), None)
-        if len(fields) > 1 and not any(_is_value(field, style.decimal) for field in fields):
+        again = fields[0] in heads and not _is_value(fields[0], style.decimal)
+        if again or (len(fields) > 1 and not any(_is_value(field, style.decimal) for field in fields)):
             raise RecordingError(
                 f"{here} has words below the numbers: if a second table begins there, save each as its own file, otherwise "
                 "delete that line"
@@ -263,7 +311,7 @@ def _style(lines: Sequence[str], path: Path) -> _Style:
             least = ROWS_LEAST if len(fields) == 1 else 2
             below = itertools.islice((other for other in lines[k + 1 :] if other.strip()), least - 1)
             after = [_fields(other, separator) for other in below] or [fields]
-            alike = all(_are_values(row, decimal) and len(row) == len(fields) for row in after)
+            alike = all(_are_values(row, decimal) and _are_alike(row, fields) for row in after)
             if alike and not _are_numbered(fields, after[0]):
                 count = len(fields)
                 if best is not None and separator.startswith(r"\s") and count == best[1].count:
@@ -272,7 +320,7 @@ def _style(lines: Sequence[str], path: Path) -> _Style:
                 named = any(len(head) == count and not any(_are_values(head, mark) for mark in ".,") for head in heads)
                 # Whole numbers below others fit any decimal mark.
                 if best is None or (named and count > 1, count, -k) > best[0]:
-                    clocks = tuple(j for j, field in enumerate(fields) if _CLOCK.fullmatch(field))
+                    clocks = tuple(j for j, field in enumerate(fields) if CLOCK.fullmatch(field))
                     empty = tuple(j for j in range(count) if not fields[j] and not after[0][j])
                     best = ((named and count > 1, count, -k), _Style(separator, decimal, k, count, clocks, empty))
                 break
@@ -294,6 +342,13 @@ def _style(lines: Sequence[str], path: Path) -> _Style:
     return _with_first_rows(lines, style, path)
 
 
+def _are_alike(one: Sequence[str], other: Sequence[str]) -> bool:
+    # Whether two lines have as many cells, and times in the same ones.
+    cells = zip(one, other, strict=False)
+    times = ((CLOCK.fullmatch(a), CLOCK.fullmatch(b)) for a, b in cells if a and b)
+    return len(one) == len(other) and all((a is None) == (b is None) for a, b in times)
+
+
 def _are_numbered(fields: Sequence[str], after: Sequence[str]) -> bool:
     # Whether a line numbers the columns, as pandas names those of an array: the line after it is not of whole numbers.
     numbers = [field for field in fields if field]
@@ -312,7 +367,7 @@ def _with_words(lines: Sequence[str]) -> _Style | None:
         first = len(rows) - (alike[::-1].index(False) if False in alike else len(rows))
         if len(numbers) > 1 and len(rows) - first > 2 and not separator.startswith(r"\s"):
             wordy = tuple(j for j in range(len(rows[-1])) if j not in numbers)
-            clocks = tuple(j for j in numbers if _CLOCK.fullmatch(rows[-1][j]))
+            clocks = tuple(j for j in numbers if CLOCK.fullmatch(rows[-1][j]))
             if best is None or len(numbers) > best.count - len(best.wordy):
                 best = _Style(separator, decimal, at[first], len(rows[-1]), clocks, wordy=wordy)
     return best
@@ -445,7 +500,7 @@ def _are_values(fields: Sequence[str], decimal: str) -> bool:
 
 def _is_value(field: str, decimal: str) -> bool:
     pattern = rf"|[+\-−]?(\d+({re.escape(decimal)}\d*)?|{re.escape(decimal)}\d+)([ed][+-]?\d+)?|[+-]?(nan|inf|infinity)|n/?a|null"
-    return re.fullmatch(pattern, field.strip('"'), re.IGNORECASE) is not None or _CLOCK.fullmatch(field) is not None
+    return re.fullmatch(pattern, field.strip('"'), re.IGNORECASE) is not None or CLOCK.fullmatch(field) is not None
 
 
 def _head(head: Sequence[str], style: _Style) -> tuple[list[str], list[str]]:
@@ -459,21 +514,59 @@ def _head(head: Sequence[str], style: _Style) -> tuple[list[str], list[str]]:
         there = [field for field in fields if field]
         # Settings may have the same cell for several columns, or numbers: directly above the values, or their units, are names.
         units_here = _are_units(fields[: style.filled])
-        different = len(set(there)) == len(there) and not any(_is_value(cell, style.decimal) for cell in there)
+        different = _are_different(there) and not any(_is_value(cell, style.decimal) for cell in there)
         if fields and (above or different or units_here):
             (rows if len(fields) == style.count else longer).append(fields[: style.count])
         above = units_here
     blank = [""] * style.count
-    rows = rows or longer or [names for line in lines[:1] if (names := _other_names(line, style))]
+    rows = rows or [names for line in lines[:1] if (names := _other_names(line, style))] or longer
     wordy = [row for row in rows if any(map(names_time, row)) or not any(cell and _is_value(cell, style.decimal) for cell in row)]
     rows = wordy or rows
     at = next((k for k, row in enumerate(rows) if len(rows) > 1 and _are_units(row[: style.filled])), None)
     units = blank if at is None else rows.pop(at)
+    rows = [row for row in rows if not _are_units(row[: style.filled])] if at is not None else rows
     # Below the units there may be places or types of sensors.
-    names_at = 0 if at is None or at == len(rows) or any(map(names_time, rows[0])) else at
-    named = [name_and_unit(name) for name in (rows[names_at] if rows else blank)]
+    below = at is None or at == len(rows) or any(map(names_time, rows[0]))
+    names_at = 0 if below else next((k for k, row in enumerate(rows) if k >= (at or 0) and _are_different(row)), at or 0)
+    named = [name_and_unit((sensitivity_in(name) or (name,))[0]) for name in (rows[names_at] if rows else blank)]
     names = [name or f"column{k}" for k, (name, _) in enumerate(named)]
-    return names, [unit.strip("[]()").strip(" -") or own for unit, (_, own) in zip(units, named, strict=True)]
+    # A row of units may have its name in the first column.
+    units = ["" if re.search(r"unit|einheit", unit, re.IGNORECASE) else unit.strip("[]()").strip(" -") for unit in units]
+    return names, [unit or own for unit, (_, own) in zip(units, named, strict=True)]
+
+
+def _sensitivities(head: Sequence[str], style: _Style) -> tuple[dict[int, tuple[float, str, str]], list[str]]:
+    # By column: number, unit of the signal, and unit of the quantity, from a line with 100 mV/g in its cells, or with numbers in
+    # them and mV/g in the first one; and sentences about other lines, which state the sensitivity of one channel.
+    found: dict[int, tuple[float, str, str]] = {}
+    single: dict[int, str] = {}
+    for number, line in enumerate(head, 1):
+        fields = _fields(line.lstrip("#% "), style.separator)
+        per = re.split(r"[(\[]", fields[0], maxsplit=1)[-1] if fields else ""
+        cells = (f"{cell} {per}" if k and re.fullmatch(r"[\d.,]+", cell) else cell for k, cell in enumerate(fields))
+        here = {k: said for k, cell in enumerate(cells) if (said := sensitivity_in(cell))}
+        named = all(rest and not re.match("sens", rest, re.IGNORECASE) for rest, *_ in here.values())
+        if len(fields) == style.count and (named or len(here) > (style.count > 2)):
+            found |= {k: said[1:] for k, said in here.items()}
+        elif here:
+            single[number] = line.strip()[:60]
+    return found, [
+        f"line {n} ({text!r}) states a sensitivity, which is not applied: give it to its channel" for n, text in single.items()
+    ]
+
+
+def _is_sensitivity(cell: str) -> bool:
+    said = sensitivity_in(cell)
+    return said is not None and not said[0]
+
+
+def _sensed(column: Column, sensor: tuple[float, str, str] | None) -> Column:
+    # A column in the unit of a sensor's signal has the sensor's quantity.
+    known = known_unit(column.unit)
+    if sensor is None or known is None or UNITS[known].quantity != UNITS[sensor[1]].quantity:
+        return column
+    number, signal, per = sensor
+    return replace(column, unit=per, sensitivity=number * UNITS[signal].factor / UNITS[known].factor)
 
 
 def _named(line: str, separator: str, style: _Style) -> list[str] | None:
@@ -482,7 +575,8 @@ def _named(line: str, separator: str, style: _Style) -> list[str] | None:
     while len(fields) > style.count and not fields[-1]:
         fields.pop()
     fields += [""] * (style.count - len(fields) if len(fields) >= style.filled else 0)
-    setting = any(re.match(r"\w+ ?=|.*:$", field) or _CLOCK.fullmatch(field) for field in fields[: style.count])
+    cells = fields[: style.count]
+    setting = any(re.match(r"\w+ ?=|.*:$", cell) or CLOCK.fullmatch(cell) or _is_sensitivity(cell) for cell in cells)
     few = len(fields) < style.count or 2 * sum(map(bool, fields[: style.filled])) < style.filled
     return None if few or setting else fields
 
@@ -496,9 +590,20 @@ def _other_names(line: str, style: _Style) -> list[str] | None:
     return None
 
 
+def _are_different(row: Sequence[str]) -> bool:
+    there = [cell for cell in row if cell]
+    return len(there) == len({*there})
+
+
+def _is_ratio(text: str) -> bool:
+    # A unit of a transfer function or a sensitivity.
+    over, *per = re.split(r"/(?=\()|/(?=[^/]*$)", text, maxsplit=1)
+    return bool(per and known_unit(over) and known_unit(per[0]))
+
+
 def _are_units(fields: Sequence[str]) -> bool:
     plain = [field.strip().strip("[]()").strip() for field in fields]
-    known = [known_unit(field) is not None or seconds_per(field) is not None for field in plain]
+    known = [known_unit(field) is not None or seconds_per(field) is not None or _is_ratio(field) for field in plain]
     others = sum(field in ("", "-", "mV/V", *COUNTS, *OTHER_UNITS) for field in plain)
     return any(known) and (sum(known) + others == len(plain) or 3 * sum(known) >= 2 * len(plain))
 
@@ -511,7 +616,8 @@ def _rate(head: Sequence[str], style: _Style) -> float | None:
         if found := _RATE.search(line):
             unit = _PREFIX.match(found["unit"]) or _PREFIX.search(found["gap"])
             prefix = unit["prefix"].lower() if unit else ""
-            rate = _number(found["number"], style) * {"": 1.0, "k": 1e3, "m": 1e6}[prefix]
+            # 2.048 kHz are no 2048 kHz.
+            rate = (_plain if prefix else partial(_number, style=style))(found["number"]) * {"": 1.0, "k": 1e3, "m": 1e6}[prefix]
         elif found := _STEP.search(line):
             # A time of a second or more is rather that of the measurement.
             written = found["unit"] or next((word for word in re.findall(r"[a-zµμ]+", found["gap"]) if seconds_per(word)), "s")
@@ -529,46 +635,12 @@ def _number(text: str, style: _Style) -> float:
     marks = ".,'’".replace(style.decimal, "")
     if re.fullmatch(rf"[1-9]\d{{0,2}}([{marks}]\d{{3}})+({re.escape(style.decimal)}\d+)?", text):
         text = re.sub(rf"[{marks}]", "", text)
+    return _plain(text)
+
+
+def _plain(text: str) -> float:
+    # A number with a point or a comma for its decimals.
     return float(text.replace(",", ".")) if text.count(".") + text.count(",") < 2 else 0.0
-
-
-def _seconds(column: pd.Series[str]) -> FloatArray:
-    import pandas as pd
-
-    # Seconds since the first reading of a clock; without a date it may pass midnight, without hours the full hour.
-    parts = column.str.extract(rf"^(?:{_CLOCK.pattern})$", flags=re.IGNORECASE)
-    minutes, own = parts["m"].fillna(parts["m2"]), parts["s"].fillna(parts["s2"]).str.replace(r"[,:]", ".", regex=True)
-    hours = pd.to_numeric(parts["h"], errors="coerce")
-    half = parts["half"].str.upper()
-    hours = hours.where(half.isna(), hours % 12 + 12 * (half == "PM"))
-    seconds = np.zeros(len(column))
-    for part, size in ((hours, 3600.0), (minutes, 60.0), (own, 1.0)):
-        seconds += pd.to_numeric(part, errors="coerce").fillna(0.0).to_numpy(np.float64) * size
-    seconds = np.asarray(pd.Series(seconds).where(column.notna()).ffill(), dtype=np.float64)
-    if parts["date"].notna().any():
-        first = str(parts["date"].dropna().iloc[0])
-        days = pd.to_datetime(parts["date"], dayfirst="." in first, errors="coerce", format="mixed").ffill()
-        seconds = seconds + (days - days.iloc[0]).dt.days.to_numpy(np.float64) * 86400.0
-    else:
-        whole = 86400.0 if parts["h"].notna().any() else 3600.0
-        seconds = seconds + whole * np.concatenate([[0.0], np.cumsum(np.diff(seconds) < -0.5 * whole)])
-    seconds[column.isna()] = np.nan
-    return np.asarray(seconds - seconds[0])
-
-
-def _joined(columns: dict[str, Column]) -> dict[str, Column]:
-    rest = dict(columns)
-    joined: dict[str, Column] = {}
-    for name in columns:
-        for one, other in (("real", "imag"), ("re", "im"), ("magnitude", "phase"), ("mag", "phase"), ("amplitude", "phase")):
-            partner = next((n for n in rest if n.lower() == re.sub(rf"(?i)\b{one}\b|(?<=_){one}$", other, name).lower()), None)
-            if name in rest and partner is not None and partner != name:
-                a, b = rest.pop(name), rest.pop(partner)
-                turn = np.pi / 180.0 if known_unit(b.unit) == "deg" else 1.0
-                values = a.values + 1j * b.values if other.startswith("im") else a.values * np.exp(1j * turn * b.values)
-                joined[re.sub(rf"(?i)[ _]*{one}$", "", name) or "response"] = Column(values=values, unit=a.unit)
-                break
-    return {**rest, **joined}
 
 
 TEXT = Format(extensions=(".csv", ".txt", ".tsv", ".dat", ".asc", ".prn"), name="text", read=read_text)

@@ -17,7 +17,7 @@ from isorig.analysis.campaign import FloatArray, Spectrum
 from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.clock import even_rate, seconds_per
 from isorig.rig.exchange.table import Column, ForeignTable, Format
-from isorig.rig.exchange.units import known_unit
+from isorig.rig.exchange.units import UNITS, known_unit
 from isorig.rig.files.output import reason
 from isorig.rig.files.recording import VALUE_MOST
 
@@ -62,14 +62,15 @@ def read_uff(path: Path) -> ForeignTable:
     columns: dict[str, Column] = {}
     spectra: list[Spectrum] = []
     remarks: list[str] = []
-    system = SI
+    system, stated = SI, False
     sets = _sets(path)
     functions = [item for item in sets if item["type"] == 58]
-    named = zip(_names(functions, "rsp"), _names(functions, "ref"), _labels(functions), strict=True)
+    responses = _by_quantity(functions, _names(functions, "rsp"))
+    named = zip(responses, _names(functions, "ref"), _labels(functions, responses), strict=True)
     for place, item in enumerate(sets, 1):
         if item["type"] == 164:
             length, force = float(item.get("length") or 1.0), float(item.get("force") or 1.0)
-            system = (length, force) if 0.0 < length < np.inf and 0.0 < force < np.inf else SI
+            system, stated = ((length, force) if 0.0 < length < np.inf and 0.0 < force < np.inf else SI), True
             continue
         response, reference, label = next(named)
         here = f"function {place} ({response})"
@@ -90,6 +91,14 @@ def read_uff(path: Path) -> ForeignTable:
             while key in columns:
                 key, number = f"{response}#{number}", number + 1
             columns[key] = replace(found, label=label)
+            si, long, strong = TYPES.get(int(item.get("ordinate_spec_data_type", 0)), ("", 0, 0))
+            known = known_unit(found.unit)
+            size = system[0] ** long * system[1] ** strong / found.sensitivity
+            if stated and si and known is not None and not np.isclose(UNITS[known].factor * size, 1.0, rtol=1e-2):
+                remarks.append(
+                    f"{here} has the label {found.unit!r}, but the file's unit system (dataset 164) has {size:g} of its units in "
+                    f"one {si}: if its values are in the unit system, write sensitivity = {size * UNITS[known].factor:.6g}"
+                )
         else:
             spectra.append(replace(found, name=f"{len(spectra):03d}"))
     if not columns and not spectra and remarks:
@@ -178,11 +187,23 @@ def _names(functions: Sequence[Mapping[str, Any]], end: str) -> list[str]:
     return [f"{name} {dof}" if several[name] > 1 else name for name, dof in named]
 
 
-def _labels(functions: Sequence[Mapping[str, Any]]) -> list[str]:
-    # The first ID line that differs between the channels names them; the same line for all is the title of the measurement.
+def _by_quantity(functions: Sequence[Mapping[str, Any]], names: Sequence[str]) -> list[str]:
+    # Where time records of several quantities have one name, as force and acceleration at a driving point, the quantity follows.
+    kinds = [int(item.get("ordinate_spec_data_type", 0)) if _over(item) == TIME else 0 for item in functions]
+    several = Counter(name for name, kind in {*zip(names, kinds, strict=True)} if kind)
+    return [
+        f"{name} {UNITS[TYPES[kind][0]].quantity}" if several[name] > 1 and kind in TYPES else name
+        for name, kind in zip(names, kinds, strict=True)
+    ]
+
+
+def _labels(functions: Sequence[Mapping[str, Any]], names: Sequence[str]) -> list[str]:
+    # The first ID line that differs between the channels names them; the same line for all is the title of the measurement, and
+    # several lines for one channel are those of runs.
     for line in ID_LINES:
         texts = [_label(item, line) for item in functions]
-        if len(set(texts)) > 1 and all(texts) and not any(text.startswith((RESPONSE, REFERENCE)) for text in texts):
+        one_each = len({*zip(names, texts, strict=True)}) == len({*names})
+        if one_each and len(set(texts)) > 1 and all(texts) and not any(text.startswith((RESPONSE, REFERENCE)) for text in texts):
             return texts
     return [""] * len(functions)
 
