@@ -11,6 +11,8 @@ import pytest
 from filelock import FileLock
 from hypothesis import settings
 
+from isorig.analysis.errors import AnalysisError
+from isorig.rig.errors import RigError
 from isorig.rig.frf import drawing
 
 #: The same examples on every machine and in every run.
@@ -63,12 +65,18 @@ def _one_process_draws() -> Iterator[None]:
     def kept() -> Iterator[drawing.FigureProcess]:
         if not begun:
             begun.append(drawing.FigureProcess())
+        refused: Exception | None = None
         try:
-            yield begun[0]
+            try:
+                yield begun[0]
+            except (AnalysisError, RigError) as error:
+                refused = error
             begun[0].wait()
         except BaseException:
             begun.pop().end()
             raise
+        if refused is not None:
+            raise refused
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(drawing, "drawn_elsewhere", kept)
