@@ -107,6 +107,8 @@ def test_every_recording_once(tmp_path: Path, measured: Path, pool: list[Path], 
 def test_interrupted_at_any_time(tmp_path: Path, measured: Path) -> None:
     store = tmp_path / "fleet"
     shutil.rmtree(measured / "rig-b")
+    # One that takes longer: it is being diagnosed when the other one has its answer.
+    write(measured / "rig-a" / "w2.h5", virtual_campaign(drawn_rig(np.random.default_rng(0)), TAKES[1::2], seed=0))
     assert fleet("add", measured, "-c", store) == 0
     with started("update", "-c", store) as running:
         assert running.stdout is not None
