@@ -29,6 +29,9 @@ PYTEST := $(BIN)/python -m pytest -q -m "not study" --dist loadfile --no-loadsco
 test: setup
 	@$(MAKE) --jobs=2 --output-sync=target test-wire test-work
 
+# Compiled tests are kept, also where the environment forbids it: else each of the processes compiles them again.
+test-wire test-work: export PYTHONDONTWRITEBYTECODE =
+
 test-wire: setup
 	$(PYTEST) -n 4 $(WIRE) || $(PYTEST) -n 0 --last-failed --last-failed-no-failures none $(WIRE)
 

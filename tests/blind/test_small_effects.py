@@ -25,8 +25,8 @@ def findings_of(recording: Path, folder: Path) -> dict[str, object]:
 def test_a_whole_motion_shows_what_its_moments_do_not(tmp_path: Path) -> None:
     """Drag in a chain of three masses: every equation holds within its noise, and the simulation misfits."""
     envelope = draw_other("quadratic_damping", 0.33, 860023, soil=0.0, rest=True)
-    two = envelope.campaign.runs[::3]
-    write(tmp_path / "sealed.h5", replace(envelope.campaign, runs=two, description=described(envelope)))
+    last = envelope.campaign.runs[3:]
+    write(tmp_path / "sealed.h5", replace(envelope.campaign, runs=last, description=described(envelope)))
     campaign = read(tmp_path / "sealed.h5")
     assert max(equations_of(campaign, baseline_model(campaign)).residuals().values()) < HOLDS
     found = findings_of(tmp_path / "sealed.h5", tmp_path / "out")

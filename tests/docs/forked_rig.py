@@ -1,7 +1,8 @@
 """`rig` without its second of imports, for tests of many calls: a process that has loaded the program forks for each.
 
-A call has the arguments, folder, environment, standard streams and process group of its caller, and its exit status. The real
-start of the program is tested elsewhere (tests/test_interface.py, tests/rig/test_terminal.py).
+A call has the arguments, folder, environment, standard streams and process group of its caller, and its exit status; one with the
+argument -c runs Python code instead. The real start of the program is tested elsewhere (tests/test_interface.py,
+tests/rig/test_terminal.py).
 """
 
 from __future__ import annotations
@@ -105,4 +106,7 @@ if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).parents[1]))
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     serve(sys.argv[1])
-    sys.exit(main())
+    if sys.argv[1:2] == ["-c"]:
+        exec(sys.argv[2], {"__name__": "__main__"})
+    else:
+        sys.exit(main())

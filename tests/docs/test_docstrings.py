@@ -14,6 +14,7 @@ from pathlib import Path
 
 import griffe
 import pytest
+from sources import PACKAGE, sources
 
 from isorig import names
 from isorig.analysis import errors as analysis_errors
@@ -38,9 +39,17 @@ def described(item: griffe.Module | griffe.Class | griffe.Function) -> Iterator[
 
 
 @cache
+def modules() -> griffe.Module:
+    """The package and all its modules."""
+    found = griffe.load("isorig", docstring_parser="numpy", docstring_options={"warnings": False})
+    assert isinstance(found, griffe.Module)
+    return found
+
+
+@cache
 def package() -> list[Described]:
     """All functions and classes of the package that have a docstring."""
-    return list(described(griffe.load("isorig", docstring_parser="numpy", docstring_options={"warnings": False})))
+    return list(described(modules()))
 
 
 def entries(item: Described, kind: griffe.DocstringSectionKind) -> list[griffe.DocstringElement]:
@@ -121,10 +130,9 @@ NAMED = re.compile(r"(?<!`)`([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*)`(?!`)")
 @cache
 def known() -> frozenset[str]:
     """All names in the code of the package, and of its files and folders."""
-    root = Path(names.__file__).parent
-    found = {part for file in root.rglob("*.py") for part in file.relative_to(root.parent).with_suffix("").parts}
-    for file in root.rglob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+    found = {PACKAGE.name, *(part for file in sources() for part in Path(file).with_suffix("").parts)}
+    for _, tree in sources().values():
+        for node in ast.walk(tree):
             for field in ("name", "arg", "id", "attr"):
                 found.update(re.findall(r"\w+", str(getattr(node, field, None) or "")))
             # Keys and columns of files.
@@ -163,10 +171,8 @@ def test_docstrings_describe_what_there_is() -> None:
 
 
 def test_docstrings_mention_names_that_exist() -> None:
-    modules = griffe.load("isorig")
-    assert isinstance(modules, griffe.Module)
     texts = [(item.path, item.docstring.value) for item in package() if item.docstring is not None]
-    texts += [(module.path, module.docstring.value) for module in _modules(modules) if module.docstring is not None]
+    texts += [(module.path, module.docstring.value) for module in _modules(modules()) if module.docstring is not None]
     assert sum(bool(NAMED.search(text)) for _, text in texts) > 300
     assert [f"{path}: {name!r} does not exist" for path, text in texts for name in unknown(text)] == []
 

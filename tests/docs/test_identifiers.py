@@ -6,9 +6,9 @@ import ast
 import re
 from collections import defaultdict
 from collections.abc import Iterator
-from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2] / "isorig"
+from sources import sources
+
 #: Rooms whose class names nothing else in the package has. A cause may have the name of its law: it is that law at a place.
 ROOMS = (
     "analysis/diagnose/causes", "analysis/proposals", "analysis/trends", "drivers", "rig/acquire", "rig/commands", "rig/describe",
@@ -43,10 +43,10 @@ def riddles(tree: ast.AST) -> list[str]:
 def public_classes() -> dict[str, list[str]]:
     """The files of each public class's name, relative to the package."""
     found = defaultdict(list)
-    for path in sorted(ROOT.rglob("*.py")):
-        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+    for file, (_, tree) in sources().items():
+        for node in tree.body:
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-                found[node.name].append(path.relative_to(ROOT).as_posix())
+                found[node.name].append(file)
     return found
 
 
@@ -68,9 +68,8 @@ def test_a_repeated_name_is_found() -> None:
 
 
 def test_names_have_no_word_to_be_avoided() -> None:
-    checked = {path: path.relative_to(ROOT).as_posix() for path in sorted(ROOT.rglob("*.py"))}
-    assert len(checked) > 300
-    assert {file: found for path, file in checked.items() if (found := riddles(ast.parse(path.read_text("utf-8"))))} == {}
+    assert len(sources()) > 300
+    assert {file: found for file, (_, tree) in sources().items() if (found := riddles(tree))} == {}
 
 
 def test_a_word_to_be_avoided_is_found() -> None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator
-from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
+from sources import sources
+
 #: A number that counts or limits something: with a unit, or after a word that compares.
 UNIT = r"(?:%|times|k?Hz|[mkuµ]?m|m?s|kg|N|V|percent|draws|samples|seconds|minutes|periods|standard|runs|points|averages|bins)"
 NUMBER = r"\d+(?:[.,]\d+)?"
@@ -44,27 +44,24 @@ def sentences(tree: ast.Module) -> Iterator[tuple[int, str]]:
             yield node.lineno, node.value
 
 
-def written_numbers(code: str) -> list[tuple[int, str]]:
+def written_numbers(tree: ast.Module) -> list[tuple[int, str]]:
     """The sentences of a module with a number as text, each with its line."""
     return [
         (line, text)
-        for line, text in sentences(ast.parse(code))
+        for line, text in sentences(tree)
         if " " in text.strip() and COUNTED.search(text) and not any(allowed in text for allowed in ALLOWED)
     ]
 
 
 def test_sentences_format_their_numbers() -> None:
-    found = [
-        f"{path.relative_to(ROOT)}:{line}: {text}"
-        for path in sorted((ROOT / "isorig").rglob("*.py"))
-        for line, text in written_numbers(path.read_text(encoding="utf-8"))
-    ]
+    found = [f"{file}:{line}: {text}" for file, (_, tree) in sources().items() for line, text in written_numbers(tree)]
     assert not found, "\n".join(found)
 
 
 def test_a_number_written_as_text_is_found() -> None:
-    assert written_numbers('say(f"the last 40 % of {run}")') == [(1, "the last 40 % of {}")]
-    assert written_numbers('say("exceeds 1.2 times it")\nsay("after 400 draws")\nsay("give at least 16 of them")')[2][0] == 3
-    assert (
-        written_numbers('"""The last 40 % of a run."""\nsay(f"the last {100 * SHARE:g} % of a run", "%d Hz", "figure 2")') == []
-    )
+    def written(code: str) -> list[tuple[int, str]]:
+        return written_numbers(ast.parse(code))
+
+    assert written('say(f"the last 40 % of {run}")') == [(1, "the last 40 % of {}")]
+    assert written('say("exceeds 1.2 times it")\nsay("after 400 draws")\nsay("give at least 16 of them")')[2][0] == 3
+    assert written('"""The last 40 % of a run."""\nsay(f"the last {100 * SHARE:g} % of a run", "%d Hz", "figure 2")') == []

@@ -66,7 +66,7 @@ def test_commands_run(page: Path, folder: Path, environment: dict[str, str]) -> 
                 f"{page.name} shows a command that no test runs:\n{code}"
             )
             continue
-        call = ["bash", "-euo", "pipefail", "-c", code] if language == "bash" else [sys.executable, "-c", code]
+        call = ["bash", "-euo", "pipefail", "-c", code] if language == "bash" else ["rig", "-c", code]
         status, said, left = called(call, folder, environment)
         assert status == 0, f"{page.name} ended with {status}:\n{code}\n{said}"
         assert not left, f"{page.name} leaves processes running:\n{code}\n{said}"

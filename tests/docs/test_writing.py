@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from sources import sources
 
 from isorig.rig.cli import main
 from isorig.rig.help import COMMANDS
@@ -38,9 +39,8 @@ def test_pages_use_plain_words(page: Path) -> None:
     assert not found, f"{page.name} uses {sorted(found)}; docs/writing.md has plain words for them"
 
 
-def messages(file: Path) -> Iterator[str]:
-    """Texts of a file with three words or more, without docstrings."""
-    tree = ast.parse(file.read_text(encoding="utf-8"))
+def messages(tree: ast.Module) -> Iterator[str]:
+    """Texts of a module with three words or more, without docstrings."""
     statements = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     for node in ast.walk(tree):
         text = node.value if isinstance(node, ast.Constant) and id(node) not in statements else None
@@ -49,20 +49,19 @@ def messages(file: Path) -> Iterator[str]:
 
 
 def test_messages_use_plain_words() -> None:
-    files = sorted((ROOT / "isorig").rglob("*.py"))
     found = {
-        f"{file.relative_to(ROOT)}: {match.group()!r} in {text.strip()!r}"
-        for file in files
-        for text in messages(file)
+        f"{file}: {match.group()!r} in {text.strip()!r}"
+        for file, (_, tree) in sources().items()
+        for text in messages(tree)
         for match in AVOIDED.finditer(text)
     }
-    assert files
+    assert sources()
     assert not found, "docs/writing.md has plain words for them"
 
 
-def notes(code: str) -> Iterator[str]:
-    """Docstrings and comments of a file, each on one line."""
-    for node in ast.walk(ast.parse(code)):
+def notes(code: str, tree: ast.Module) -> Iterator[str]:
+    """Docstrings and comments of a module, each on one line."""
+    for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             yield " ".join((ast.get_docstring(node) or "").split())
     comments = (token for token in tokenize.generate_tokens(io.StringIO(code).readline) if token.type == tokenize.COMMENT)
@@ -76,13 +75,11 @@ def notes(code: str) -> Iterator[str]:
 
 
 def test_docstrings_and_comments_use_plain_words() -> None:
-    root = ROOT / "isorig"
-    files = sorted(root.rglob("*.py"))
-    assert len(files) > 300
+    assert len(sources()) > 300
     found = {
-        f"{file.relative_to(ROOT)}: {match.group()!r} in {note!r}"
-        for file in files
-        for note in notes(file.read_text(encoding="utf-8"))
+        f"{file}: {match.group()!r} in {note!r}"
+        for file, parsed in sources().items()
+        for note in notes(*parsed)
         for match in AVOIDED.finditer(note)
     }
     assert not found, "docs/writing.md has plain words for them"
@@ -90,7 +87,11 @@ def test_docstrings_and_comments_use_plain_words() -> None:
 
 def test_a_word_in_a_docstring_or_a_comment_is_found() -> None:
     code = 'class A:\n    """It is\n    told apart."""\n\n    # It finds\n    # its way.\n    x = 1  # loud\n\n\n# Plain.\n'
-    assert [match.group() for note in notes(code) for match in AVOIDED.finditer(note)] == ["told", "finds its way", "loud"]
+    assert [match.group() for note in notes(code, ast.parse(code)) for match in AVOIDED.finditer(note)] == [
+        "told",
+        "finds its way",
+        "loud",
+    ]
 
 
 def help_of(name: str, capsys: pytest.CaptureFixture[str]) -> str:

@@ -105,7 +105,7 @@ def test_refusals(recording: Path, tmp_path: Path, call: list[str], named: str, 
 # Part of one with a hidden effect is always tried; the parameters of the first are also those of
 # tests/analysis/test_characterize.py.
 @pytest.mark.parametrize(
-    ("letter", "seconds"), [("b", 30.0), *(pytest.param(letter, 100.0, marks=pytest.mark.study) for letter in "abcdefg")]
+    ("letter", "seconds"), [("b", 12.0), *(pytest.param(letter, 100.0, marks=pytest.mark.study) for letter in "abcdefg")]
 )
 def test_report_on_recordings_of_another_program(letter: str, seconds: float, tmp_path: Path) -> None:
     write(tmp_path / "campaign.h5", shortened(read(SHARED / f"campaign-{letter}.h5"), seconds))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 import subprocess
 import sys
@@ -228,14 +229,29 @@ def test_questions_make_a_description(tmp_path: Path) -> None:
     assert (model.link("stage_frame").damping, model.contact("stage_frame").b) == (25.0, "frame")
     assert model.drive == Drive(channel="coil", quantity="current", factor=18.0, pushes={"stage": 1.0})
     assert {"drive.factor", "bodies.stage.mass", "contacts.stage_frame.law.friction_force"} <= set(model.free)
-    # Nothing is overwritten, and answers that end leave no file.
-    assert subprocess.run(call, input="", capture_output=True, text=True, check=False).returncode == 2
-    call[-1] = str(tmp_path / "other.toml")
-    done = subprocess.run(call, input="a\nb 1\n", capture_output=True, text=True, check=False)
-    assert (done.returncode, (tmp_path / "other.toml").exists()) == (2, False)
-    assert "the answers end before the question 'What is b joined to (ground)? [ground]'" in done.stderr
-    done = subprocess.run(call, input="a\n", capture_output=True, text=True, check=False)
-    assert "if it turns'; answer all of them" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("answers", "said"),
+    [
+        ("a\nb 1\n", "the answers end before the question 'What is b joined to (ground)? [ground]'"),
+        ("a\n", "if it turns'; answer all of them"),
+    ],
+)
+def test_answers_that_end_leave_no_file(
+    answers: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "stdin", io.StringIO(answers))
+    assert main(["describe", "--new", "-o", str(tmp_path / "rig.toml")]) == 2
+    assert said in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_questions_overwrite_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "rig.toml").write_text("mine", encoding="utf-8")
+    monkeypatch.setattr(sys, "stdin", io.StringIO())
+    assert main(["describe", "--new", "-o", str(tmp_path / "rig.toml")]) == 2
+    assert (tmp_path / "rig.toml").read_text(encoding="utf-8") == "mine"
 
 
 def test_answers_that_are_never_usable_end_the_questions() -> None:

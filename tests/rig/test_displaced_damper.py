@@ -138,16 +138,16 @@ def test_a_relaxation_beside_hysteresis_is_named_too() -> None:
         angle, omega = 2.0 * np.pi * (SWEEP[0] * time + 0.5 * rise * time**2), 2.0 * np.pi * (SWEEP[0] + rise * time)
         x, v = amplitude * np.sin(angle), amplitude * omega * np.cos(angle)
         a = amplitude * (2.0 * np.pi * rise * np.cos(angle) - omega**2 * np.sin(angle))
-        middle = 0.5 * (v[1:] + v[:-1])
-        z, f = np.zeros(len(time)), np.zeros(len(time))
-        for n, speed in enumerate(middle):
-            rate = built_up / friction * speed * (1.0 - abs(z[n]) ** 1.5 * (0.5 * np.sign(speed * z[n]) + 0.5))
-            there = z[n] + 0.5 * rate / (RATE * fine)
-            rate = built_up / friction * speed * (1.0 - abs(there) ** 1.5 * (0.5 * np.sign(speed * there) + 0.5))
-            z[n + 1] = z[n] + rate / (RATE * fine)
-            half = f[n] + 0.5 * (relaxation * speed - f[n] / within) / (RATE * fine)
-            f[n + 1] = f[n] + (relaxation * speed - half / within) / (RATE * fine)
-        force = MASS * a + DAMPING * v + STIFFNESS * x + friction * z + f
+        step, z, f, memories = 1.0 / (RATE * fine), 0.0, 0.0, [(0.0, 0.0)]
+        for speed in (0.5 * (v[1:] + v[:-1])).tolist():  # plain numbers: many times as fast as elements of arrays
+            rate = built_up / friction * speed * (1.0 - abs(z) ** 1.5 * (speed * z > 0.0))
+            there = z + 0.5 * step * rate
+            z += step * built_up / friction * speed * (1.0 - abs(there) ** 1.5 * (speed * there > 0.0))
+            half = f + 0.5 * step * (relaxation * speed - f / within)
+            f += step * (relaxation * speed - half / within)
+            memories.append((z, f))
+        built, relaxed = np.array(memories).T
+        force = MASS * a + DAMPING * v + STIFFNESS * x + friction * built + relaxed
         stroke, load = (values[::fine] + draw.normal(0.0, QUIET * values.std(), len(values) // fine) for values in (x, force))
         channels = {
             "stroke": Channel(name="stroke", samples=stroke, quantity="displacement", unit="m"),

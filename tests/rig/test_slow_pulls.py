@@ -69,7 +69,7 @@ def pulled(speeds: tuple[float, ...], extra: float = 0.0, seconds: float = SECON
 @pytest.fixture(scope="module")
 def campaign() -> Campaign:
     runs = []
-    for name, speeds in {"slow": (0.01,), "fast": (0.05,), "back": (0.03, -0.03), "steps": (0.02, 0.04)}.items():
+    for name, speeds in {"slow": (0.01,), "back": (0.05, -0.03)}.items():
         channels = {
             channel: Channel(name=channel, samples=values, quantity="displacement", unit="m")
             for channel, values in zip(("carrier", "sled"), pulled(speeds), strict=True)

@@ -128,6 +128,16 @@ def test_a_velocity_read_as_an_acceleration(
         assert "unexplained: no cause was searched for" in others[0]
 
 
+@pytest.fixture(scope="module")
+def rubbing() -> tuple[StrangeRig, iso.Campaign]:
+    """A rig with dry friction, and its records."""
+    rig = StrangeRig(
+        masses=(2.0, 6.0), joints=((0, -1, 6e3, 15.0), (1, 0, 9e3, 14.0)), laws={1: dry(4.0, 1e-3)},
+        sensors=(("a", 0, "acceleration"), ("b", 1, "acceleration")),
+    )  # fmt: skip
+    return rig, campaign(rig, (25.0,), seconds=5.0)
+
+
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
@@ -138,14 +148,11 @@ def test_a_velocity_read_as_an_acceleration(
     ],
 )  # fmt: skip
 def test_what_is_exchanged_is_said_first(
-    wrong: dict[str, str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+    wrong: dict[str, str], said: str, rubbing: tuple[StrangeRig, iso.Campaign], tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
     """On a rig with dry friction that the description lacks: sensors, masses and channels."""
-    rig = StrangeRig(
-        masses=(2.0, 6.0), joints=((0, -1, 6e3, 15.0), (1, 0, 9e3, 14.0)), laws={1: dry(4.0, 1e-3)},
-        sensors=(("a", 0, "acceleration"), ("b", 1, "acceleration")),
-    )  # fmt: skip
-    measured = campaign(rig, (25.0,), seconds=5.0)
+    rig, measured = rubbing
     # Of two wrong masses and the friction the search for causes takes half a minute.
     off = {} if "none" in wrong else {"bodies.m0.mass": 0.95, "bodies.m1.mass": 1.1}
     model = rig.description({"links.l0.stiffness": 1.2, **off})

@@ -260,7 +260,7 @@ def test_the_plan_distinguishes_coulomb_from_stribeck() -> None:
     for candidate in (candidates()[1], next(c for c in candidates() if c.name.startswith("Stribeck"))):
         takes = [
             VirtualRun(
-                id=run.id, configuration=run.configuration, gain=run.gain, seconds=0.3 * run.seconds, start=100.0 * k,
+                id=run.id, configuration=run.configuration, gain=run.gain, seconds=0.15 * run.seconds, start=100.0 * k,
                 excitation=run.excitation, band=run.band or (0.5, 20.0), use=run.use, per_gain=candidate.per_gain,
             )
             for k, run in enumerate(plan.runs)

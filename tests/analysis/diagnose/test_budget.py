@@ -58,11 +58,11 @@ def shaken(campaign: Campaign, share: float, *, follows: bool = False) -> Campai
 
 
 def test_a_perfect_model_leaves_noise() -> None:
-    assert shares(played(chain(), seed=SEED), chain())["noise"] > 0.9
+    assert shares(played(chain(), seed=SEED, takes=SESSION), chain())["noise"] > 0.9
 
 
 def test_a_shaking_floor_is_a_disturbance_of_its_size() -> None:
-    campaign = shaken(played(chain(), seed=SEED), 0.02)
+    campaign = shaken(played(chain(), seed=SEED, takes=SESSION), 0.02)
     found = shares(campaign, chain())
     # 2 % of the signal beside 0.2 % of noise: the error's power is 99 % disturbance.
     assert found["disturbance"] == pytest.approx(0.99, abs=0.1)
@@ -75,7 +75,7 @@ def test_a_shaking_floor_is_a_disturbance_of_its_size() -> None:
 def test_a_disturbance_from_outside_has_the_same_power_in_a_run_of_half_the_level(
     follows: bool, in_weak_run: float, gain: float
 ) -> None:  # fmt: skip
-    campaign = shaken(played(chain(), seed=SEED, longer=5.0), 0.02, follows=follows)
+    campaign = shaken(played(chain(), seed=SEED, takes=SESSION, longer=5.0), 0.02, follows=follows)
     scaled = [
         replace(run, channels={**run.channels, "a0": replace(run.channels["a0"], scale=gain)}) for run in campaign.runs
     ]  # fmt: skip
@@ -84,11 +84,11 @@ def test_a_disturbance_from_outside_has_the_same_power_in_a_run_of_half_the_leve
 
 
 def test_a_perfect_model_of_a_shaken_rig_agrees_with_the_data_once_the_disturbance_is_known() -> None:
-    trials = ends(prepare(shaken(played(chain(), seed=SEED, longer=5.0), 0.05), chain())).fits
+    trials = ends(prepare(shaken(played(chain(), seed=SEED, takes=SESSION, longer=5.0), 0.05), chain())).fits
     known = with_disturbance(chain(), trials)
     assert misfit(chain(), Problem(trials)) > 10.0
     assert misfit(chain(), Problem(known, share=0.0)) == pytest.approx(1.0, rel=0.25)
-    for trial, sound in zip(known, played(chain(), seed=SEED, longer=5.0).runs, strict=True):
+    for trial, sound in zip(known, played(chain(), seed=SEED, takes=SESSION, longer=5.0).runs, strict=True):
         assert trial.disturbance is not None
         put_in = np.stack([trial.run.read(name) - sound.read(name) for name in trial.channels])
         low, high = (trial.disturbance.at(np.array([frequency]))[:, 0] for frequency in (30.0, 150.0))
@@ -97,7 +97,7 @@ def test_a_perfect_model_of_a_shaken_rig_agrees_with_the_data_once_the_disturban
 
 
 def test_a_rig_that_changes_between_repeated_runs_is_not_disturbed() -> None:
-    campaign = played(chain(), seed=SEED, longer=5.0)
+    campaign = played(chain(), seed=SEED, takes=SESSION, longer=5.0)
     first, second, *others = campaign.runs
     louder = {**second.channels, "a0": replace(second.channels["a0"], scale=1.1)}
     changed = replace(campaign, runs=(first, replace(second, channels=louder), *others))
@@ -110,13 +110,13 @@ def test_a_rig_that_changes_between_repeated_runs_is_not_disturbed() -> None:
 
 
 def test_repeats_alike_to_the_accuracy_of_fits_leave_the_runs_as_they_are() -> None:
-    trials = ends(prepare(shaken(played(chain(), seed=SEED), 0.003), chain())).fits
+    trials = ends(prepare(shaken(played(chain(), seed=SEED, takes=SESSION), 0.003), chain())).fits
     assert all(one is other for one, other in zip(with_disturbance(chain(), trials), trials, strict=True))
 
 
 def test_a_sensors_wrong_gain_is_linear() -> None:
     # Long enough that segments resolve the resonances.
-    campaign = played(chain(), seed=SEED, longer=5.0)
+    campaign = played(chain(), seed=SEED, takes=SESSION, longer=5.0)
     runs = tuple(replace(run, channels={**run.channels, "a0": replace(run.channels["a0"], scale=1.1)}) for run in campaign.runs)
     found = shares(replace(campaign, runs=runs), chain())
     assert found["linear"] > 0.75
@@ -125,7 +125,7 @@ def test_a_sensors_wrong_gain_is_linear() -> None:
 
 @pytest.mark.parametrize(("floor", "gain"), [(0.01, 1.04), (0.02, 1.04), (0.01, 1.08)])
 def test_shares_of_a_mixture_are_within_a_quarter_of_what_was_put_in(floor: float, gain: float) -> None:
-    clean = played(chain(), seed=SEED, longer=5.0)
+    clean = played(chain(), seed=SEED, takes=SESSION, longer=5.0)
     campaign = shaken(clean, floor)
     runs = tuple(replace(run, channels={**run.channels, "a0": replace(run.channels["a0"], scale=gain)}) for run in campaign.runs)
     mixed = replace(campaign, runs=runs)
@@ -144,7 +144,7 @@ def test_shares_of_a_mixture_are_within_a_quarter_of_what_was_put_in(floor: floa
 
 
 def test_friction_depends_on_the_amplitude() -> None:
-    found = shares(played(rubbing(chain(), "l1", 1.0), seed=SEED), chain())
+    found = shares(played(rubbing(chain(), "l1", 1.0), seed=SEED, takes=SESSION), chain())
     assert found["amplitude"] > 0.5
     assert found["disturbance"] < 0.05
 
@@ -159,7 +159,7 @@ def test_without_a_repeat_nothing_is_called_a_disturbance() -> None:
 
 
 def test_one_drive_played_twice_is_seen_or_said() -> None:
-    campaign = played(chain(), seed=SEED)
+    campaign = played(chain(), seed=SEED, takes=SESSION)
     assert repeated(judged(campaign, chain())) == [(0, 1)]
     # What the recording says counts, whatever the records look like.
     runs = (*campaign.runs[:3], replace(campaign.runs[3], repeat_of="r2"))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 from scipy.integrate import quad
-from small_rigs import carts, chain, guessed, played, rubbing, stage, with_law
+from small_rigs import SESSION, carts, chain, guessed, played, rubbing, stage, with_law
 from strange_rigs import StrangeRig, campaign
 
 from isorig.analysis import laws
@@ -359,7 +359,7 @@ def test_crosstalk_between_positions_is_found_in_an_equation_with_friction() -> 
     """The position of one cart contains a tenth of that of the other one; friction acts between both."""
     driven = replace(carts(), drive=Drive(channel="f", pushes={"first": 1.0}, quantity="force"), free=())
     truth, runs = rubbing(driven, "between", 2.0), []
-    for run in played(truth, seed=23).runs:
+    for run in played(truth, seed=23, takes=SESSION).runs:
         mixed = run.channels["x0"].read() + 0.1 * run.channels["x1"].read()
         x0 = dataclasses.replace(run.channels["x0"], samples=mixed)
         runs.append(dataclasses.replace(run, channels={**run.channels, "x0": x0}))

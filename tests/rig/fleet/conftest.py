@@ -4,21 +4,20 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
-from recorded import SHORT, drawn_rig
 
 from isorig.rig.files.recording import write
-from isorig.rig.wire_bonder.session import virtual_campaign
+from isorig.rig.files.rigfile import read_rig
+from isorig.rig.virtual.described import described_campaign
 
 
 @pytest.fixture(scope="session")
 def pool(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """Six different recordings, each diagnosed in a third of a second."""
+    """Six different recordings of two carts, each diagnosed in a fifth of a second."""
     folder = tmp_path_factory.mktemp("pool")
     files = [folder / f"{k}.h5" for k in range(6)]
     for k, file in enumerate(files):
-        write(file, virtual_campaign(drawn_rig(np.random.default_rng(k)), SHORT, seed=k))
+        write(file, described_campaign(read_rig("two-carts"), seed=k, seconds=3.0))
     return files
 
 

@@ -23,8 +23,6 @@ from isorig.rig.wire_bonder.session import SESSION, virtual_campaign
 Draw = np.random.Generator
 #: A session as short as a diagnosis can be sure of: ten seconds a run.
 TAKES = tuple(replace(take, seconds=10.0) for take in SESSION if take.id in ("u70a", "u7", "l70", "l7"))
-#: Two runs that do for trying the machinery.
-SHORT = tuple(replace(take, seconds=10.0) for take in SESSION if take.id in ("u7", "l7"))
 
 
 @dataclass(frozen=True, kw_only=True)

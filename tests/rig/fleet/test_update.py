@@ -16,9 +16,11 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import dask
+import numpy as np
 import pandas as pd
 import psutil
 import pytest
+from recorded import TAKES, drawn_rig
 from some_findings import findings, named, value
 
 from isorig.analysis import deadline
@@ -29,11 +31,13 @@ from isorig.rig.diagnose.many import program_version
 from isorig.rig.errors import RigError
 from isorig.rig.files import inputs
 from isorig.rig.files.findings import write_findings
+from isorig.rig.files.recording import write
 from isorig.rig.fleet import job as answering
 from isorig.rig.fleet.catalogue import Catalogue, StoredAnswer
 from isorig.rig.fleet.job import DiagnosisJob, answer_job, from_findings
 from isorig.rig.fleet.recordings import recordings_under
 from isorig.rig.fleet.update import work_of
+from isorig.rig.wire_bonder.session import virtual_campaign
 
 RIG = [sys.executable, "-m", "isorig", "fleet"]
 LIMIT = 250.0
@@ -103,6 +107,8 @@ def test_every_recording_once(tmp_path: Path, measured: Path, pool: list[Path], 
 def test_interrupted_at_any_time(tmp_path: Path, measured: Path) -> None:
     store = tmp_path / "fleet"
     shutil.rmtree(measured / "rig-b")
+    # One that takes longer: it is being diagnosed when the other one has its answer.
+    write(measured / "rig-a" / "w2.h5", virtual_campaign(drawn_rig(np.random.default_rng(0)), TAKES[1::2], seed=0))
     assert fleet("add", measured, "-c", store) == 0
     with started("update", "-c", store) as running:
         assert running.stdout is not None
@@ -282,12 +288,11 @@ def test_values_without_a_fit_are_not_followed(tmp_path: Path, measured: Path, c
 
 
 def test_a_search_cut_short_is_reported_and_repeated(
-    tmp_path: Path, measured: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     store = tmp_path / "fleet"
-    shutil.rmtree(measured / "rig-b")
-    (measured / "rig-a" / "w2.h5").unlink()
-    assert fleet("add", measured, "-c", store) == 0
+    write(tmp_path / "rig-a" / "w1.h5", virtual_campaign(drawn_rig(np.random.default_rng(0)), TAKES[1::2], seed=0))
+    assert fleet("add", tmp_path / "rig-a", "-c", store) == 0
     # A clock that goes on by a second with each stage, of which preparing is one: at 1.5 s the baseline is fitted and no
     # cause was looked for yet.
     early, later = (1.0 + (end - 1.0) / (1.0 - KEPT) for end in (1.5, 1.7))
