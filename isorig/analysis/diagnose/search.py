@@ -591,22 +591,25 @@ class Suspected:
 
     def _forms_of_curves(self, begun: Start, starts: Starts, then: Suspects) -> list[tuple[Start, Start]]:
         # Forms of a curve and of the second cause at its place whose sum leaves about as little of the link's recorded force as
-        # both curves: each second cause, and the first one before it. A simulation of two curves takes much longer.
-        curve, _, _ = begun
+        # that cause with the curve: each second cause, and the first one before it. A simulation of a curve takes much longer.
+        (curve, with_curve, _), current = begun, self.job.current
         there = [start[0] for start in starts if start[0].location == curve.location]
         if curve.shape is None or not there:
             return []
-        enough = POLICY.form_close * min(then.left(other, begun[1]) for other in there)
+        enough = POLICY.form_close * min(then.left(other, with_curve) for other in there)
+        wanted = {other.cause for other in there}  # a free shape has its kind as its cause
         found: list[tuple[float, Start, Start]] = []
-        for first in unlike(self._started):
-            if first[0].location != curve.location or kind_of(first[0].cause) != kind_of(curve.cause):
+        evidence, known = (each.located(self.job.evidence) for each in (self.found, then))
+        for form in proposed(current.model, evidence):
+            if form.location != curve.location or kind_of(form.cause) != kind_of(curve.cause):
                 continue
-            for second in proposed(first[2], self.job.evidence):
-                if second.location == curve.location and then.includes(*second.key) and not then.alike(second.key, first[0].key):
-                    left = then.left(second, first[1])
+            free, model = form.parameters(current.model, current.free), self.found.started(form, current.free)[0]
+            for second in proposed(model, known):
+                if second.location == curve.location and {second.cause, kind_of(second.cause)} & wanted:
+                    left, first = then.left(second, free), (form, free, model)
                     if left <= enough:
-                        free = second.parameters(first[2], first[1])
-                        found += [(left, (second, free, model), first) for model in then.started(second, first[1])]
+                        own = second.parameters(model, free)
+                        found += [(left, (second, own, start), first) for start in then.started(second, free)]
         return [(start, first) for _, start, first in sorted(found, key=lambda item: item[0])]
 
     def _forms_for(self, pair: tuple[Candidate, Fit], begun: Start) -> tuple[Running, Start] | None:

@@ -325,7 +325,7 @@ class Suspects:
 
     def candidates(self, current: Fit, evidence: Evidence) -> list[Candidate]:
         """The catalogue's candidates at the suspected places, and those that are always tried."""
-        every = proposed(current.model, self._located(evidence))
+        every = proposed(current.model, self.located(evidence))
         found = [c for c in every if c.cause in ALWAYS or c.key in self.untested or self.includes(c.cause, c.location)]
         found = [c for c in found if self._shows_memory(c, current)]
         curves = {e: left for e in self.chosen if (left := self._of_curve(e, current, evidence)) is not None}
@@ -379,8 +379,9 @@ class Suspects:
         beyond = left**2 - of_curve**2
         return of_curve < bare and left <= STANDS_ALIKE * of_curve and beyond <= STANDS * (bare**2 - of_curve**2)
 
-    def _located(self, evidence: Evidence) -> Evidence:
-        # With the frequencies that the equations show, and the recorded motion of suspected elements, not the simulated one.
+    def located(self, evidence: Evidence) -> Evidence:
+        """The evidence with the frequencies that the equations show, and the recorded motion of suspected elements, not the
+        simulated one."""
         found = tuple(item.values["frequency"] for item in self.chosen if "frequency" in item.values)
         deflection, speed = dict(evidence.deflection), dict(evidence.speed)
         pitches = {

@@ -17,6 +17,7 @@ from isorig.analysis.diagnose import search
 from isorig.analysis.diagnose.causes.base import Kind
 from isorig.analysis.diagnose.diagnosis import diagnose
 from isorig.analysis.diagnose.observe import observe
+from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.diagnose.search import UNSEEN, Job, Screened, Suspected
 from isorig.analysis.diagnose.step import Entry
 from isorig.analysis.diagnose.suspects import (
@@ -177,8 +178,22 @@ def tried(cause: str, place: str) -> Entry:
 def test_without_reason_by_the_equations_only_the_main_share_of_the_error_allows_a_first_cause_that_they_miss(
     strict: bool, kinds: frozenset[Kind] | None, left: float, helps: bool, allowed: bool
 ) -> None:
-    job = cast("Job", SimpleNamespace(left=left, helps=lambda entries: helps))
-    assert Screened(job=job, strict=strict, kinds=kinds).allows(cast(Entry, None)) == allowed
+    job = cast("Job", SimpleNamespace(left=left, helps=lambda entries: helps, rubbing=""))
+    entry = cast(Entry, SimpleNamespace(place=("spring_shape", "rail")))
+    assert Screened(job=job, strict=strict, kinds=kinds).allows(entry) == allowed
+
+
+@pytest.mark.parametrize(
+    ("place", "factor", "allowed"),
+    [("rail", 1.01, True), ("rail", 0.99, False), ("joint", 1.01, False)],
+)
+def test_another_law_of_a_friction_that_was_found_must_come_much_closer(place: str, factor: float, allowed: bool) -> None:
+    floors, now = np.full((2, 1), 1e-3), 0.03
+    score = SimpleNamespace(error=np.full((2, 1), now / (factor * POLICY.form_close)))
+    entry = cast(Entry, SimpleNamespace(place=("friction_shape", place), score=score))
+    before = SimpleNamespace(error=np.full((2, 1), now))
+    job = SimpleNamespace(left=0.1, helps=lambda entries: True, rubbing="rail", now=before, floors=floors)
+    assert Screened(job=cast("Job", job), strict=True, kinds=UNSEEN).allows(entry) == allowed
 
 
 @pytest.mark.parametrize(
@@ -296,7 +311,7 @@ def test_the_best_explanation_of_a_place_gives_its_motion() -> None:
     found._values.update({item: ({}, force(d)) for item, d in zip(found.chosen, (0.03, 0.01), strict=True)})
     campaign, guess = played(stage(), seed=7), guessed(stage(), 7)
     seen = observe(campaign, guess, prepare(campaign, guess), guess, guess)
-    assert found._located(seen).deflection["l0"] == 0.03
+    assert found.located(seen).deflection["l0"] == 0.03
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from isorig.analysis.diagnose import diagnosis, revise, search
 from isorig.analysis.diagnose import step as steps
 from isorig.analysis.diagnose.causes.base import Kind
 from isorig.analysis.diagnose.considered import all_considered
-from isorig.analysis.diagnose.diagnosis import MOST_STEPS, _of_sensors, _Search, _standing
+from isorig.analysis.diagnose.diagnosis import MOST_STEPS, _doubted, _of_sensors, _Search, _standing
 from isorig.analysis.diagnose.free_shapes import free_shapes
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.policy import POLICY
@@ -791,6 +791,38 @@ def test_of_a_pair_the_form_that_contains_one_is_not_told_either(
     assert found.then is not None
     assert found.then.step.cause == "hardening_stiffness"
     assert found.then.step.indistinguishable == (((other, "rail"),) if told else ())
+
+
+@pytest.mark.parametrize(("factor", "found"), [(0.99, True), (1.01, False)])
+def test_a_run_whose_motion_is_lost_does_not_decide_about_a_pair(
+    factor: float, found: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The pair leaves as much as the single cause in one run of four, and a tenth in the mean logarithm."""
+    gain = entry("sensor_gain", "x", 0.1)
+    lost = np.full((4, 2), factor * 0.1 * POLICY.rest ** (0.5 * 4.0 / 3.0))
+    lost[3] = 0.1
+    monkeypatch.setattr(search, "finished", lambda rough, trials: rough)
+    monkeypatch.setattr(search, "without", lambda last, alone, trials: alone)
+    monkeypatch.setattr(search, "score", lambda model, fine: replace(scored(0.1), error=lost))
+    monkeypatch.setattr(search, "curve_of", lambda *_: None)
+    job = SimpleNamespace(
+        finished=lambda entries: [], trials=(), fine=(), floors=FLOORS, now=scored(0.3), progress=lambda text: None,
+        allowed=lambda model: FLOORS, explains=lambda entry: True, nearly=lambda entry: False, evidence=None,
+    )  # fmt: skip
+    single = replace(gain, score=scored(0.1), fit=gain.fit)
+    pair = (gain.candidate, gain.fit, gain.candidate, replace(gain.fit, cost=2.0))
+    assert (search._together(job, [pair], [single]) is not None) is found  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("place", "doubted"), [("rail", False), ("x", True)])
+def test_the_spring_of_a_link_with_a_named_play_is_not_doubted(
+    place: str, doubted: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    doubt = Doubt(parameter="links.rail.stiffness", kind="decade", ratio=0.007, text="")
+    monkeypatch.setattr(diagnosis, "doubts", lambda model, fits, campaign: (doubt,))
+    stages = [step_to("play_and_friction", "memory", 0.3, 0.3), step_to("play_and_friction", "memory", 0.3, 0.01, place)]
+    found = SimpleNamespace(stages=stages, kept=1, verdict="explained")
+    assert bool(_doubted(found, stage(), Campaign(runs=()))) is doubted  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
