@@ -337,9 +337,11 @@ def test_the_motion_of_a_body_may_be_recorded_relative_to_another(joint: str) ->
         noisy = values + draw.normal(0.0, 1e-4, len(time))
         channels[name] = Channel(name=name, samples=noisy, quantity=quantity, unit=unit)
     rig = RigModel(
-        name="joint", free_free=True, drive=Drive(channel="u", quantity="torque", factor=1.0, pushes={"hub": 1.0}),
+        name="joint", drive=Drive(channel="u", quantity="torque", factor=1.0, pushes={"hub": 1.0}),
         bodies=(Body(name="hub", mass=0.002, motion="rotation"), Body(name="arm", mass=0.004, motion="rotation")),
-        links=(Link(name="joint", a="arm", b="hub", stiffness=1.3, damping=0.01),),
+        links=(
+            Link(name="joint", a="arm", b="hub", stiffness=1.3, damping=0.01), Link(name="bearing", a="hub", damping=0.001),
+        ),
         sensors=(
             Sensor(channel="arm", body="arm", quantity="angle", relative_to="hub" if joint == "relative" else "ground"),
             Sensor(channel="hub", body="hub", quantity="angle"),
@@ -352,6 +354,27 @@ def test_the_motion_of_a_body_may_be_recorded_relative_to_another(joint: str) ->
     alone = msgspec.structs.replace(rig, sensors=rig.sensors[:1])
     with pytest.raises(DataError, match="absolute or relative to one whose own is measured"):
         trials.prepare(Campaign(runs=(run,), source="joint"), alone)
+
+
+@pytest.mark.parametrize("zero", [0.0, 180.0])
+def test_the_zero_of_a_load_cell_says_nothing_of_a_damper(zero: float) -> None:
+    """A gas force preloads the cell; the end of an imposed motion, whose velocity is not known, has no part in that zero."""
+    time = np.arange(1400) / 500.0
+    stroke, speed = 0.05 * np.sin(2.0 * np.pi * time), 0.1 * np.pi * np.cos(2.0 * np.pi * time)
+    channels = {
+        "s": Channel(name="s", samples=stroke, quantity="displacement", unit="m"),
+        "F": Channel(name="F", samples=1500.0 * speed + zero, quantity="force", unit="N"),
+    }
+    rig = RigModel(
+        name="damper", bodies=(Body(name="rod", mass=1e-6),), links=(Link(name="oil", a="rod", damping=1500.0),),
+        drive=Drive(channel="s", quantity="displacement", factor=1.0, pushes={}, imposes="rod"),
+        sensors=(Sensor(channel="F", quantity="force", force_in="drive.s"),),
+    )  # fmt: skip
+    run = Run(id="r", configuration="unlocked", sample_rate=500.0, gain=1.0, channels=channels)
+    (trial,) = trials.prepare(Campaign(runs=(run,), source="damper"), rig)
+    assert trial.uncertain_end > 0
+    off = trials.expected(rig, trial) - trial.measured
+    assert np.abs(off[:, 100:-100]).max() < 1.0
 
 
 def test_a_run_down_is_simulated_from_its_described_start() -> None:

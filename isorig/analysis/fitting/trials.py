@@ -310,14 +310,16 @@ def expected(model: RigModel, trial: Trial, motion: Mapping[str, FloatArray] | N
     if trial.motion is not None:
         return required_drive(model, trial.motion)[:, : trial.samples if motion is None else trial.fitted]
     predicted = simulated(model, trial, true_motion(model, trial, trial.samples) if motion is None else motion)
-    if trial.moving is not None:
-        predicted[:, :TAPS] = trial.measured[:, :TAPS]
-    if model.imposed and predicted.shape[1] == trial.samples:
-        end = slice(trial.samples - trial.uncertain_end, None)
-        predicted[:, end] = trial.measured[:, end]
+    # What precedes the first samples of a moving rig and follows the last ones of an imposed motion is not known.
+    first = TAPS if trial.moving is not None else 0
+    whole = model.imposed and predicted.shape[1] == trial.samples
+    last = trial.samples - trial.uncertain_end if whole else predicted.shape[1]
     for row, name in enumerate(trial.channels):
         if name in trial.without_zero:
-            predicted[row] += np.mean(trial.measured[row, : predicted.shape[1]] - predicted[row])
+            predicted[row] += np.mean(trial.measured[row, first:last] - predicted[row, first:last])
+    predicted[:, :first] = trial.measured[:, :first]
+    predicted[:, last:] = trial.measured[:, last : predicted.shape[1]]
+    for row, name in enumerate(trial.channels):
         if name in trial.wandering:
             recorded = trial.measured[row, : predicted.shape[1]]
             predicted[row] = recorded + _quick(predicted[row] - recorded, trial.lowest, trial.sample_rate)
