@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -100,3 +101,13 @@ def test_without_stiffening_it_is_elastic_friction() -> None:
     one = Law(initial_stiffness=4e3, stiffening=0.0, dissipation=800.0).along(d, v, 500.0)
     assert one == pytest.approx(Dahl(friction_force=5.0, bristle_stiffness=4e3).along(d, v, 500.0), abs=1e-9)
     assert PreslidingFriction().name in StiffeningHysteresis.generalizes
+
+
+@pytest.mark.parametrize(("share", "plausible"), [(0.99, True), (1.01, False)])
+def test_a_force_that_nears_its_limit_is_plain_hysteresis(share: float, plausible: bool) -> None:
+    swing = 2e-3
+    swings = SimpleNamespace(deflection={"mount": swing}, speed={"mount": 0.1}, as_described=lambda link: link)
+    [candidate] = StiffeningHysteresis().candidates(oscillator(1.0), swings)
+    paths = {free.path.rpartition(".")[2]: free.path for free in candidate.free}
+    values = {paths["stiffening"]: 300.0, paths["dissipation"]: 300.0 + share / swing}
+    assert candidate.plausible(candidate.starts[0].replace(values)) is plausible

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import partial
 
 from isorig.analysis.diagnose.causes.at_link import LinkCause, LinkInRuns
 from isorig.analysis.diagnose.causes.base import Evidence, Sizes
@@ -46,8 +47,16 @@ class StiffeningHysteresis(LinkCause):
             Free(path="dissipation", low=1e-2 * per_swing, high=1e2 * per_swing),
         )
 
+    def plausible(self, link: LinkInRuns, evidence: Evidence, path: str) -> Callable[[RigModel], bool]:
+        return partial(_stays_below_its_limit, path, link.deflection)
+
     def sized_law(self, link: LinkInRuns, size: float, sizes: Sizes) -> Law:
         return _law(link, size * sizes.weak_to_strong(0.3, 0.8), sizes.between(1.0, 2.0), sizes.between(0.5, 1.0))
+
+
+def _stays_below_its_limit(path: str, deflection: float, model: RigModel) -> bool:
+    # A force that comes near its limit, k1 / (dissipation - stiffening), within the deflection is plain hysteresis.
+    return (model.get(f"{path}.dissipation") - model.get(f"{path}.stiffening")) * deflection < 1.0
 
 
 def _law(link: LinkInRuns, share: float, stiffening: float, dissipation: float) -> Law:
