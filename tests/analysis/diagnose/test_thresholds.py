@@ -8,10 +8,13 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from small_rigs import stage, with_law
 
+from isorig.analysis import laws
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.diagnose.causes.backlash import is_play
 from isorig.analysis.diagnose.causes.base import CALIBRATION, beyond_calibration
+from isorig.analysis.diagnose.causes.end_stop import _inside_its_stops
 from isorig.analysis.diagnose.causes.sensor_gain import SensorGain
 from isorig.analysis.diagnose.causes.wrong_mass import WrongMass
 from isorig.analysis.diagnose.diagnosis import is_certain
@@ -329,3 +332,11 @@ def test_a_mass_or_gain_within_calibrations_is_no_fault(factor: float, named: bo
         for candidate in cause.candidates(model, cast(Any, SimpleNamespace(is_silent=lambda channel: False, described=model))):
             path = candidate.free[0].path
             assert candidate.plausible(model.replace({path: factor * model.get(path)})) == named
+
+
+@pytest.mark.parametrize(("share", "plausible"), [(1.01, True), (0.99, False)])
+def test_there_is_no_stop_within_a_play(share: float, plausible: bool) -> None:
+    clearance = 1e-3
+    played = with_law(stage(), "rail", laws.Backlash(clearance=clearance, residual=0.0))
+    stop = laws.EndStop(stroke=share * clearance, contact_stiffness=100.0, contact_damping=1.0)
+    assert _inside_its_stops("rail", "links.rail.laws.1", 2500.0, with_law(played, "rail", stop)) is plausible

@@ -10,6 +10,7 @@ from isorig.analysis.diagnose.causes.at_link import LinkCause, LinkInRuns, block
 from isorig.analysis.diagnose.causes.backlash import is_play
 from isorig.analysis.diagnose.causes.base import Evidence, RecordedRuns, Sizes, sliding_links
 from isorig.analysis.fitting.solve import Free
+from isorig.analysis.laws import Backlash as BacklashLaw
 from isorig.analysis.laws import EndStop as EndStopLaw
 from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.model.rig_model import RigModel
@@ -74,5 +75,7 @@ def _slight(link: LinkInRuns) -> float:
 
 
 def _inside_its_stops(link: str, path: str, described: float, model: RigModel) -> bool:
-    inside = model.link(link).stiffness
-    return not is_play(inside, inside + model.get(f"{path}.contact_stiffness"), described)
+    # Within a play of the link the parts do not touch, so there is no stop.
+    inside, stroke = model.link(link).stiffness, model.get(f"{path}.stroke")
+    plays = [law.clearance for law in model.link(link).laws if isinstance(law, BacklashLaw)]
+    return max(plays, default=0.0) < stroke and not is_play(inside, inside + model.get(f"{path}.contact_stiffness"), described)
