@@ -654,8 +654,8 @@ def _motions(
     for body, sensor in sensors.items():
         values = run.channel(sensor.channel).read(0, stop)
         clean[body] = position(sensor, values) + clean[sensor.relative_to]
-        louder = values + sensor_noise(values, noise.get(sensor.channel, 0.0), generator)
-        shaken[body] = position(sensor, louder) + shaken[sensor.relative_to]
+        with_noise = values + sensor_noise(values, noise.get(sensor.channel, 0.0), generator)
+        shaken[body] = position(sensor, with_noise) + shaken[sensor.relative_to]
     del clean[GROUND], shaken[GROUND]
     drive = run.channel(model.drive.channel).read(0, stop)
     drive = as_held(drive, 1) if is_command(drive) else drive
