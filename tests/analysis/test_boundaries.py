@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -175,7 +176,11 @@ def test_a_fit_that_errs_by_a_twentieth_of_the_signal_is_repeated_on_growing_len
     monkeypatch.setattr(search, "verified", lambda *_, **__: begun)
     monkeypatch.setattr(search, "followed", lambda *_, **__: again)
     rungs = [SimpleNamespace()] * lengths
-    one = suspected(SimpleNamespace(shows=0), left=1.0, stays=lambda run: True, promising=0.5, rungs=rungs, bare=bare)
+    fitted = cast(Any, SimpleNamespace(stays=lambda run: True, bare=bare))
+    one = suspected(
+        SimpleNamespace(shows=0), left=1.0, follows=partial(search.Job.follows, fitted), promising=0.5, rungs=rungs,
+        stays=lambda run: True,
+    )  # fmt: skip
     assert one._fitted([]) == (again if lost else begun)
 
 

@@ -230,8 +230,8 @@ NAMED = (
         "DRIVEN = 1e-4", "DRIVEN = 1e-12",
     ),
     (
-        "a second cause searched for everywhere", "isorig/analysis/diagnose/search.py",
-        "seen = equations.complete and (refuted or job.left < 1.0)", "seen = equations.complete and refuted",
+        "small causes searched for among the unseen", "isorig/analysis/diagnose/search.py",
+        "UNSEEN if refuted and equations.complete", "UNSEEN if equations.complete",
     ),
 )  # fmt: skip
 

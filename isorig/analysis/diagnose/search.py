@@ -462,10 +462,9 @@ def sources(job: Job) -> Iterator[Source]:
     limit = BROKEN if job.suspects is None else HOLDS
     hold = equations.complete and max(equations.residuals().values(), default=0.0) < limit
     if job.left >= 1.0 or job.judged_by_drive or hold or not equations.residuals():
-        # A whole motion shows smaller effects than its single moments; but complete equations that do not hold show the place
-        # and kind of all causes without a memory, and a further cause repairs an equation of its own if they can show it.
-        seen = equations.complete and (refuted or job.left < 1.0) and not job.judged_by_drive
-        kinds = UNSEEN if seen else None
+        # A whole motion shows smaller effects than its single moments; but where complete equations do not hold, they show the
+        # place and kind of all causes without a memory.
+        kinds = UNSEEN if refuted and equations.complete and not job.judged_by_drive else None
         yield Screened(job=job, strict=hold or refuted, tried=possible, kinds=kinds)
 
 

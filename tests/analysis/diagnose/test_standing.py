@@ -21,7 +21,7 @@ from isorig.analysis.diagnose.free_shapes import free_shapes
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.diagnose.revise import Revision, SearchStage, merged, near_rivals, stage_of
-from isorig.analysis.diagnose.search import UNSEEN, Screened, Suspected, _extends, best_fits, sources
+from isorig.analysis.diagnose.search import Screened, Suspected, _extends, best_fits, sources
 from isorig.analysis.diagnose.step import (
     Curve,
     Entry,
@@ -825,19 +825,14 @@ def test_the_spring_of_a_link_with_a_named_play_is_not_doubted(
     assert bool(_doubted(found, stage(), Campaign(runs=()))) is doubted  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(
-    ("left", "complete", "kinds"),
-    [(0.99, True, UNSEEN), (1.0, True, None), (0.99, False, None)],
-)
-def test_a_further_cause_is_screened_for_among_what_complete_equations_cannot_show(
-    left: float, complete: bool, kinds: frozenset[Kind] | None
-) -> None:
-    residuals = {"table": 1.0} if complete else {}
-    equations = SimpleNamespace(hidden=(), complete=complete, residuals=lambda: residuals)
+@pytest.mark.parametrize("left", [0.99, 1.0])
+def test_where_complete_equations_hold_all_kinds_are_screened_for(left: float) -> None:
+    """A decay shows a softening of 3 % in its phase; the noise of its equation is larger."""
+    equations = SimpleNamespace(hidden=(), complete=True, residuals=lambda: {"table": 1.0})
     job = SimpleNamespace(equations=equations, curved=None, judged_by_drive=False, left=left, rubbing="", suspects=None)
     (source,) = sources(job)  # type: ignore[arg-type]
     assert isinstance(source, Screened)
-    assert source.kinds == kinds
+    assert (source.kinds, source.strict) == (None, True)
 
 
 def test_a_run_that_is_sensitive_to_noise_does_not_decide_between_two_fits_of_a_candidate() -> None:
