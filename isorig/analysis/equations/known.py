@@ -12,7 +12,7 @@ from isorig.analysis.equations.balances import Element
 from isorig.analysis.equations.columns import YIELDS
 from isorig.analysis.equations.sliding import SlidingRun
 from isorig.analysis.equations.slip import slip_operator
-from isorig.analysis.laws import Maxwell
+from isorig.analysis.laws import ElastoSlip, Maxwell
 from isorig.analysis.model.rig_model import Chain, RigModel
 from isorig.analysis.simulate.sampling import recharged
 
@@ -23,13 +23,13 @@ def law_of(element: Element, k: int) -> str:
 
 
 def law_columns(element: Element) -> int:
-    """Number of columns for an element's laws: one for all without memory, and those of its kind for each with memory."""
+    """Number of columns for an element's laws: one for all without memory, one for each with memory, and those of slip."""
     if element.link is None or not element.link.laws:
         return 0
     remembering = [law for law in element.link.laws if law.remembers]
-    relaxing_laws = sum(isinstance(law, Maxwell) for law in remembering)
+    slips = sum(isinstance(law, ElastoSlip) for law in remembering)
     plain = len(remembering) < len(element.link.laws)
-    return plain + relaxing_laws + (len(YIELDS) if len(remembering) > relaxing_laws else 0)
+    return plain + len(remembering) - slips + (len(YIELDS) if slips else 0)
 
 
 def law_forces(
@@ -48,13 +48,16 @@ def law_forces(
     found = [np.sum(plain, axis=0)] if plain else []
     whole, at = (d, slice(None)) if run is None else (run.deflection, place)
     memory = run.memory if run is not None else {}
-    for k, law in enumerate(law for law in link.laws if isinstance(law, Maxwell)):
-        key = f"maxwell {k}"
+    for k, law in enumerate(law for law in link.laws if law.remembers and not isinstance(law, ElastoSlip)):
+        key = f"memory {k}"
         if key not in memory:
-            ratio = 2j * np.pi * np.fft.rfftfreq(len(whole), 1.0 / rate) * law.relaxation_time
-            memory[key] = np.fft.irfft(np.fft.rfft(whole) * law.relaxation_stiffness * ratio / (1.0 + ratio), len(whole))
+            if isinstance(law, Maxwell):
+                ratio = 2j * np.pi * np.fft.rfftfreq(len(whole), 1.0 / rate) * law.relaxation_time
+                memory[key] = np.fft.irfft(np.fft.rfft(whole) * law.relaxation_stiffness * ratio / (1.0 + ratio), len(whole))
+            else:
+                memory[key] = law.along(whole, v if run is None else run.velocity, rate, constants)
         found.append(memory[key][at])
-    if any(law.remembers and not isinstance(law, Maxwell) for law in link.laws):
+    if any(isinstance(law, ElastoSlip) for law in link.laws):
         if "slips" not in memory:
             swing = float(np.abs(whole).max())
             memory["slips"] = np.stack([slip_operator(whole, share * swing) for share in YIELDS], axis=1)
