@@ -15,7 +15,7 @@ from isorig.analysis.campaign import Campaign, Run
 from isorig.analysis.fitting.trials import expected, prepare, without_zero
 from isorig.analysis.fitting.trials import zero_errors as wandering_zeros
 from isorig.analysis.model.rig_model import Body, Drive, Link, RigModel, Sensor
-from isorig.analysis.spectra.zero_errors import MATTERS, WANDERS, zero_errors
+from isorig.analysis.spectra.zero_errors import MATTERS, WANDERS, wandering_in_words, zero_errors
 from isorig.rig.cli import main
 from isorig.rig.exchange.importing import shortcomings
 from isorig.rig.files.rigfile import SHIPPED, read_rig
@@ -124,7 +124,19 @@ def test_a_zero_that_wanders_is_told(share: float, told: bool, campaign: Campaig
     model = iso.wire_bonder()
     found = wandering_zeros(with_wander(campaign, share, 8.0), model)
     assert list(found) == (["table"] if told else [])
-    assert all("no motion of a rig on springs is so slow" in text for text in found.values())
+    assert bool(wandering_in_words(found, 10.0)) is told
+
+
+def test_several_wandering_zeros_are_one_sentence() -> None:
+    one, other = {"a1": (0.041, "r2")}, {"a2": (0.031, "r2")}
+    ends = "below 1 Hz: no motion of a rig on springs is so slow, so"
+    assert wandering_in_words(one, 10.0) == (
+        f"Zero: that of channel 'a1' (4.1 % of the signal in run 'r2') is wrong or wanders {ends} it does not count."
+    )
+    assert wandering_in_words(one | other, 10.0) == (
+        "Zero: those of channels 'a1' (4.1 % of the signal in run 'r2'), 'a2' (3.1 % of the signal in run 'r2') are wrong or "
+        f"wander {ends} they do not count."
+    )
 
 
 def test_errors_of_a_wandering_zero_do_not_count(campaign: Campaign) -> None:

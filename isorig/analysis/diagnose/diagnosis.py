@@ -71,7 +71,9 @@ from isorig.analysis.fitting.solve import Fit
 from isorig.analysis.fitting.trials import Trial, prepare, zero_errors
 from isorig.analysis.fitting.uncertainty import assessed
 from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.simulate.natural import lowest_mode
 from isorig.analysis.spectra.quality import faults
+from isorig.analysis.spectra.zero_errors import wandering_in_words
 from isorig.analysis.wording import in_per_cent
 
 #: Maximum number of steps; there is none while the records contradict the description.
@@ -144,7 +146,7 @@ class Diagnosis:
     doubts
         Implausible fitted values: check units and given values first.
     zero_errors
-        A sentence for each accelerometer whose wrong or wandering zero does not count.
+        A sentence on the accelerometers whose wrong or wandering zeros do not count; empty if there is none.
     required_force
         What confirms the cause if no simulation can follow the motion; None if simulations do.
     """
@@ -176,7 +178,7 @@ class Diagnosis:
     pointed: tuple[str, str] | None
     spread: str
     doubts: tuple[Doubt, ...]
-    zero_errors: tuple[str, ...]
+    zero_errors: str
     required_force: ShownByForce | None
 
 
@@ -315,7 +317,7 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
         tolerance=tolerance, cut_short=search.cut_short,
         residuals=residuals, pointed=shown_by_equations, spread=blamed.spread if blamed is not None else "",
         doubts=contradicted or _standing(_doubted(found, model, campaign), campaign, model, equations),
-        zero_errors=tuple(zero_errors(campaign, model).values()), required_force=by_force,
+        zero_errors=wandering_in_words(zero_errors(campaign, model), lowest_mode(model)), required_force=by_force,
     )  # fmt: skip
 
 

@@ -373,8 +373,8 @@ def without_zero(model: RigModel, *, released: bool) -> frozenset[str]:
     return frozenset(unknown)
 
 
-def zero_errors(campaign: Campaign, model: RigModel) -> dict[str, str]:
-    """A sentence for each accelerometer on a rig that springs hold whose zero is wrong or wanders, by channel."""
+def zero_errors(campaign: Campaign, model: RigModel) -> dict[str, tuple[float, str]]:
+    """The accelerometers on a rig that springs hold whose zero is wrong or wanders, as `wandering` gives them."""
     if model.free_free or model.imposed or floats(model) or not (lowest := lowest_mode(model)):
         return {}
     return wandering(campaign, model.drive.channel, lowest)

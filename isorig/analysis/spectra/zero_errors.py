@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from isorig.analysis.campaign import MOTION, ROTARY, Campaign, FloatArray, once
@@ -49,8 +51,8 @@ def zero_errors(campaign: Campaign) -> dict[str, str]:
 
 
 @once
-def wandering(campaign: Campaign, drive: str, lowest: float) -> dict[str, str]:
-    """A sentence for each accelerometer whose zero wanders or is wrong, by channel.
+def wandering(campaign: Campaign, drive: str, lowest: float) -> dict[str, tuple[float, str]]:
+    """Accelerometers whose zero wanders or is wrong: for each channel the largest share of its signal, and the run.
 
     Below `SLOW` of the lowest natural frequency a record of acceleration is no motion if its double integral is larger than that
     of the vibration, and if no force could cause it.
@@ -73,11 +75,23 @@ def wandering(campaign: Campaign, drive: str, lowest: float) -> dict[str, str]:
             share, travel = _slow(run.read(name), run.sample_rate, SLOW * lowest)
             if share > max(WANDERS, EXCEEDS * SLOW**2 * of_drive) and travel > UNMOVED:
                 found[name] = max(found.get(name, (0.0, "")), (share, run.id))
-    return {
-        name: f"Zero: that of channel {name!r} is wrong or wanders, below {SLOW * lowest:.2g} Hz by {of_signal(share)} in run "
-        f"{run!r}: no motion of a rig on springs is so slow, so it does not count."
-        for name, (share, run) in found.items()
-    }
+    return found
+
+
+def wandering_in_words(found: Mapping[str, tuple[float, str]], lowest: float) -> str:
+    """The result of `wandering` for a lowest natural frequency in Hz as one sentence; empty if there is none."""
+    if not found:
+        return ""
+    listed = ", ".join(f"{name!r} ({of_signal(share)} in run {run!r})" for name, (share, run) in found.items())
+    zeros, wrong, count = (
+        ("that of channel", "is wrong or wanders", "it does")
+        if len(found) == 1
+        else ("those of channels", "are wrong or wander", "they do")
+    )
+    return (
+        f"Zero: {zeros} {listed} {wrong} below {SLOW * lowest:.2g} Hz: no motion of a rig on springs is so slow, so {count} not "
+        "count."
+    )
 
 
 def _slow(values: FloatArray, rate: float, highest: float) -> tuple[float, float]:

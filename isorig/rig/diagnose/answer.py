@@ -52,7 +52,7 @@ def findings_of(
     force = diagnosis.required_force
     rough = diagnosis.extended.known is None and diagnosis.extended.free and force is None
     remarks = [
-        _of_given_masses(diagnosis, campaign), *diagnosis.zero_errors, diagnosis.spread,
+        _of_given_masses(diagnosis, campaign), diagnosis.zero_errors, diagnosis.spread,
         *missing(campaign, diagnosis.baseline.model), ROUGH if rough else "",
     ]  # fmt: skip
     adequacy = stored.Adequacy(
