@@ -549,19 +549,7 @@ class Suspected:
             if not starts or then is None:
                 continue
             job.progress(f"an equation does not hold with {begun[0].cause} ({begun[0].location}); fitting another cause with it")
-            back = self._forms_of_curves(begun, starts, then)
-            run = verified([start for start, _ in back], job.rungs[-1], job.progress) if back else []
-            if not job.follows(run):
-                others = self._alone(starts, then, begun[0].location)
-                back = self._back(others[:1], begun)
-                run = verified([*starts, *(start for start, _ in back)], job.rungs[-1], job.progress)
-                if not run or run[0][1].cost > TELLING:
-                    # The closest one may stand for another; and impacts soon make two motions differ, however close they begin.
-                    back += self._back(others[1:], begun)
-                    again = followed(
-                        [*starts, *(start for start, _ in back)], job.rungs, job.current, job.progress, job.promising
-                    )
-                    run = again if again and (not run or again[0][1].cost < run[0][1].cost) else run
+            run, back = self._with_second(begun, starts, then)
             behind = {id(start[0]): other for start, other in back}
             first = behind.get(id(run[0][0]), begun) if run else begun
             if run and (forms := self._forms_for(run[0], first)):
@@ -583,6 +571,24 @@ class Suspected:
                     named.append(keys)
                     found.append((first[0], alone, candidate, both))
         return sorted(found, key=lambda pair: pair[3].cost)[:FINALISTS]
+
+    def _with_second(self, begun: Start, starts: Starts, then: Suspects) -> tuple[Running, list[tuple[Start, Start]]]:
+        # Fits of a first cause with a second one that starts at one of these points, best first; and the starts that have another
+        # first one, each with that.
+        job = self.job
+        back = self._forms_of_curves(begun, starts, then)
+        run = verified([start for start, _ in back], job.rungs[-1], job.progress) if back else []
+        if job.follows(run):
+            return run, back
+        others = self._alone(starts, then, begun[0].location)
+        back = self._back(others[:1], begun)
+        run = verified([*starts, *(start for start, _ in back)], job.rungs[-1], job.progress)
+        if run and run[0][1].cost <= TELLING:
+            return run, back
+        # The closest one may stand for another; and impacts soon make two motions differ, however close they begin.
+        back += self._back(others[1:], begun)
+        again = followed([*starts, *(start for start, _ in back)], job.rungs, job.current, job.progress, job.promising)
+        return (again if again and (not run or again[0][1].cost < run[0][1].cost) else run), back
 
     def _back(self, others: Starts, begun: Start) -> list[tuple[Start, Start]]:
         # The first cause started again with each of these in place, and which one that is.

@@ -317,9 +317,8 @@ def expected(model: RigModel, trial: Trial, motion: Mapping[str, FloatArray] | N
     for row, name in enumerate(trial.channels):
         if name in trial.without_zero:
             predicted[row] += np.mean(trial.measured[row, first:last] - predicted[row, first:last])
-    predicted[:, :first] = trial.measured[:, :first]
-    predicted[:, last:] = trial.measured[:, last : predicted.shape[1]]
-    for row, name in enumerate(trial.channels):
+        for unknown in (slice(first), slice(last, predicted.shape[1])):
+            predicted[row, unknown] = trial.measured[row, unknown]
         if name in trial.wandering:
             recorded = trial.measured[row, : predicted.shape[1]]
             predicted[row] = recorded + _quick(predicted[row] - recorded, trial.lowest, trial.sample_rate)
@@ -441,11 +440,10 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
     by_drive: list[tuple[Run, int, Mapping[str, float]]] = []
     trials, free, released = list[Trial](), set[str](), list[Run]()
     # Without a drive there is no force to judge by: a run-down is simulated from its described start.
-    driven = any(
-        not rests(run.read(d.channel), noise.get(d.channel, 0.0))
+    drifting = drifts(model, min((run.duration for run in campaign.runs), default=0.0)) and not all(
+        rests(run.read(d.channel), noise.get(d.channel, 0.0))
         for run, noise in zip(campaign.runs, noises, strict=True) for d in model.drives
     )  # fmt: skip
-    drifting = driven and drifts(model, min((run.duration for run in campaign.runs), default=0.0))
     for run, noise, of_drive in zip(campaign.runs, noises, drive_noises(campaign, model.drive.channel), strict=True):
         if run.configuration not in model.configurations:
             raise DataError(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, TypeVar
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from isorig.analysis.laws.base import NO_LINK, ContactLaw, LinkConstants, Parame
 from isorig.analysis.laws.elements import Element, Formula
 from isorig.analysis.laws.friction import falling
 
+P = TypeVar("P", FloatArray, float)
 #: Relative change of a state variable in one Runge-Kutta step, below which it is rounding: steady sliding is not integrated.
 SATURATED = 1e-13
 #: Runge-Kutta steps in the distance over which a state variable changes by a factor of e: (1/5)^5 / 120 = 3e-6 of error in each.
@@ -79,6 +80,31 @@ def integrated(
     return z
 
 
+@inlined
+def one_after_another(step: Callable[[float, P, float], float], p: P, inputs: FloatArray, out: FloatArray) -> None:
+    """States from zero after each of the inputs, into `out`, shape (n,); ``step(state, p, input)`` is the next one."""
+    state = 0.0
+    for k in range(len(inputs)):
+        state = step(state, p, inputs[k])
+        out[k] = state
+
+
+@inlined
+def carried(
+    step: Callable[[float, FloatArray, float], float], p: FloatArray, f: float, d0: float, d1: float,
+    v0: float, vm: float, v1: float, low: float, high: float, h: float,
+) -> float:  # fmt: skip
+    """Force at the fraction `high` of a step of h seconds from its value f at `low`.
+
+    ``step(f, p, x)`` is the force after a distance x (m) in one direction; the step is split where the velocity changes sign.
+    """
+    x = turning(v0, vm, v1, low, high)
+    if x < 0.0:
+        return step(f, p, d1 - d0)
+    gone = way(v0, vm, v1, low, x, h)
+    return step(step(f, p, gone), p, d1 - d0 - gone)
+
+
 @kernel
 def remembered(p: FloatArray, gate: float, memory: FloatArray, d: float, v: float, t: float) -> float:
     return memory[0]
@@ -117,10 +143,7 @@ def slid(f: float, p: FloatArray, x: float) -> float:
 @kernel
 def slid_along(p: FloatArray, distance: FloatArray, out: FloatArray) -> None:
     """Forces after each of the distances (m), one after another, into `out`, shape (n,)."""
-    force = 0.0
-    for k in range(len(distance)):
-        force = slid(force, p, distance[k])
-        out[k] = force
+    one_after_another(slid, p, distance, out)
 
 
 @kernel
@@ -128,13 +151,7 @@ def dahl_carry(
     p: FloatArray, memory: FloatArray, after: FloatArray, d0: float, d1: float, v0: float, vm: float, v1: float,
     low: float, high: float, h: float,
 ) -> None:  # fmt: skip
-    x = turning(v0, vm, v1, low, high)
-    if x < 0.0:
-        after[0] = slid(memory[0], p, d1 - d0)
-    else:
-        # Split where the velocity changes sign.
-        gone = way(v0, vm, v1, low, x, h)
-        after[0] = slid(slid(memory[0], p, gone), p, d1 - d0 - gone)
+    after[0] = carried(slid, p, memory[0], d0, d1, v0, vm, v1, low, high, h)
 
 
 DAHL = Formula(resist=remembered, carry=dahl_carry)
@@ -278,23 +295,20 @@ def grown(f: float, k: float, growth: float, x: float) -> float:
 @kernel
 def stiffened(f: float, p: FloatArray, x: float) -> float:
     """Force after a distance x (m) in one direction, in closed form: unloaded to zero, then loaded."""
-    way = 1.0 if x >= 0.0 else -1.0
-    f, x = way * f, abs(x)
+    s = 1.0 if x >= 0.0 else -1.0
+    f, x = s * f, abs(x)
     if f < 0.0:
         unloaded = np.log1p(-p[2] * f / p[0]) / p[2] if p[2] != 0.0 else -f / p[0]
         if unloaded >= x:
-            return way * grown(f, p[0], -p[2], x)
+            return s * grown(f, p[0], -p[2], x)
         f, x = 0.0, x - unloaded
-    return way * grown(f, p[0], p[1], x)
+    return s * grown(f, p[0], p[1], x)
 
 
 @kernel
 def stiffened_along(p: FloatArray, distance: FloatArray, out: FloatArray) -> None:
     """Forces after each of the distances (m), one after another, into `out`, shape (n,)."""
-    force = 0.0
-    for k in range(len(distance)):
-        force = stiffened(force, p, distance[k])
-        out[k] = force
+    one_after_another(stiffened, p, distance, out)
 
 
 @kernel
@@ -302,12 +316,7 @@ def stiffening_carry(
     p: FloatArray, memory: FloatArray, after: FloatArray, d0: float, d1: float, v0: float, vm: float, v1: float,
     low: float, high: float, h: float,
 ) -> None:  # fmt: skip
-    x = turning(v0, vm, v1, low, high)
-    if x < 0.0:
-        after[0] = stiffened(memory[0], p, d1 - d0)
-    else:
-        gone = way(v0, vm, v1, low, x, h)
-        after[0] = stiffened(stiffened(memory[0], p, gone), p, d1 - d0 - gone)
+    after[0] = carried(stiffened, p, memory[0], d0, d1, v0, vm, v1, low, high, h)
 
 
 STIFFENING = Formula(resist=remembered, carry=stiffening_carry)

@@ -11,7 +11,7 @@ from isorig.analysis.errors import ModelError
 from isorig.analysis.jit import kernel
 from isorig.analysis.laws.base import NO_LINK, ContactLaw, LinkConstants, Parameter, SpringLaw
 from isorig.analysis.laws.elements import Element, Formula
-from isorig.analysis.laws.hysteresis import turning, way
+from isorig.analysis.laws.hysteresis import one_after_another, turning, way
 
 #: Maximum number of springs of a contact.
 MOST = 16
@@ -65,10 +65,7 @@ class ElastoSlip(SpringLaw, frozen=True, kw_only=True, tag="elasto_slip"):
 @kernel
 def dragged_along(give: float, d: FloatArray, out: FloatArray) -> None:
     """Positions of a slider for elongations d (m), linear between samples, into `out`, shape (n,)."""
-    u = 0.0
-    for k in range(len(d)):
-        u = dragged(u, give, d[k])
-        out[k] = u
+    one_after_another(dragged, give, d, out)
 
 
 class MaxwellSlip(ContactLaw, frozen=True, kw_only=True, tag="maxwell_slip"):

@@ -393,9 +393,14 @@ def test_a_run_begins_where_all_channels_have_values(tmp_path: Path) -> None:
     assert not run.gaps
 
 
-def test_lvm_with_a_short_line_of_channels(tmp_path: Path) -> None:
-    head = "LabVIEW Measurement\nSeparator\tTab\nX_Columns\tMulti\n***End_of_Header***\n\nChannels\t2\nSamples\t120\t\t120\n"
-    units = "Y_Unit_Label\tm/s^2\t\tN\nDelta_X\t1.0E-3\t\t1.0E-3\n***End_of_Header***\nX_Value\tAcc\tX_Value\tForce\tComment"
+@pytest.mark.parametrize("clock", ["\t", ""])
+def test_lvm_with_a_short_line_of_channels(clock: str, tmp_path: Path) -> None:
+    """Also where the headers have no cell for the clock of the second channel."""
+    head = (
+        f"LabVIEW Measurement\nSeparator\tTab\nX_Columns\tMulti\n***End_of_Header***\n\nChannels\t2\nSamples\t120{clock}\t120\n"
+    )
+    units = f"Y_Unit_Label\tm/s^2{clock}\tN\nDelta_X\t1.0E-3{clock}\t1.0E-3\n"
+    units += "***End_of_Header***\nX_Value\tAcc\tX_Value\tForce\tComment"
     rows = [f"{t}\t{x}\t{t}\t{y}" for t, x, y in zip(TIME, X, Y, strict=True)]
     (run,) = drafted(tmp_path, table(tmp_path / "m.lvm", head + units, *rows))
     check(run, {"acc": X, "force": Y})

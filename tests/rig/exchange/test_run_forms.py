@@ -231,15 +231,6 @@ def test_a_label_that_contradicts_the_unit_system(tmp_path: Path, length: float,
     assert (f"if its values are in the unit system, write sensitivity = {size or 0:g}" in " ".join(remarks)) is (size is not None)
 
 
-def test_lvm_without_the_cells_of_clocks(tmp_path: Path) -> None:
-    head = "LabVIEW Measurement\nSeparator\tTab\nX_Columns\tMulti\n***End_of_Header***\n\nChannels\t2\nSamples\t120\t120\n"
-    units = "Y_Unit_Label\tm/s^2\tN\nDelta_X\t1.0E-3\t1.0E-3\n***End_of_Header***\nX_Value\tAcc\tX_Value\tForce\tComment"
-    rows = [f"{t}\t{x}\t{t}\t{y}" for t, x, y in zip(TIME, X, Y, strict=True)]
-    (run,) = drafted(tmp_path, table(tmp_path / "m.lvm", head + units, *rows))
-    check(run, {"acc": X, "force": Y})
-    assert [channel.unit for channel in run.channels.values()] == ["m/s^2", "N"]
-
-
 def workbook(path: Path, sheets: dict[str, list[list[Any]]]) -> Path:
     book = Workbook()
     book.remove(book.worksheets[0])

@@ -52,8 +52,10 @@ def _line(row: Iterable[Any]) -> str:
 
 
 def _cell(value: Any) -> str:
-    if isinstance(value, datetime | time):
-        return f"{value.isoformat(' ', 'microseconds') if isinstance(value, datetime) else value.isoformat('microseconds')}"
+    if isinstance(value, datetime):
+        return value.isoformat(" ", "microseconds")
+    if isinstance(value, time):
+        return value.isoformat("microseconds")
     return "" if value is None else " ".join(str(value).split())
 
 
