@@ -20,6 +20,7 @@ from isorig.analysis.diagnose.causes.measurement_chain import with_chain
 from isorig.analysis.fitting.candidate import Candidate, Shape
 from isorig.analysis.fitting.solve import Free
 from isorig.analysis.laws.base import NO_LINK
+from isorig.analysis.model.linear import floats
 from isorig.analysis.model.rig_model import Link, RigModel
 
 #: Points of a curve over a two-sided range (odd, so that one is in the middle), over velocities, over a session, of a sensor's
@@ -57,11 +58,13 @@ def free_shapes(model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
 
 
 def _places(model: RigModel, kind: Kind) -> tuple[str, ...]:
-    # At links with a spring, or at those with sliding ends.
+    # At links with a spring, at those with sliding ends, or, of a force over deflection in a rig that no spring holds, at all.
     blocked = {name for configuration in model.configurations.values() for name in configuration.rigid}
-    own = [link for link in model.links if not link.name.endswith("_added") and link.name != "bearing"]
-    if kind in ("spring_shape", "drift"):
+    own = [link for link in model.links if not link.name.endswith("_added")]
+    if kind == "drift" or (kind == "spring_shape" and not floats(model)):
         return tuple(link.name for link in own if link.stiffness > 0.0)
+    if kind == "spring_shape":
+        return tuple(link.name for link in own)
     return tuple(link.name for link in own if link.name in blocked or not blocked)
 
 
@@ -94,7 +97,7 @@ def _curve(
 def _spring(model: RigModel, evidence: Evidence, place: str) -> Candidate | None:
     link, at = model.link(place), _two_sided(evidence.deflection[place])
     # The spring's linear part belongs to the curve; a constant force would only shift the equilibrium.
-    scale = max(link.stiffness, 1e-9) * evidence.deflection[place]
+    scale = _scale(link, evidence)
     begun = _curve(model, link, "deflection", at, SPRINGS)
     return begun and _added_curve("spring_shape", place, *begun, at, scale, ("deflection", "m", "N"), "stiffness")
 
@@ -113,7 +116,7 @@ def _recorded_spring(model: RigModel, evidence: Evidence, place: str) -> Candida
     values = {f"{path}.values.{k}": float(v) for k, v in enumerate(bent - bent[len(at) // 2])}
     damping = {f"links.{place}.damping": force.damping} if force.damping > 0.0 else {}
     start = start.replace({**values, **damping, **force.others})
-    scale = max(link.stiffness, 1e-9) * evidence.deflection[place]
+    scale = _scale(link, evidence)
     return _added_curve("spring_shape", place, start, path, at, scale, ("deflection", "m", "N"), "stiffness")
 
 
@@ -157,6 +160,11 @@ def _points(first: Free, path: str, table: str, count: int, middle: int, *, stra
         return replace(first, path=f"{path}.{table}.{k}", follows=tuple((f"{path}.{table}.{i}", w) for i, w in follows))
 
     return tuple(one(k) for k in range(count) if not straight or k != middle)
+
+
+def _scale(link: Link, evidence: Evidence) -> float:
+    # The spring's largest force, or the damper's of a link without a spring, N.
+    return link.stiffness * evidence.deflection[link.name] or _largest_force(link, evidence)
 
 
 def _largest_force(link: Link, evidence: Evidence) -> float:

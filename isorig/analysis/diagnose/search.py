@@ -139,10 +139,12 @@ class Job:
     @cached_property
     def evidence(self) -> Evidence:
         """What the records show without a fit of a candidate."""
-        return self.evidence_of(self.current.model)
+        return observe(self.campaign, self.current.model, self.trials, self.described, self.guess)
 
     def evidence_of(self, model: RigModel) -> Evidence:
-        """The same for a model that has other links."""
+        """The same for a model that may have more links."""
+        if len(model.links) == len(self.current.model.links):
+            return self.evidence
         return observe(self.campaign, model, self.trials, self.described, self.guess)
 
     @cached_property
@@ -206,7 +208,11 @@ class Job:
 
     def nearly(self, entry: Entry) -> bool:
         """Whether it leaves so little that the rest is due to no other kind or place."""
-        return share_removed(self.now.error, entry.score.error, self.floors) > 1.0 - POLICY.settled
+        return self.removes_all_but(POLICY.settled, entry)
+
+    def removes_all_but(self, share: float, entry: Entry) -> bool:
+        """Whether it leaves less than this share of the current model's excess."""
+        return share_removed(self.now.error, entry.score.error, self.floors) > 1.0 - share
 
     def entries(self, ranked: Running) -> list[Entry]:
         """Fits of candidates as they are, judged on held-out data: those that are no contenders only show by how much."""
@@ -326,7 +332,9 @@ def next_step(job: Job) -> Found | None:
     for each in sources(job):
         rough = job.entries(each.forms[:FINALISTS])
         whole = whole and not out_of_time()
-        if whole and job.steps > 1 and not any(adequate(entry.score, job.floors) or job.nearly(entry) for entry in rough):
+        # What one cause leaves then is searched for with that in place.
+        alone = any(adequate(entry.score, job.floors) or job.removes_all_but(POLICY.rest, entry) for entry in rough)
+        if whole and job.steps > 1 and not alone:
             both = _together(job, each.pairs(), rough)
             if both is not None:
                 return both
@@ -516,8 +524,8 @@ class Suspected:
         """Fitted forms that contain the best suspected ones, started from the values of these, best first."""
         starts: Starts = []
         for simple, free, model in unlike(self._started):
-            if not self.found.blamed(*simple.key):
-                continue
+            if not self.found.blamed(*simple.key) or len(model.links) > len(self.job.current.model.links):
+                continue  # nothing contains an attached body
             for form, own in containing(simple, model, free, self.job.evidence):
                 starts += [(form, own, start) for start in form.starts]
         return followed(starts, self.job.rungs, self.job.current, self.job.progress, self.job.promising)
@@ -652,7 +660,7 @@ class Suspected:
         if then is None or then.tentative or not then.broken:
             return [], None
         extended = replace(job.current, model=model, free=free)
-        evidence = job.evidence if len(model.links) == len(job.current.model.links) else job.evidence_of(model)
+        evidence = job.evidence_of(model)
         others = (c for c in then.candidates(extended, evidence) if c.cause not in ALWAYS)
         candidates = [c for c in others if not then.alike(c.key, first.key)]
         starts = _started(candidates, then, extended)

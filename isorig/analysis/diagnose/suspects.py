@@ -36,6 +36,8 @@ MOST = 3
 #: Residual from which an equation is broken, and the share of it that may remain once it is repaired. Chosen: twice the residual
 #: up to which sound rigs stay; half of the excess, as a further step must remove (`Policy.of_rest`).
 BROKEN, REPAIRED = 2.0 * HOLDS, 0.5
+#: Pitch in rad of a force that repeats once per turn.
+TURN = 2.0 * pi
 #: Starting points of a candidate, and the ratio of their remaining forces up to which they are alike.
 STARTS, SAME = 2, 1.3
 #: Share of a broken equation's excess residual that its own best explanation must remove to be suspected. Chosen: as a
@@ -385,7 +387,7 @@ class Suspects:
         found = tuple(item.values["frequency"] for item in self.chosen if "frequency" in item.values)
         deflection, speed = dict(evidence.deflection), dict(evidence.speed)
         pitches = {
-            name: item.values["pitch"] for item in reversed(self.chosen) if "pitch" in item.values
+            name: pitch for item in reversed(self.chosen) if (pitch := self._pitch(item)) is not None
             for name in self.places.get(item.place, frozenset())
         }  # fmt: skip
         for item in reversed(self.chosen):  # the best explanation of a place gives its motion
@@ -398,6 +400,15 @@ class Suspects:
         return replace(
             evidence, misfit_frequencies=found or evidence.misfit_frequencies, deflection=deflection, speed=speed, pitches=pitches
         )  # fmt: skip
+
+    def _pitch(self, item: Explanation) -> float | None:
+        # The pitch with which a force may repeat over the deflection: the one that was found, or a turn of a body that no spring
+        # holds, which has a heavy side.
+        element = self._element(item.place)
+        if "pitch" in item.values or element is None or element.link is None:
+            return item.values.get("pitch")
+        turns = self.equations.model.body(element.link.a).motion == "rotation" and not element.link.arms
+        return TURN if turns and element.link.stiffness == 0.0 and item.what == "force over deflection" else None
 
     def started(self, candidate: Candidate, current: Sequence[Free]) -> list[RigModel]:
         """Starting points of a candidate: the rig's parameters and its own ones from the equations where these determine them.

@@ -17,7 +17,7 @@ from isorig.analysis.equations.filters import resonator
 from isorig.analysis.equations.known import law_columns
 from isorig.analysis.equations.ranking import Explanation
 from isorig.analysis.equations.sliding import Sliding, SlidingFit
-from isorig.analysis.equations.system import CHANNEL_FAULTS, Equations
+from isorig.analysis.equations.system import CHANNEL_FAULTS, HOLDS, Equations
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.solve import Free, base_parameters
 from isorig.analysis.laws.base import NO_LINK, Law
@@ -25,6 +25,9 @@ from isorig.analysis.model.rig_model import RigModel
 
 #: Largest ratio of a parameter from the equations to its given value, and its inverse: others are artefacts of a wrong equation.
 FACTOR = 5.0
+#: Share of the power of an element's force that a regression in the time domain leaves, from which on the spectra give the force,
+#: if the equation holds in them. Chosen: half of its rms; a beam's flat modes left 0.8, other rigs up to 0.3.
+HIDDEN = 0.25
 #: Number of samples for the fit of a form.
 MOST_SAMPLES = 3000
 #: Weight of a curve point's distance from its neighbours' course, in its allowed deviations, relative to the rms of the force.
@@ -113,8 +116,50 @@ def element_force(equations: Equations, place: str, shape: Shape | None) -> Elem
         found = equations.in_time(balance, element, sliding=True if shape is DRY_FRICTION else None)
         if found is not None:
             size = abs(next(s for e, s in balance.crossing if e.name == element.name))
-            return _sliding_force(equations, balance, element, shape, size, *found)
+            force = _sliding_force(equations, balance, element, shape, size, *found)
+            hidden = float(np.mean(force.left**2)) > HIDDEN * float(np.mean(force.force**2))
+            if hidden and balance.name in equations.prepared and element.link is not None:
+                return _spectral_force(equations, balance, element, shape, force)
+            return force
     return None
+
+
+def _spectral_force(
+    equations: Equations, balance: Balance, element: Element, shape: Shape, in_time: ElementForce
+) -> ElementForce:  # fmt: skip
+    # The force of an element that noise hides `in_time` from the regression of the spectra, in which each frequency bin counts by
+    # its noise. Each half of the segments gives one; half of their difference is the error of their mean.
+    prepared = equations.prepared[balance.name]
+    columns = len(prepared.rows) - 1
+    courses = [equations.course(run, element, balance) for run in prepared.runs]
+    unknown = [path for path, _, _ in equations.unknown_rows(balance)]
+    place, sign = next((k, sign) for k, (other, sign) in enumerate(balance.crossing) if other.name == element.name)
+    before = [other for other, _ in balance.crossing[:place] if other.link is not None]
+    first = len(unknown) + sum(2 + law_columns(other) for other in before)
+
+    def force(half: int) -> FloatArray:
+        values = equations.shaped(balance, element, shape, half).values
+        damping, stiffness = values[first : first + 2]
+        scale = _scale(dict(zip(unknown, values.tolist(), strict=False)))
+        own = (damping * c.velocity + stiffness * c.deflection + shape.columns(c) @ values[columns:] / sign for c in courses)
+        return np.concatenate(list(own)) / scale
+
+    if equations.shaped(balance, element, shape).residual >= HOLDS:
+        return in_time  # more than this shape is missing
+    one, other_half = force(0), force(1)
+    d = np.concatenate([course.deflection for course in courses])
+    samples = _thinned(d)
+    runs = np.concatenate([np.full(len(course.place), k) for k, course in enumerate(courses)])[samples]
+    at = np.concatenate([course.place for course in courses])[samples]
+    return replace(
+        in_time, deflection=d[samples], velocity=np.concatenate([course.velocity for course in courses])[samples],
+        time=np.concatenate([course.time for course in courses])[samples], force=0.5 * (one + other_half)[samples],
+        left=0.5 * (one - other_half)[samples], rate=equations.rate,
+        motions=tuple(
+            RecordedMotion(deflection=course.deflection, velocity=course.velocity, used=at[runs == k])
+            for k, course in enumerate(courses)
+        ),
+    )  # fmt: skip
 
 
 def _sliding_force(

@@ -241,7 +241,9 @@ class Prepared:
             found.append(_solve(*both).residual)
         return np.array(found)
 
-    def shaped(self, columns: Mapping[int, ComplexArray], penalty: FloatArray | None = None, held_out: bool = True) -> Solved:
+    def shaped(
+        self, columns: Mapping[int, ComplexArray], penalty: FloatArray | None = None, held_out: bool = True, first: int = 0
+    ) -> Solved:  # fmt: skip
         """Residual with further unknown columns that are no linear functions of the signals.
 
         The columns' coefficients are determined from every second segment, and from the others by how much they reduce the
@@ -255,6 +257,8 @@ class Prepared:
             Quadratic form of the columns' coefficients, for residuals in multiples of what is allowed; None for none.
         held_out
             Whether the residual is that of the other segments; otherwise all segments determine both.
+        first
+            The first of the segments that determine the coefficients, 0 or 1.
         """
         p = len(self.rows)
         matrix = self.spectra.matrix(self.rows)
@@ -268,8 +272,8 @@ class Prepared:
             for part in range(2):
                 half = both[:, part::2].reshape(len(both), -1)
                 grams.append((part, np.real(half.conj() @ half.T)))
-        fit = sum(gram for part, gram in grams if part == 0 or not held_out)
-        test = sum(gram for part, gram in grams if part == 1 or not held_out)
+        fit = sum(gram for part, gram in grams if part == first or not held_out)
+        test = sum(gram for part, gram in grams if part != first or not held_out)
         assert not isinstance(fit, int)
         assert not isinstance(test, int)
         noise = np.zeros_like(fit)

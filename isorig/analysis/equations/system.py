@@ -727,8 +727,8 @@ class Equations:
 
         return columns
 
-    def _course(self, run: int, element: Element, balance: Balance) -> Course:
-        # The motion of an element for a spectral equation: the whole run.
+    def course(self, run: int, element: Element, balance: Balance) -> Course:
+        """The motion of an element in a run, of which a spectral equation uses the whole."""
         k = next(k for k, record in enumerate(self.records) if record.index == run)
         signals = self.signals[k]
         d, v = (self.combined(signals, self.motion_row(element.weights, order)) for order in (0, 1))
@@ -763,12 +763,12 @@ class Equations:
         stiffness = element.link.stiffness if element.link is not None else 0.0
         return max(float(np.sqrt(stiffness / mass)) / (2.0 * np.pi) if mass > 0.0 else 0.0, self.lowest)
 
-    def shaped(self, balance: Balance, element: Element, shape: Shape) -> Solved:
-        """An equation without friction solved with a shape at one of its elements."""
+    def shaped(self, balance: Balance, element: Element, shape: Shape, first: int = 0) -> Solved:
+        """An equation without friction solved with a shape at one of its elements, from every second segment."""
         prepared = self.prepared[balance.name]
         columns = {}
         for run in prepared.runs:
-            course = self._course(run, element, balance)
+            course = self.course(run, element, balance)
             if not any(item.run == run for item in self.spectra.runs):
                 continue
             parts = shape.columns(course)
@@ -778,7 +778,7 @@ class Equations:
         if shape.smooth:
             power = max(float(np.mean(self.combined(self.signals[k], prepared.rows[0]) ** 2)) for k in range(len(self.records)))
             penalty = shape.penalty(count, 0, power, 1.0)
-        return prepared.shaped(columns, penalty)
+        return prepared.shaped(columns, penalty, first=first)
 
     def fault(self, what: str, channel: str, values: FloatArray, source: str | None) -> tuple[FloatArray, ComplexArray]:
         """Signals that a fault of a channel adds, shape (signals, signals), and their gains in the true ones (values, bins).

@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isorig.analysis.campaign import MOTION, Campaign, ComplexArray, FloatArray, IntArray, Run
+from isorig.analysis.derivative import derivative
 from isorig.analysis.model.linear import floats, imposed_coordinates, linear_part
-from isorig.analysis.model.rig_model import GROUND, RigModel, direction
+from isorig.analysis.model.rig_model import GROUND, RigModel, Sensor, direction
 from isorig.analysis.spectra.noise import noise_levels, rests
 from isorig.analysis.spectra.welch import DRIVEN
 from isorig.analysis.spectra.windows import hanning
@@ -114,11 +115,19 @@ def spectrum_of(model: RigModel, run: Run, noise: Mapping[str, float]) -> Spectr
     def lines(values: FloatArray) -> ComplexArray:
         return np.asarray(np.fft.rfft((values - values.mean()) * window)[inside])
 
+    def response(sensor: Sensor) -> ComplexArray:
+        # A body that nothing holds ends elsewhere than it began, and so does its integral; its acceleration does not.
+        values, missing = read(sensor.channel), 2 - MOTION[sensor.quantity] if sensor.force_in is None and floating else 0
+        for _ in range(missing):
+            values = derivative(values, run.sample_rate)
+        return np.asarray(lines(values) / (2j * np.pi * frequency[inside]) ** missing)
+
+    floating = floats(model)
     records = {drive.channel: read(drive.channel) for drive in model.drives}
     if all(rests(values, noise.get(name, 0.0)) for name, values in records.items()):
         return None
     drives = [lines(values) for values in records.values()]
-    responses = [lines(read(sensor.channel)) for sensor in model.sensors]
+    responses = [response(sensor) for sensor in model.sensors]
 
     def summed(products: ComplexArray) -> ComplexArray:
         return np.asarray(np.add.reduceat(products, starts))

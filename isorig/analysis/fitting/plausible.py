@@ -111,7 +111,7 @@ def doubts(given: RigModel, fits: Sequence[Fit], campaign: Campaign | None = Non
     found: dict[str, Doubt] = {}
     # Where the records agree with the given units, the values of a fit that misfits are off because of what the model lacks.
     for fitted in fits if campaign is None else [each for each in fits if each.cost <= EXPLAINS]:
-        for doubt in (*_of_units(given, fitted), *_at_limits(fitted)):
+        for doubt in (*_of_units(given, fitted), *_at_limits(given, fitted)):
             if not any(path in other.split("+") for other in found for path in doubt.parameter.split("+")):
                 found[doubt.parameter] = doubt
     order = ("unit", "decade", "limit")
@@ -468,8 +468,9 @@ def _ratio(given: RigModel, fitted: Fit, path: str) -> float | None:
     return after / before if before > 0.0 and after > 0.0 else None
 
 
-def _at_limits(fitted: Fit) -> Iterable[Doubt]:
-    for free in fitted.free:
+def _at_limits(given: RigModel, fitted: Fit) -> Iterable[Doubt]:
+    # Of the rig's own parameters: that a cause has no limit, or is sharp, is part of the answer.
+    for free in (free for free in fitted.free if free.path in given.free):
         value = fitted.values[free.path]
         limit = _limit(free, value)
         if limit is not None:

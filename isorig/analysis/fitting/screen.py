@@ -41,7 +41,8 @@ def shortened(trials: Sequence[Trial], seconds: float) -> tuple[Trial, ...]:
     def cut(trial: Trial) -> Trial:
         fitted = fast_length(round(min(trial.fitted, trial.onset + seconds * trial.sample_rate)))
         coarse = trial.excitation.resampled(min(trial.excitation.oversample, SHORT_OVERSAMPLE))
-        return replace(trial, fitted=fitted, excitation=coarse.beginning(fitted))
+        begins = trial.moving.measured.shape[1] if trial.moving is not None else 0  # the records that tell the state at the start
+        return replace(trial, fitted=fitted, excitation=coarse.beginning(max(fitted, begins)))
 
     return tuple(cut(trial) for trial in trials)
 

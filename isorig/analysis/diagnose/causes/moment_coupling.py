@@ -17,6 +17,8 @@ from isorig.analysis.model.rig_model import GROUND, Body, Link, RigModel
 ARMS = (0.02, 0.06)
 #: Radius of gyration in m: only products with arms matter, so any value can be used.
 RADIUS = 0.1
+#: Name of the link that holds the rocking body.
+ADDED = "rocking_added"
 
 
 class MomentCoupling(Cause):
@@ -44,7 +46,7 @@ class MomentCoupling(Cause):
             for arm in ARMS
             for height in (arm, -arm)
         )
-        push, stiffness, damping = "drive.pushes.rocking", "links.bearing.stiffness", "links.bearing.damping"
+        push, stiffness, damping = "drive.pushes.rocking", f"links.{ADDED}.stiffness", f"links.{ADDED}.damping"
         height, bearing = f"sensors.{_sensor(model, place)}.arms.rocking", f"links.{_bearings(model, place)[0]}.arms.rocking"
         yield Candidate(
             cause=self.name, location=place, family=self.family, rank=self.rank,
@@ -85,7 +87,7 @@ class _Rocking:
     def of(self, model: RigModel, body: str) -> RigModel:
         omega, link = 2.0 * pi * self.frequency, _bearings(model, body)[0]
         damping = 2.0 * self.damping * self.inertia * omega
-        bearing = Link(name="bearing", a="rocking", b=GROUND, stiffness=self.inertia * omega**2, damping=damping)
+        bearing = Link(name=ADDED, a="rocking", b=GROUND, stiffness=self.inertia * omega**2, damping=damping)
         pushes = {**model.drive.pushes, "rocking": self.drive_arm * model.drive.pushes[body]}
         return msgspec.structs.replace(
             model,
@@ -94,7 +96,7 @@ class _Rocking:
             sensors=exchange(model.sensors, _sensor(model, body), arms={"rocking": self.sensor_height}),
             drive=msgspec.structs.replace(model.drive, pushes=pushes),
             configurations={
-                name: msgspec.structs.replace(setup, rigid=(*setup.rigid, "bearing")) if link in setup.rigid else setup
+                name: msgspec.structs.replace(setup, rigid=(*setup.rigid, ADDED)) if link in setup.rigid else setup
                 for name, setup in model.configurations.items()
             },
         )
