@@ -26,7 +26,18 @@ from isorig.analysis.diagnose.kinds import SHAPED, kind_of
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.places import Places, compared_places
 from isorig.analysis.diagnose.policy import POLICY
-from isorig.analysis.diagnose.step import Entry, Found, best_form, best_kind, curve_of, found_step, is_determined, vanishes
+from isorig.analysis.diagnose.step import (
+    Entry,
+    Found,
+    best_form,
+    best_kind,
+    curve_of,
+    dampings_like,
+    found_step,
+    is_determined,
+    vanishes,
+    zero_at_rest,
+)
 from isorig.analysis.diagnose.suspects import ALWAYS, BROKEN, STANDS_ALIKE, Suspects, suspects
 from isorig.analysis.equations.system import HOLDS, Equations, equations_of
 from isorig.analysis.errors import FitError, ModelError, OutOfTimeError
@@ -181,6 +192,11 @@ class Job:
     def bare(self) -> float:
         """Misfit of the current model refitted to the first seconds of the runs."""
         return bare_cost(self.current, self.rungs[-1])
+
+    def judges(self, candidate: Candidate) -> bool:
+        """Whether the runs can judge a candidate: a drive's force judges no body whose motion is not recorded."""
+        bodies = len(self.current.model.bodies)
+        return len(candidate.starts[0].bodies) == bodies or not any(trial.motion for trial in self.trials)
 
     def stays(self, run: Running) -> bool:
         """Whether the best fit stays with the data: its misfit is well below that of the current model."""
@@ -360,7 +376,7 @@ def next_step(job: Job) -> Found | None:
                 job.progress("no form makes the model adequate; fitting free shapes")
                 most = {entry.place for entry in forms if job.removes_most(entry)}
                 chosen = contenders(source.shapes(forms, nearly), source.forms, nearly)
-                shapes = job.finished(job.entries(job.following(chosen, source.forms, most)))
+                shapes = _with_denser_damping(job, job.finished(job.entries(job.following(chosen, source.forms, most))))
             if shapes or nearly is None:
                 return _as_shown(_kind_and_form(job, source.known, forms, shapes), source)
     except OutOfTimeError:
@@ -431,7 +447,19 @@ def _with_simpler(job: Job, forms: list[Entry]) -> list[Entry]:
 def _without_forms(job: Job, source: Source) -> list[Entry]:
     # Where no form follows the records, a free shape at the place that the equations show may explain all.
     job.progress("no form follows the records there; fitting free shapes")
-    return job.finished(job.entries(contenders(source.shapes([]), source.forms, None)))
+    return _with_denser_damping(job, job.finished(job.entries(contenders(source.shapes([]), source.forms, None))))
+
+
+def _with_denser_damping(job: Job, shapes: Sequence[Entry]) -> list[Entry]:
+    # The free shapes, with more points of a damping where a friction is zero at rest: its points lie closer there.
+    found = list(shapes)
+    for friction in shapes:
+        if zero_at_rest(friction, job.evidence):
+            for damping in dampings_like(friction, shapes):
+                candidate, fitted = with_more_points(damping.candidate, damping.fit, job.rungs[-1])
+                denser = Entry(candidate=candidate, fit=fitted, score=score(fitted.model, job.fine))
+                found = [denser if entry is damping else entry for entry in found]
+    return found
 
 
 def _as_shown(found: Found | None, source: Source) -> Found | None:
@@ -490,7 +518,8 @@ class Suspected:
 
     @cached_property
     def _started(self) -> Starts:
-        return _started(self.found.candidates(self.job.current, self.job.evidence), self.found, self.job.current)
+        candidates = self.found.candidates(self.job.current, self.job.evidence)
+        return _started([c for c in candidates if self.job.judges(c)], self.found, self.job.current)
 
     @cached_property
     def forms(self) -> Running:
@@ -661,7 +690,7 @@ class Suspected:
             return [], None
         extended = replace(job.current, model=model, free=free)
         evidence = job.evidence_of(model)
-        others = (c for c in then.candidates(extended, evidence) if c.cause not in ALWAYS)
+        others = (c for c in then.candidates(extended, evidence) if c.cause not in ALWAYS and job.judges(c))
         candidates = [c for c in others if not then.alike(c.key, first.key)]
         starts = _started(candidates, then, extended)
         starts = _with_curve(starts, then, extended, evidence) if curves else starts

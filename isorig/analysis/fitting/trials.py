@@ -31,6 +31,7 @@ from isorig.analysis.simulate.free_run import NOWHERE, excitation_of, true_drive
 from isorig.analysis.simulate.inverse import (
     DECIMATIONS,
     EDGE,
+    RESOLVED,
     Motion,
     decimated,
     driven_groups,
@@ -60,6 +61,8 @@ ACTS = 1.0
 #: no lower corner frequency is tried, and that of a drive up to which a group of bodies is used, besides the best one. Chosen: an
 #: equation of more noise shows no parameter.
 QUIET, LOUD = 0.02, 0.15
+#: Seconds at the start of a run in which a body at rest must not move.
+AT_REST = 0.1
 #: Misfit of the described rig, in multiples of that noise, from which such a group is used nonetheless. Chosen: five simulated
 #: rigs without play in the joint reached 1.5 at most, two with it 8 and 32.
 TOLD = 5.0
@@ -437,25 +440,23 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
     """
     noises = noise_of_runs(campaign, tuple(drive.channel for drive in model.drives))
     lowest, wrong = SLOW * lowest_mode(model), frozenset(zero_errors(campaign, model))
-    by_drive: list[tuple[Run, int, Mapping[str, float]]] = []
     trials, free, released = list[Trial](), set[str](), list[Run]()
     # Without a drive there is no force to judge by: a run-down is simulated from its described start.
     drifting = drifts(model, min((run.duration for run in campaign.runs), default=0.0)) and not all(
         rests(run.read(d.channel), noise.get(d.channel, 0.0))
         for run, noise in zip(campaign.runs, noises, strict=True) for d in model.drives
     )  # fmt: skip
-    for run, noise, of_drive in zip(campaign.runs, noises, drive_noises(campaign, model.drive.channel), strict=True):
+    for run in campaign.runs:
         if run.configuration not in model.configurations:
             raise DataError(
                 f"run {run.id!r} has configuration {run.configuration!r}, but the rig knows only "
                 f"{', '.join(model.configurations)}; add it to the rig's description"
             )
-        # The state after a gap is unknown.
-        stop = min((gap.first_tick for gap in run.gaps), default=len(run))
+    if drifting and (judged := _by_drive(campaign, model, noises)):
+        return judged
+    for run, noise, of_drive in zip(campaign.runs, noises, drive_noises(campaign, model.drive.channel), strict=True):
+        stop = _stop(run)
         if stop < SHORTEST:
-            continue
-        if drifting:
-            by_drive.append((run, stop, noise))
             continue
         drive = run.channel(model.drive.channel).read(0, stop)
         still = all(rests(run.channel(d.channel).read(0, stop), noise.get(d.channel, 0.0)) for d in model.drives)
@@ -486,8 +487,6 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
                 relative=relative(model, measured, drive),
             )
         )
-    if by_drive:
-        return _by_drive(campaign, model, by_drive)
     if not trials and released:
         raise DataError(
             f"nothing drives run {released[0].id!r}, and the description gives no start for it; give initial_position or "
@@ -586,9 +585,23 @@ def onset_of(drive: FloatArray) -> int:
     return int(np.argmax(away > ACTS * np.sqrt(np.mean(away**2)))) if away.any() else 0
 
 
-def _by_drive(
-    campaign: Campaign, model: RigModel, runs: Sequence[tuple[Run, int, Mapping[str, float]]]
-) -> tuple[Trial, ...]:  # fmt: skip
+def _stop(run: Run) -> int:
+    # The state after a gap is unknown.
+    return min((gap.first_tick for gap in run.gaps), default=len(run))
+
+
+def _begins_at_rest(run: Run, sensors: Mapping[str, Sensor], noise: Mapping[str, float]) -> bool:
+    # Whether no body moves in the first moment of a run, and each is where a simulation begins.
+    first = max(round(AT_REST * run.sample_rate), 1)
+    return all(
+        float(np.abs(values[:first]).max()) <= max(CALM * float(np.abs(values).max()), RESOLVED * noise.get(sensor.channel, 0.0))
+        for sensor in sensors.values()
+        for values in (run.channel(sensor.channel).read(0, _stop(run)),)
+    )
+
+
+def _by_drive(campaign: Campaign, model: RigModel, levels: Sequence[Mapping[str, float]]) -> tuple[Trial, ...]:
+    # Empty where the motion hardly tells the drive, and simulations from a known rest tell more.
     sensors = _motion_sensors(model)
     if len(sensors) != len(model.bodies):
         raise DataError(
@@ -596,6 +609,11 @@ def _by_drive(
             "that takes the position or velocity of every body, absolute or relative to one whose own is measured, so measure "
             "those or add the spring to the description"
         )
+    runs = [
+        (run, _stop(run), noise) for run, noise in zip(campaign.runs, levels, strict=True) if _stop(run) >= SHORTEST
+    ]  # fmt: skip
+    if not runs:
+        return ()
     shortest = min(stop for _, stop, _ in runs)
     least: tuple[float, list[tuple[Motion, Motion]], BoolArray] | None = None
     for decimation in DECIMATIONS:
@@ -608,7 +626,9 @@ def _by_drive(
         if least[0] <= QUIET:
             break
     assert least is not None
-    _, motions, kept = least
+    noise_share, motions, kept = least
+    if noise_share > LOUD and all(_begins_at_rest(run, sensors, noise) for run, _, noise in runs):
+        return ()
     groups = [group for group, keep in zip(driven_groups(model), kept.tolist(), strict=True) if keep]
     names = [model.drive.channel, *(f"{model.drive.channel} of {' + '.join(group)}" for group in groups[1:])]
     found = []
@@ -622,7 +642,7 @@ def _by_drive(
             Trial(
                 run=run, start_time=campaign.seconds_since_start(run), channels=tuple(names),
                 measured=np.tile(force, (len(groups), 1)), excitation=Excitation.prepare(force, rate, oversample=1), noise=level,
-                fitted=0 if run.use == "holdout" else round(len(force) * FIT_SHARE), ceiling=rate / 2.0, motion=moved,
+                fitted=0 if run.use == "holdout" else fit_samples(force[None]), ceiling=rate / 2.0, motion=moved,
                 shaken=noisy, disturbance=Disturbance(frequency=np.array([0.0, rate]), level=np.tile(off[:, None], 2)),
             )
         )  # fmt: skip
