@@ -53,6 +53,7 @@ from isorig.analysis.fitting.ladder import (
     LEAVES,
     PROMISING,
     SCREENS,
+    STAYS,
     TELLING,
     Rung,
     Running,
@@ -811,7 +812,11 @@ class Screened:
                 for start in candidate.starts:
                     with suppress(ModelError):  # values that exclude the candidate's own
                         starts.append((candidate, free, start.replace(values)))
-        return followed(starts, job.rungs, job.current, job.progress, job.promising)
+        # Growing lengths of the runs are needed only where motions drift apart.
+        run: Running = []
+        if self.places is not None and misfit(job.current.model, job.rungs[-1].problem) < (STAYS / SIGNAL_SHARE) ** 2:
+            run = verified(starts, job.rungs[-1], job.progress)
+        return run if job.follows(run) else followed(starts, job.rungs, job.current, job.progress, job.promising)
 
     @property
     def leads(self) -> bool:
