@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dis import EXTENDED_ARG, hasconst
 from functools import cache, cached_property, partial
-from hashlib import sha256
 from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
 from typing import Any, ParamSpec, TypeVar, cast
 
@@ -62,6 +61,8 @@ class Kernel:
     def digest(self) -> str:
         """Digest of what the machine code depends on: this code, that of all kernels contained in it, constants, and options.
         Raises TypeError if the kernel uses an object whose content is unknown."""
+        from hashlib import sha256
+
         codes = (
             (code.co_names, code.co_varnames, code.co_exceptiontable, *_instructions(code))
             for code in _codes(self._function.__code__)
