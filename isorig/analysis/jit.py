@@ -175,8 +175,9 @@ def _decorator(**options: Any) -> Callable[[Callable[P, R]], Callable[P, R]]:
 kernel = _decorator(cached=True, **UNCOUNTED)
 #: The same for one that allocates arrays.
 allocating_kernel = _decorator(cached=True, **OPTIONS)
-#: The same inlined into each calling kernel: passing many arrays takes longer than a short body.
-inlined = _decorator(cached=False, inline="always", **UNCOUNTED)
+#: The same inlined into each calling kernel: passing many arrays takes longer than a short body. LLVM inlines it: numba's own
+#: inlining (`inline="always"`) infers the types of the whole caller again for each call, which takes longer than all else.
+inlined = _decorator(cached=False, forceinline=True, **UNCOUNTED)
 #: As `kernel`, but compiled with each kernel that calls it: for closures, which have one name.
 uncached = _decorator(cached=False, **UNCOUNTED)
 #: As `kernel`, with reassociation of sums so that they are vectorized.
