@@ -5,6 +5,8 @@ All quantities are in units of a step; see `Rig` for the vector y and the arrays
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray, IntArray
@@ -420,7 +422,10 @@ def from_event_to_event(
     n, y, curves = rig.n, motion.y, len(rig.codes)
     m, share, bent = 2 * n, 1.0 / cuts, 2 * curves
     # A literal number has a type of its own, for which the compiler would compile the functions called here once more.
-    calm, events, q, splits = True, np.int64(0), np.int64(0), 0
+    events: Any = np.int64(0)
+    q: Any = np.int64(0)
+    passed: Any = np.int64(-1)
+    calm, splits = True, 0
     begin(rig, motion, peaks, start, mode, t0)
     while True:
         if calm:
