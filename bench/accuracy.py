@@ -19,7 +19,7 @@ from msgspec.structs import replace
 ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(ROOT / "tests" / "analysis"), str(ROOT)]
 
-from modal_coverage import CASES, DAMPING, FREQUENCY, QUANTILE, measured  # noqa: E402
+from modal_coverage import CASES, DAMPING, FREQUENCY, QUANTILE, estimated, fitted_mode  # noqa: E402
 from reference import Reference  # noqa: E402
 from simulate import RATE, RMS, ours, rig  # noqa: E402
 from table import Row, keep, options  # noqa: E402
@@ -29,8 +29,6 @@ from isorig.analysis.errors import AnalysisError  # noqa: E402
 from isorig.analysis.parameters.joint_fit import characterize  # noqa: E402
 from isorig.analysis.simulate.excitation import random  # noqa: E402
 from isorig.analysis.spectra.half_power import half_power  # noqa: E402
-from isorig.analysis.spectra.modes import fit_modes  # noqa: E402
-from isorig.analysis.spectra.welch import estimate  # noqa: E402
 from isorig.rig.model.baseline import baseline_model  # noqa: E402
 from isorig.rig.virtual.levels import HEAD_PER_GAIN  # noqa: E402
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder  # noqa: E402
@@ -90,16 +88,13 @@ def shown(percent: float) -> str:
 def modes(repeats: int) -> tuple[list[str], list[Row]]:
     """The table of one peak, and its rows of the common table."""
     lines, kept = [], []
-    for case, (reference, response, coloured, bins) in CASES.items():
+    for case in CASES:
         fitted, halves = [], []
         peers: dict[str, list[float]] = {"half-power": [], "pyEMA": [], "SDynPy": []}
         for seed in range(repeats):
-            run = measured(reference, response, coloured, seed, sparse=case == "sparse impulses")
-            frf = estimate([run], references=["drive"], resolution=2.0 * DAMPING * FREQUENCY / bins).frf("answer", "drive")
-            reach = max(8.0 * DAMPING * FREQUENCY, 6.0 * frf.resolution)
-            band, guess = (FREQUENCY - reach, FREQUENCY + reach), [(1.002 * FREQUENCY, 1.3 * DAMPING)]
+            frf = estimated(case, seed).frf("answer", "drive")
             with contextlib.suppress(AnalysisError):
-                fitted.append(fit_modes(frf, band, kind="accelerance", guesses=guess, residuals=1).modes[0])
+                fitted.append(fitted_mode(frf))
             if seed >= OTHERS:
                 continue
             with contextlib.suppress(AnalysisError):

@@ -7,6 +7,7 @@ demo's, seven runs of 20 to 40 s.
 
 from __future__ import annotations
 
+import compileall
 import statistics
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from pathlib import Path
 
 from table import Cost, Row, alternated, cost_of, keep, options, within
 
+ROOT = Path(__file__).parents[1]
 #: Repetitions, and those with `--quick`.
 REPEATS, QUICK = 9, 3
 #: Limits on the clock, s.
@@ -24,6 +26,8 @@ HELP, IMPORT, CHECK, FRF = 0.2, 0.15, 0.5, 2.0
 def main(repeats: int) -> list[Row]:
     """A row for each command, on the clock and of the processor."""
     kept = []
+    # As after an installation: where the environment forbids to write it, each call would compile all modules.
+    compileall.compile_dir(ROOT / "isorig", quiet=1)
     with tempfile.TemporaryDirectory() as folder:
         recording, output = str(Path(folder) / "campaign.h5"), str(Path(folder) / "frf")
         rig = [sys.executable, "-m", "isorig"]

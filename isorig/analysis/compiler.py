@@ -7,15 +7,21 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator, Mapping
+from ctypes import CFUNCTYPE, addressof, c_int, c_void_p, cast
 from typing import Any
 
 import llvmlite.binding as llvm
 import numba
+from llvmlite import ir
 from numba.core import cgutils
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.registry import cpu_target
+from numba.core.sigutils import normalize_signature
 from numba.core.types import BaseTuple, Function, NamedTuple, NamedUniTuple
 from numba.core.typing.templates import make_concrete_template
+
+#: Called in place of a function that is not loaded. Its result is no status of numba, which raises SystemError for it.
+UNLOADED = CFUNCTYPE(c_int)(lambda: -100)
 
 
 def dispatcher(function: Callable[..., Any], options: Mapping[str, Any], settings: Mapping[str, Any], digest: str) -> Any:
@@ -28,27 +34,34 @@ def dispatcher(function: Callable[..., Any], options: Mapping[str, Any], setting
     return found
 
 
-def called_by_name(symbol: str, dispatcher: Any, signature: str) -> Any:
-    """Compile a function for one signature; return the type by which the compiler calls it by a name of the linker.
+def called_by_name(symbol: str, signature: str) -> tuple[Any, c_void_p]:
+    """The type by which the compiler calls a function of this signature by a name of the linker, and the place of its address.
 
-    A caller contains the name alone. It needs no compiling when the function changes, but cannot be loaded before this call.
+    A caller contains the name alone, so it needs no compiling when the function changes. It raises SystemError if it calls the
+    function before the address is stored.
     """
-    dispatcher.compile(signature)
-    (compiled,) = dispatcher.overloads.values()
-    llvm.add_symbol(symbol, compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name))
+    address = cast(UNLOADED, c_void_p)
+    llvm.add_symbol(symbol, addressof(address))
+    arguments, result = normalize_signature(signature)
 
     def call(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         conventions = context.call_conv
-        declared = cgutils.get_or_insert_function(
-            builder.module, conventions.get_function_type(sig.return_type, sig.args), symbol
-        )
-        status, result = conventions.call_function(builder, declared, sig.return_type, sig.args, args)
+        kind = conventions.get_function_type(sig.return_type, sig.args).as_pointer()
+        place = builder.module.globals.get(symbol) or ir.GlobalVariable(builder.module, kind, symbol)
+        status, result = conventions.call_function(builder, builder.load(place), sig.return_type, sig.args, args)
         with cgutils.if_unlikely(builder, status.is_error):
             conventions.return_status_propagate(builder, status)
         return result
 
-    cpu_target.target_context.insert_func_defn([(call, symbol, compiled.signature.args)])
-    return Function(make_concrete_template(symbol, symbol, [compiled.signature]))
+    cpu_target.target_context.insert_func_defn([(call, symbol, arguments)])
+    return Function(make_concrete_template(symbol, symbol, [result(*arguments)])), address
+
+
+def address_of(dispatcher: Any, signature: str) -> int:
+    """Compile a function for one signature; return its address."""
+    dispatcher.compile(signature)
+    (compiled,) = dispatcher.overloads.values()
+    return int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name))
 
 
 class _WithoutLine(CompileResultCacheImpl):

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dis import EXTENDED_ARG, hasconst
 from functools import cache, cached_property, partial
-from hashlib import sha256
 from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
 from typing import Any, ParamSpec, TypeVar, cast
 
@@ -62,6 +61,8 @@ class Kernel:
     def digest(self) -> str:
         """Digest of what the machine code depends on: this code, that of all kernels contained in it, constants, and options.
         Raises TypeError if the kernel uses an object whose content is unknown."""
+        from hashlib import sha256
+
         codes = (
             (code.co_names, code.co_varnames, code.co_exceptiontable, *_instructions(code))
             for code in _codes(self._function.__code__)
@@ -86,22 +87,37 @@ class Kernel:
 
 
 class SeparateKernel(Kernel):
-    """A kernel of one signature that its callers call by its name: they do not contain its code."""
+    """A kernel of one signature that its callers call by its name: they do not contain its code.
+
+    It is compiled when `load` needs it, not with its callers: a rig without curved forces needs no law that has them.
+    """
 
     def __init__(self, function: Callable[..., Any], *, signature: str, **options: Any) -> None:
         super().__init__(function, **options)
         self._signature = signature
-        self._symbol = f"{function.__module__}.{function.__qualname__}"
+        self._symbol, self._loaded = f"{function.__module__}.{function.__qualname__}", False
 
     @cached_property
     def type(self) -> Any:
         """Numba's type of it, for the kernels that call it; afterwards these can be loaded."""
-        return _compiler().called_by_name(self._symbol, self.compiled, self._signature)
+        return self._called_by_name[0]
+
+    @cached_property
+    def _called_by_name(self) -> Any:
+        return _compiler().called_by_name(self._symbol, self._signature)
+
+    def load(self) -> None:
+        """Compile it and those that it calls, or load them from the cache, before a kernel is called that may call it."""
+        if not self._loaded:
+            for each in self.calls_by_name:
+                each.load()
+            self._called_by_name[1].value = _compiler().address_of(self.compiled, self._signature)
+            self._loaded = True
 
     @property
     def contained(self) -> str:
         """What a kernel depends on that calls this one."""
-        return f"{self._symbol}: {self._signature}"
+        return f"address of {self._symbol}: {self._signature}"
 
 
 def _outside(function: Any) -> Iterator[Any]:
@@ -174,8 +190,11 @@ def _decorator(**options: Any) -> Callable[[Callable[P, R]], Callable[P, R]]:
 kernel = _decorator(cached=True, **UNCOUNTED)
 #: The same for one that allocates arrays.
 allocating_kernel = _decorator(cached=True, **OPTIONS)
-#: The same inlined into each calling kernel: passing many arrays takes longer than a short body.
-inlined = _decorator(cached=False, inline="always", **UNCOUNTED)
+#: The same inlined into each calling kernel: passing many arrays takes longer than a short body. LLVM inlines it: numba's own
+#: inlining (`inline="always"`) infers the types of the whole caller again for each call, which takes longer than all else.
+inlined = _decorator(cached=False, forceinline=True, **UNCOUNTED)
+#: The same by numba, for a short function in the innermost loop: a rig with curved forces takes an eighth less time.
+inlined_by_numba = _decorator(cached=False, inline="always", **UNCOUNTED)
 #: As `kernel`, but compiled with each kernel that calls it: for closures, which have one name.
 uncached = _decorator(cached=False, **UNCOUNTED)
 #: As `kernel`, with reassociation of sums so that they are vectorized.
@@ -183,7 +202,13 @@ fast_kernel = _decorator(cached=True, nogil=True, fastmath=True, error_model="nu
 
 
 def separate_kernel(signature: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """As `kernel`, for one signature in numba's words; what calls it stays valid when it changes."""
+    """As `kernel`, for one signature in numba's words; what calls it stays valid when it changes, and needs `load` first."""
     return cast(
         "Callable[[Callable[P, R]], Callable[P, R]]", partial(SeparateKernel, signature=signature, cached=True, **UNCOUNTED)
     )
+
+
+def load(*kernels: Callable[..., Any]) -> None:
+    """Compile separate kernels, or load them from the cache, before a kernel is called that may call them."""
+    for each in kernels:
+        cast("SeparateKernel", each).load()

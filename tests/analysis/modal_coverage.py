@@ -17,8 +17,8 @@ from scipy.signal import lfilter
 from isorig.analysis.campaign import Channel, FloatArray, Run
 from isorig.analysis.errors import AnalysisError
 from isorig.analysis.spectra.limits import magnitude_limits
-from isorig.analysis.spectra.modes import fit_modes
-from isorig.analysis.spectra.welch import estimate
+from isorig.analysis.spectra.modes import Mode, fit_modes
+from isorig.analysis.spectra.welch import Frf, Spectra, estimate
 
 TABLE = Path(__file__).parents[2] / "docs" / "study" / "modal-coverage.csv"
 PAGE = Path(__file__).parents[2] / "docs" / "theory.md"
@@ -73,14 +73,26 @@ def accelerance(f: FloatArray) -> FloatArray:
     return np.asarray(s**2 / (s**2 + 2.0 * DAMPING * w * s + w**2))
 
 
+def estimated(case: str, seed: int) -> Spectra:
+    """The spectra of one repeat of a case."""
+    reference, response, coloured, bins = CASES[case]
+    run = measured(reference, response, coloured, seed, sparse=case == "sparse impulses")
+    return estimate([run], references=["drive"], resolution=2.0 * DAMPING * FREQUENCY / bins)
+
+
+def fitted_mode(frf: Frf) -> Mode:
+    """The mode of a repeat. Raises AnalysisError if the fit finds none."""
+    reach = max(8.0 * DAMPING * FREQUENCY, 6.0 * frf.resolution)
+    band, guess = (FREQUENCY - reach, FREQUENCY + reach), [(1.002 * FREQUENCY, 1.3 * DAMPING)]
+    return fit_modes(frf, band, kind="accelerance", guesses=guess, residuals=1).modes[0]
+
+
 def covered(case: str, repeats: int) -> dict[str, object]:
     """The covered shares of a case."""
-    reference, response, coloured, lines = CASES[case]
     hits: dict[str, list[float]] = {"frequency": [], "damping": [], "curve": [], "bars": []}
     refused = without = 0
     for seed in range(repeats):
-        run = measured(reference, response, coloured, seed, sparse=case == "sparse impulses")
-        spectra = estimate([run], references=["drive"], resolution=2.0 * DAMPING * FREQUENCY / lines)
+        spectra = estimated(case, seed)
         frf = spectra.frf("answer", "drive")
         near = np.abs(frf.frequency - FREQUENCY) < max(2.0 * DAMPING * FREQUENCY, 2.0 * frf.resolution)
         true, limits = np.abs(accelerance(frf.frequency)), magnitude_limits(frf, spectra.density("drive"))
@@ -89,16 +101,11 @@ def covered(case: str, repeats: int) -> dict[str, object]:
         hits["curve"] += ((limits.low <= true) & (true <= limits.high))[given].astype(float).tolist()
         error = np.abs(np.abs(frf.value) - true)[near]
         hits["bars"].append(float(np.mean(error <= QUANTILE * frf.magnitude_std[near])))
-        reach = max(8.0 * DAMPING * FREQUENCY, 6.0 * frf.resolution)
         try:
-            fit = fit_modes(
-                frf, (FREQUENCY - reach, FREQUENCY + reach), kind="accelerance", guesses=[(1.002 * FREQUENCY, 1.3 * DAMPING)],
-                residuals=1,
-            )  # fmt: skip
+            mode = fitted_mode(frf)
         except AnalysisError:
             refused += 1
             continue
-        mode = fit.modes[0]
         hits["frequency"].append(float(abs(mode.frequency - FREQUENCY) <= QUANTILE * mode.frequency_std))
         hits["damping"].append(float(abs(mode.damping - DAMPING) <= QUANTILE * mode.damping_std))
     shares = {name: f"{100.0 * np.mean(values):.1f}" if values else "" for name, values in hits.items()}

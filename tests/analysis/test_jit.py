@@ -9,13 +9,14 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
 
 from isorig import analysis
 from isorig.analysis import jit
-from isorig.analysis.jit import Kernel, inlined, kernel
+from isorig.analysis.jit import Kernel, inlined, kernel, load, separate_kernel
 
 ROOT = Path(__file__).parents[2]
 CALLEE = '''"""Two kernels, a constant and a named tuple."""
@@ -63,7 +64,9 @@ for _ in sys.stdin:
     if os.fork() == 0:
         from isorig.analysis.callee import Pair, separate
         from isorig.analysis.caller import total
+        from isorig.analysis.jit import load
 
+        load(separate)
         value = total(Pair(first=1.0, second=100.0))
         print(value, *(sum(each.stats.cache_hits.values()) for each in (total, separate)), flush=True)
         os._exit(0)
@@ -177,6 +180,23 @@ def test_an_object_of_unknown_content_is_refused(monkeypatch: pytest.MonkeyPatch
         assert isinstance(each, Kernel)
         with pytest.raises(TypeError, match="content is unknown"):
             each.digest  # noqa: B018
+
+
+def test_a_separate_kernel_is_compiled_when_it_is_loaded() -> None:
+    @separate_kernel("float64(float64)")
+    def doubled(x: float) -> float:
+        return 2.0 * x
+
+    @kernel
+    def increased(x: float) -> float:
+        return doubled(x) + 1.0 if x > 0.0 else x
+
+    assert increased(-1.0) == -1.0
+    assert not cast("Kernel", doubled).compiled.overloads
+    with pytest.raises(SystemError):
+        increased(1.0)
+    load(doubled)
+    assert increased(1.0) == 3.0
 
 
 def test_digests_differ_by_the_type_of_a_constant() -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.jit import inlined, kernel, separate_kernel, uncached
+from isorig.analysis.jit import inlined_by_numba, kernel, load, separate_kernel, uncached
 from isorig.analysis.laws import FORMULAS
 from isorig.analysis.laws.elements import Formula
 
@@ -119,7 +119,12 @@ def to_kink(code: int, p: FloatArray, inner: FloatArray, c: int, d: float, sign:
     return _to_kink(code, p, inner[c], d, sign)
 
 
-@inlined
+def load_laws() -> None:
+    """Compile the laws, or load them from the cache, before a rig with curved forces is simulated."""
+    load(plain, carried, resist, to_kink)
+
+
+@inlined_by_numba
 def advance(
     code: int, p: FloatArray, gate: float, inner: FloatArray, half: FloatArray, after: FloatArray, c: int, d0: float, v0: float,
     dm: float, vm: float, d1: float, v1: float, h: float, t: float,

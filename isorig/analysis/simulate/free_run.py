@@ -16,6 +16,7 @@ from isorig.analysis.lowpass import velocity_corner
 from isorig.analysis.model.rig_model import Chain, Drive, RigModel, direction
 from isorig.analysis.rounding import is_command
 from isorig.analysis.simulate.compiled import SETTLING, Compiled, compile_rig
+from isorig.analysis.simulate.curves import load_laws
 from isorig.analysis.simulate.kernel import run
 from isorig.analysis.simulate.sampling import AS_IT_IS, TAPS, Excitation, high_passed, interpolate, lagging, sampled, shift
 from isorig.analysis.views import Viewed
@@ -172,7 +173,8 @@ def run_rig(
         rows = sense.copy()
         rows[:, compiled.rig.n :] /= compiled.rig.step
         start, mode = initial_state(model, configuration, compiled, begun)
-        if len(compiled.rig.codes):  # only curved forces need them
+        if len(compiled.rig.codes):  # only curved forces need these
+            load_laws()
             peaks = np.abs(np.atleast_2d(drive)).max(axis=1)
         changes = run(
             np.ascontiguousarray(first), more, peaks, start, mode, compiled.cuts, start_time, compiled.rig, rows, out,

@@ -5,6 +5,8 @@ All quantities are in units of a step; see `Rig` for the vector y and the arrays
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray, IntArray
@@ -419,7 +421,11 @@ def from_event_to_event(
     """Simulate the run, see `run`."""
     n, y, curves = rig.n, motion.y, len(rig.codes)
     m, share, bent = 2 * n, 1.0 / cuts, 2 * curves
-    calm, events, q, splits = True, 0, 0, 0
+    # A literal number has a type of its own, for which the compiler would compile the functions called here once more.
+    events: Any = np.int64(0)
+    q: Any = np.int64(0)
+    passed: Any = np.int64(-1)
+    calm, splits = True, 0
     begin(rig, motion, peaks, start, mode, t0)
     while True:
         if calm:
@@ -436,7 +442,7 @@ def from_event_to_event(
         y[m + 1], y[m + 2] = u[at] + slope * cut, slope
         if len(more) > 0:
             further(more, at, cut, share, y)
-        now, left, part, trips, split, passed, kinks = t0 + q * rig.step, 1.0, 1.0, 0, False, -1, 0
+        now, left, part, trips, split, passed, kinks = t0 + q * rig.step, 1.0, 1.0, 0, False, np.int64(-1), 0
         while left > 1e-13:
             part = min(part, left)
             settle_forces(rig, motion, mode, part, now)
@@ -449,7 +455,7 @@ def from_event_to_event(
                     split = split or trips == 0
                 continue
             best, which = next_exit(rig, motion, mode, part, calm, passed)
-            passed = -1
+            passed = np.int64(-1)
             tau = part if which < 0 else min(best, part)
             if which >= 0:
                 point(motion.taylor, tau, motion.points.shape[1], motion.points, END)

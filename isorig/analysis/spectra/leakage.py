@@ -20,13 +20,19 @@ from isorig.analysis.spectra.windows import HANN, Window
 APART, REACH, STEPS = 4, 8, 16
 #: Correlation of bins that counts as zero.
 SLIGHT = 0.02
+#: Passes of the noise's fit, in which each bin is weighted by the power that the pass before expects there: with weights by the
+#: measured power, bins with little of it by chance would count most.
+PASSES = 3
 
 
 def error_moments(
-    model: Callable[[FloatArray], ComplexArray], seen: ComplexArray, frequency: FloatArray, resolution: float, power: FloatArray,
-    averages: float, window: Window = HANN, overlap: float = 0.5,
-) -> tuple[ComplexArray, ComplexArray]:  # fmt: skip
+    model: Callable[[FloatArray], ComplexArray], seen: ComplexArray, frequency: FloatArray, resolution: float,
+    variance: FloatArray, averages: float, window: Window = HANN, overlap: float = 0.5, groups: int = 1,
+) -> tuple[tuple[ComplexArray, ComplexArray], tuple[ComplexArray, ComplexArray]]:  # fmt: skip
     """Covariance E[a conj(b)] and pseudo-covariance E[a b] of the errors of H1 in bins k and k + d.
+
+    They are given for the whole record, and for the sum over `groups` of consecutive segments as if these were independent:
+    what the scatter between the groups shows, which neighbouring segments of different groups do not lower.
 
     Parameters
     ----------
@@ -38,17 +44,18 @@ def error_moments(
         Of consecutive bins, Hz, shape (bins,).
     resolution
         Frequency resolution, Hz.
-    power
-        Measured power of the response minus that of H X, divided by that of X, shape (bins,). The part not explained by leakage
-        is noise.
+    variance
+        Variance of the complex value in each bin by its coherence, shape (bins,). The part not explained by leakage is noise.
     averages
         Effective number of averages.
     window, overlap
         Window of the segments, and their relative overlap.
+    groups
+        Number of groups.
 
     Returns
     -------
-    Both of shape (`APART` + 1, bins); entry [d, k] is that of bins k and k + d, zero beyond the last bin.
+    All of shape (`APART` + 1, bins); entry [d, k] is that of bins k and k + d, zero beyond the last bin.
     """
     lines = len(frequency)
     x = np.arange(-REACH * STEPS, (REACH + APART) * STEPS + 1) / STEPS
@@ -56,14 +63,17 @@ def error_moments(
     true = model(grid)
     index = np.round(frequency / resolution)
     hop, segments = 1.0 - overlap, averages * window.segments_per_average(overlap)
-    lags = [(1.0, np.ones(grid.shape, dtype=np.complex128))]
+    lags = [(np.ones(2), np.ones(grid.shape, dtype=np.complex128))]
     for apart in range(1, min(int(np.ceil(1.0 / hop)), int(np.ceil(segments)))):
         turned = np.exp(2j * np.pi * apart * hop * (index[:, None] + x))
-        lags += [(1.0 - apart / segments, turned), (1.0 - apart / segments, np.conj(turned))]
-    covariance, pseudo = np.zeros((2, APART + 1, lines), dtype=np.complex128)
+        share = np.maximum(1.0 - apart * np.array([1, groups]) / segments, 0.0)
+        lags += [(share, turned), (share, np.conj(turned))]
+    covariance, pseudo = np.zeros((2, 2, APART + 1, lines), dtype=np.complex128)
     here = window.transform(x)
     leaked = (true - seen[:, None]) * here
-    noise = _noise(power, (np.abs(leaked) ** 2).sum(axis=1) / (here**2).sum(), np.abs(seen) ** 2, averages)
+    # The mean of 1 / sum |X|^2 over n averages is that of 1 / (n - 1) averages.
+    free = max(averages - 1.0, 1.0)
+    noise = _noise(free * variance, (np.abs(leaked) ** 2).sum(axis=1) / (here**2).sum(), np.abs(seen) ** 2, averages)
     for d in range(min(APART + 1, lines)):
         there = window.transform(x - d) * np.exp(-1j * np.pi * d)
         later = (true[: lines - d] - seen[d:, None]) * there
@@ -73,11 +83,12 @@ def error_moments(
             drive = (both * t).sum(axis=1)
             rest = (leaked[: lines - d] * np.conj(later * t)).sum(axis=1) / (here**2).sum()
             rest = rest + np.sqrt(noise[: lines - d] * noise[d:]) * np.conj(drive)
-            covariance[d, : lines - d] += share * drive * rest
+            covariance[:, d, : lines - d] += share[:, None] * drive * rest
             onward = (here * later * t).sum(axis=1) / (here**2).sum()
             back = (leaked[: lines - d] * np.conj(there * t)).sum(axis=1) / (here**2).sum()
-            pseudo[d, : lines - d] += share * onward * back
-    return covariance / segments, pseudo / segments
+            pseudo[:, d, : lines - d] += share[:, None] * onward * back
+    (whole, parts), (whole_pseudo, parts_pseudo) = (each * averages / (free * segments) for each in (covariance, pseudo))
+    return (whole, whole_pseudo), (parts, parts_pseudo)
 
 
 def record_moments(variance: FloatArray, decay: float, before: float) -> tuple[ComplexArray, ComplexArray]:
@@ -102,12 +113,12 @@ def _noise(power: FloatArray, leaked: FloatArray, transfer: FloatArray, averages
     # squared transfer function due to the reference, both determined by the most accurate bins.
     from scipy.optimize import nnls
 
-    left = power - leaked
-    weight = 1.0 / np.maximum(power, 1e-12 * power.max())
-    columns = np.stack([np.full(len(power), power.max()), transfer], axis=1)
-    sizes = np.maximum((columns * weight[:, None]).max(axis=0), np.finfo(float).tiny)
-    parts = nnls(columns * weight[:, None] / sizes, left * weight)[0]
-    return np.asarray(np.maximum(left - 3.0 * power / np.sqrt(averages), columns / sizes @ parts))
+    left, noise = power - leaked, power
+    columns = np.stack([np.ones(len(power)), transfer / max(transfer.max(), np.finfo(float).tiny)], axis=1)
+    for _ in range(PASSES):
+        weight = 1.0 / np.maximum(leaked + noise, 1e-12 * power.max())
+        noise = columns @ nnls(columns * weight[:, None], left * weight)[0]
+    return np.asarray(np.maximum(left - 3.0 * (leaked + noise) / np.sqrt(averages), noise))
 
 
 def through(rows: ComplexArray, moments: tuple[ComplexArray, ComplexArray]) -> FloatArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from isorig.analysis.campaign import Campaign
+from isorig.analysis.spectra.windows import hanning
 
 #: Share of the drive's power within the stated band below which the band is wrong. Chosen: a band may be narrower than the drive.
 WITHIN = 0.1
@@ -27,7 +28,7 @@ def wrong_bands(campaign: Campaign, drive: str) -> list[str]:
             )
             continue
         values = run.read(drive)
-        power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2
+        power = np.abs(np.fft.rfft((values - values.mean()) * hanning(len(values)))) ** 2
         total, frequency = float(power.sum()), np.fft.rfftfreq(len(values), 1.0 / run.sample_rate)
         # A bin on each side belongs to the band, because the window widens a line.
         margin = 2.0 / run.duration

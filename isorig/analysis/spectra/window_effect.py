@@ -76,18 +76,26 @@ def pole_of(frequency: Any, damping: Any) -> Any:
     return 2.0 * np.pi * frequency * (-damping + 1j * np.sqrt(np.maximum(1.0 - damping**2, 1e-12)))
 
 
+def bin_variance(frf: Frf) -> FloatArray:
+    """Variance of the real and of the imaginary part in each frequency bin by its own coherence, shape (bins,).
+
+    A single average does not determine its errors: all bins then have the same variance.
+    """
+    size = np.abs(frf.value)
+    if frf.averages < FEWEST:
+        return np.full(len(size), np.mean(size**2))
+    variance = frf.magnitude_std**2 * frf.averages / max(frf.averages - 1.0, 1.0)
+    return np.asarray(np.maximum(variance, 1e-24 * size.max() ** 2), dtype=np.float64)
+
+
 def line_deviation(frf: Frf) -> FloatArray:
     """Standard deviation of the real and of the imaginary part in each frequency bin, shape (bins,).
 
-    With few averages a bin's own coherence is too uncertain for its weight; it is then averaged over neighbouring bins. A single
-    average does not determine its errors: all bins then have the same weight.
+    With few averages a bin's own coherence is too uncertain for its weight; it is then averaged over neighbouring bins.
     """
-    if frf.averages < FEWEST:
-        return np.full(len(frf.value), float(np.sqrt(np.mean(np.abs(frf.value) ** 2))))
-    width = 2 * int(np.ceil(NEIGHBOURS / frf.averages)) + 1 if frf.averages < AVERAGES else 1
-    variance = frf.magnitude_std**2
-    if width > 1:
+    variance = bin_variance(frf)
+    if FEWEST <= frf.averages < AVERAGES:
+        width = 2 * int(np.ceil(NEIGHBOURS / frf.averages)) + 1
         share = np.convolve(np.ones(len(variance)), np.ones(width), "same")
         variance = np.convolve(variance, np.ones(width), "same") / share
-    variance = variance * frf.averages / max(frf.averages - 1.0, 1.0)
-    return np.asarray(np.sqrt(np.maximum(variance, 1e-24 * float(np.max(np.abs(frf.value))) ** 2)), dtype=np.float64)
+    return np.sqrt(variance)

@@ -7,6 +7,7 @@ import numpy as np
 from isorig.analysis.equations.slip import slip_operator
 from isorig.analysis.laws import BoucWen, Dahl, ElastoSlip, LuGre
 from isorig.analysis.simulate.batch import scan
+from isorig.analysis.simulate.curves import load_laws
 from isorig.analysis.simulate.sampling import Excitation
 from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 
@@ -24,6 +25,7 @@ def main() -> None:
 
     model = wire_bonder()
     virtual_campaign(model, [VirtualRun(id="warm", configuration="unlocked", gain=70.0, seconds=1.0, start=0.0)])
+    load_laws()
     drive = Excitation.prepare(np.zeros(1024), 1024.0, oversample=1)
     scan([model, model], drive, lambda seen: next(iter(seen.values()))[:, 0])
     still = np.zeros(8)
