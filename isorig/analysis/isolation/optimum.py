@@ -46,26 +46,16 @@ class Varied(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
 @dataclass(frozen=True, kw_only=True)
 class Target:
-    """What is to be as small as possible, within a band (Hz) and under a given drive.
+    """What is to be as small as possible, within a band (Hz) and under a given drive."""
 
-    Parameters
-    ----------
-    what
-        "transmissibility": rms of `response` divided by the rms of `reference`; "ratio": rms of `response` in the first
-        configuration divided by that in the second; "rms": rms of `response`.
-    response, reference
-        Channels of the rig.
-    configurations
-        One configuration; two for a ratio.
-    band
-        Lowest and highest frequency, Hz.
-    """
-
+    #: "transmissibility": rms of `response` divided by the rms of `reference`; "ratio": rms of `response` in the first
+    #: configuration divided by that in the second; "rms": rms of `response`.
     what: Literal["transmissibility", "ratio", "rms"]
+    #: Channels of the rig.
     response: str
     reference: str
-    configurations: tuple[str, ...]
-    band: tuple[float, float]
+    configurations: tuple[str, ...]  #: One configuration; two for a ratio.
+    band: tuple[float, float]  #: Lowest and highest frequency, Hz.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,28 +80,15 @@ class Outcome:
 
 @dataclass(frozen=True, kw_only=True)
 class Optimum:
-    """The result of a search.
+    """The result of a search."""
 
-    Parameters
-    ----------
-    values
-        The best values by parameter.
-    model
-        The rig with these values.
-    present, best
-        Outcomes of the given rig and of the best one; the best one exceeds a limit if no simulated design keeps all.
-    at_bound
-        Parameters whose best value is at a bound: a wider range may contain a better one.
-    designs
-        Number of simulated designs.
-    """
-
-    values: Mapping[str, float]
-    model: RigModel
+    values: Mapping[str, float]  #: The best values by parameter.
+    model: RigModel  #: The rig with these values.
+    #: Outcomes of the given rig and of the best one; the best one exceeds a limit if no simulated design keeps all.
     present: Outcome
     best: Outcome
-    at_bound: tuple[str, ...]
-    designs: int
+    at_bound: tuple[str, ...]  #: Parameters whose best value is at a bound: a wider range may contain a better one.
+    designs: int  #: Number of simulated designs.
 
 
 def value_of(model: RigModel, parameter: str) -> float:

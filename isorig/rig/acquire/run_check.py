@@ -26,28 +26,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """Whether a run is worth keeping, with advice in sentences.
+    """Whether a run is worth keeping, with advice in sentences."""
 
-    Parameters
-    ----------
-    good
-        Whether there is no reason against keeping it.
-    coherence
-        Median coherence of each response with the drive within its band.
-    detections
-        Noise and distortion of each response, if the drive is periodic and omits harmonics.
-    sliding
-        rms of the relative motion at a contact divided by that of its first body, the smallest of all contacts: near 0 if
-        friction holds it; None if unknown.
-    advice
-        Advice, including remarks that is not a fault.
-    """
-
-    good: bool
-    coherence: dict[str, float]
-    detections: tuple[Detection, ...]
+    good: bool  #: Whether there is no reason against keeping it.
+    coherence: dict[str, float]  #: Median coherence of each response with the drive within its band.
+    detections: tuple[Detection, ...]  #: Noise and distortion of each response, if the drive is periodic and omits harmonics.
+    #: rms of the relative motion at a contact divided by that of its first body, the smallest of all contacts: near 0 if friction
+    #: holds it; None if unknown.
     sliding: float | None
-    advice: tuple[str, ...]
+    advice: tuple[str, ...]  #: Advice, including remarks that is not a fault.
 
 
 def check_run(

@@ -59,36 +59,16 @@ BOND = BondPlan()
 
 
 class DesignPlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Input of the study.
+    """Input of the study."""
 
-    Parameters
-    ----------
-    moves
-        The moves in order.
-    limit
-        Largest stroke in either direction, m.
-    safety
-        The stroke must stay within limit / safety.
-    frequencies
-        Lowest and highest isolation frequency to try, Hz.
-    head
-        The head, if it differs from the model's.
-    after
-        Whether the oscillation after the last move is included; otherwise the moves continue without end.
-    bond
-        The move before the bond, and the heatblock's tolerance after it.
-    shown
-        The isolation frequency whose curves are shown, Hz; by default the recommended one.
-    """
-
-    moves: tuple[Move, ...]
-    limit: float
-    safety: float = 1.0
-    frequencies: tuple[float, float] = (0.3, 6.0)
-    head: HeadPlan | None = None
-    after: bool = True
-    bond: BondPlan = BOND
-    shown: float | None = None
+    moves: tuple[Move, ...]  #: The moves in order.
+    limit: float  #: Largest stroke in either direction, m.
+    safety: float = 1.0  #: The stroke must stay within limit / safety.
+    frequencies: tuple[float, float] = (0.3, 6.0)  #: Lowest and highest isolation frequency to try, Hz.
+    head: HeadPlan | None = None  #: The head, if it differs from the model's.
+    after: bool = True  #: Whether the oscillation after the last move is included; otherwise the moves continue without end.
+    bond: BondPlan = BOND  #: The move before the bond, and the heatblock's tolerance after it.
+    shown: float | None = None  #: The isolation frequency whose curves are shown, Hz; by default the recommended one.
 
     def drive(self) -> FloatArray:
         """The head's acceleration at `MOVE_RATE`."""
