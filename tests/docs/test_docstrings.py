@@ -192,7 +192,7 @@ def is_exception(name: str) -> bool:
 
 
 def test_docstrings_describe_what_there_is() -> None:
-    assert sum(bool(entries(item, SECTION.parameters)) for item in package()) > 300
+    assert sum(bool(entries(item, SECTION.parameters)) for item in package()) > 250
     assert [line for item in package() for line in untrue(item)] == []
 
 

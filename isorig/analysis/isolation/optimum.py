@@ -119,16 +119,7 @@ def _link_of(parameter: str) -> str | None:
 def outcome(model: RigModel, target: Target, limits: Limits, drive: Excitation) -> Outcome:
     """Simulate a rig in the target's configurations, and evaluate target and limits.
 
-    Parameters
-    ----------
-    model
-        The rig.
-    target
-        The target.
-    limits
-        Its strokes and channels limit the true motion in every simulated configuration.
-    drive
-        The drives of the rig.
+    The limits' strokes and channels limit the true motion in every simulated configuration.
     """
     names = {f"the deflection of {name}": (DEFLECTION + name, most) for name, most in limits.stroke.items()}
     names |= {f"the record of {name}": (name, most) for name, most in limits.channels.items()}
@@ -175,25 +166,8 @@ def optimum(
     """Search the values with the smallest target within the limits.
 
     At least `points` designs of a Sobol sequence fill the ranges on a logarithmic scale (on an even grid for one parameter); the
-    best of them is refined by the method of Nelder and Mead (1965).
-
-    Parameters
-    ----------
-    model
-        The present rig.
-    varied
-        The parameters that may vary.
-    target, limits, drive
-        As in `outcome`.
-    points
-        Number of designs before the refinement.
-    seed
-        Random seed of the sequence.
-
-    Raises
-    ------
-    DataError
-        No design can be simulated, or the target is not defined.
+    best of them is refined by the method of Nelder and Mead (1965). Raises DataError if no design can be simulated, or the target
+    is not defined.
     """
     from scipy.optimize import minimize
     from scipy.stats import qmc

@@ -112,17 +112,8 @@ class ComparedRuns:
 
 
 class Comparison:
-    """Candidate runs compared for one question.
-
-    Parameters
-    ----------
-    question
-        The open question.
-    noise
-        Standard deviation of the noise by channel, including the drive.
-    in_hand
-        The existing runs.
-    """
+    """Candidate runs compared for one question, with the noise by channel (standard deviation, including the drive) and the
+    existing runs."""
 
     def __init__(self, question: Question, noise: Mapping[str, float], in_hand: Sequence[Prospect]) -> None:
         self._question, self._noise = question, noise
@@ -254,20 +245,8 @@ def choose(
 ) -> Chosen:  # fmt: skip
     """The runs to measure, in order: the largest increase in probability per cost, each in addition to those before it.
 
-    Parameters
-    ----------
-    comparison, seen
-        The question, and the evaluated candidates.
-    limits
-        Limits for a run.
-    kept
-        Peaks of all remaining models, and models drawn from their uncertainty, in a candidate simulated in full length.
-    configuration
-        The present configuration of the rig.
-    budget
-        Maximum seconds of measuring for all runs together.
-    most
-        Maximum number of runs.
+    The budget is in seconds of measuring for all runs together. `kept` gives the peaks of all remaining models, and models drawn
+    from their uncertainty, in a candidate simulated in full length; `configuration` is the present one of the rig.
     """
     left = list(seen.pairs)
     refused = dict(seen.refused)

@@ -40,18 +40,9 @@ def candidate_runs(
 ) -> tuple[CandidateRun, ...]:
     """All candidate runs of a rig within the limits that need no simulation: gains, band and seconds.
 
-    Parameters
-    ----------
-    model
-        The rig; its natural frequencies determine the bands.
-    limits
-        Gains and band must be given.
-    sample_rate
-        Hz; no drive exceeds `POLICY.highest_frequency` of it.
-    seed
-        Random seed of the drives; each candidate has another realization.
-    repeatable
-        Earlier runs whose drive can be repeated, by name.
+    Gains and band must be given. The rig's natural frequencies determine the bands; no drive exceeds `POLICY.highest_frequency`
+    of the sample rate (Hz), and each has another realization of the random seed. `repeatable` are earlier runs whose drive can be
+    repeated, by name.
     """
     assert limits.gains is not None
     assert limits.band is not None

@@ -124,17 +124,10 @@ class Slopes:
 
 
 class Predicted:
-    """A possible run as simulated with models.
+    """A possible run as simulated with models; the noise is its standard deviation by channel, including the drive.
 
-    Parameters
-    ----------
-    prospect
-        The run.
-    noise
-        Standard deviation of the noise by channel, including the drive, in the channel's unit.
-    reference
-        The model whose response determines the allowed error: the sensors' noise, the noise of the drive propagated through the
-        rig, and `SIMULATION_LIMIT` of the response.
+    The response of the model `reference` determines the allowed error: the sensors' noise, the noise of the drive propagated
+    through the rig, and `SIMULATION_LIMIT` of the response.
     """
 
     def __init__(self, prospect: Prospect, noise: Mapping[str, float], reference: RigModel) -> None:
@@ -248,14 +241,7 @@ def remaining_distance(run: Moments, step: FloatArray) -> FloatArray:
 def distance(free: Sequence[Free], moments: Sequence[Moments], counted: Sequence[bool]) -> float:
     """Distance of a true cause from a refitted rival, in the worst channel of the counted runs; see `remaining_distance`.
 
-    Parameters
-    ----------
-    free
-        The refitted parameters.
-    moments
-        Of all runs in the refit, existing and new ones.
-    counted
-        Whether a run's distance counts.
+    `moments` are those of all runs in the refit of the parameters, existing and new ones.
     """
     step = refit(free, moments)
     return max(

@@ -55,21 +55,9 @@ def hammer_test(
 ) -> HammerTest:
     """Find the hits of runs, reject faulty ones, and average the rest.
 
-    Parameters
-    ----------
-    runs
-        With one sample rate; each may contain one hit or many.
-    reference
-        The channel of the hammer's force.
-    channels
-        The responses; all other channels of the first run if None.
-    resolution
-        Requested frequency resolution, Hz; it becomes coarser if the time between hits is shorter.
-
-    Raises
-    ------
-    DataError
-        A run has no hits, or none is valid.
+    The runs have one sample rate, and each one hit or many; the responses are all other channels of the first run if no
+    `channels` are given. The requested resolution, Hz, becomes coarser if the time between hits is shorter. Raises DataError if a
+    run has no hits, or none is valid.
     """
     rate = runs[0].sample_rate
     if any(run.sample_rate != rate for run in runs):

@@ -42,16 +42,8 @@ def check_run(
 ) -> Verdict:
     """Check a run after its measurement.
 
-    Parameters
-    ----------
-    recovered
-        The run.
-    rig
-        Its rig.
-    against, remarks
-        Reasons to repeat it, and further sentences.
-    others
-        Other runs of the session: repeats and other levels decide whether a low coherence is noise or a nonlinearity.
+    `against` are reasons to repeat it, `remarks` further sentences. The `others` are runs of the session: repeats and other
+    levels decide whether a low coherence is noise or a nonlinearity.
     """
     run, drive = recovered.run, rig.drive.channel
     if run is None:
@@ -162,14 +154,7 @@ def least_sliding(
 ) -> ContactSliding | None:
     """The contact of a rig with the smallest relative motion; None if no contact has sensors on both bodies.
 
-    Parameters
-    ----------
-    rig
-        The rig.
-    configuration
-        Configuration of the run.
-    parts
-        Gives the records of two channels part by part, each of shape (n,); None if one was not recorded.
+    `parts` gives the records of two channels part by part, each of shape (n,); None if one was not recorded.
     """
     if configuration not in rig.configurations:
         return None

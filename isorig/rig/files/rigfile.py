@@ -136,12 +136,7 @@ def _described(text: str, what: str) -> RigModel:
 def description_text(model: RigModel, notes: Mapping[str, str] | None = None) -> str:
     """The description of a rig, formatted for reading and editing; fields with their default value are omitted.
 
-    Parameters
-    ----------
-    model
-        The rig.
-    notes
-        Comments above keys of the top level, by key; the comment under "" is at the start of the file.
+    `notes` are comments above keys of the top level, by key; the comment under "" is at the start of the file.
     """
     tree, said = plain(model), notes or {}
     lines = comments(said.get("", ""))

@@ -164,22 +164,11 @@ def designed(
     plan: DesignPlan, values: RigValues, *, draws: int = 0, seed: int = 0, points: int = 100, offsets: tuple[float, ...] = (),
     rocking_frequency: float = 30.0,
 ) -> Designed:  # fmt: skip
-    """Run the whole study.
+    """Run the whole study of a plan, with the values of the present rig and the plan's head.
 
-    Parameters
-    ----------
-    plan
-        Moves, limit, frequencies.
-    values
-        Those of the present rig, with the plan's head.
-    draws, seed
-        Number of further rigs with values drawn from their uncertainties, and random seed.
-    points
-        Number of isolation frequencies; each is studied for all rigs, with and without friction.
-    offsets
-        Distances of the drive from the motor's centre of gravity, m.
-    rocking_frequency
-        Frequency at which the motor rocks on its bearings, Hz.
+    `draws` further rigs have values drawn from their uncertainties, and each is studied at so many isolation frequencies
+    (`points`), with and without friction. `offsets` are distances of the drive from the motor's centre of gravity, m;
+    `rocking_frequency` is that at which the motor rocks on its bearings, Hz.
     """
     rig = values.model
     rigs = [rig, *values.drawn(draws, seed)]

@@ -71,21 +71,8 @@ def flexure(
 ) -> Flexure:  # fmt: skip
     """The leaves that give a mass a certain frequency, with stress and buckling load.
 
-    Parameters
-    ----------
-    mass, frequency, stroke
-        Of the motor: kg, Hz, m in either direction.
-    thickness, width
-        Of a leaf, m.
-    leaves
-        Number of leaves that carry the motor.
-    material
-        Their material.
-
-    Raises
-    ------
-    DataError
-        A number is not allowed.
+    The motor's mass is in kg, the frequency in Hz and the stroke, in either direction, in m. Thickness and width of a leaf are in
+    m. Raises DataError if a number is not allowed.
     """
     given = {"mass": mass, "frequency": frequency, "stroke": stroke, "thickness": thickness, "width": width, "leaves": leaves}
     for name, value in given.items():
