@@ -160,7 +160,8 @@ def known() -> frozenset[str]:
     for _, tree in sources().values():
         for node in ast.walk(tree):
             for field in ("name", "arg", "id", "attr"):
-                found.update(re.findall(r"\w+", str(getattr(node, field, None) or "")))
+                if isinstance(named := getattr(node, field, None), str):
+                    found.update(named.split("."))
             # Keys and columns of files.
             if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.isidentifier():
                 found.add(node.value)
