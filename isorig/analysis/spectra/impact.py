@@ -30,24 +30,12 @@ DROP = 0.01
 
 @dataclass(frozen=True, kw_only=True)
 class HammerTest:
-    """Result of a hammer test.
+    """Result of a hammer test."""
 
-    Parameters
-    ----------
-    spectra
-        Averaged over the kept hits; `Spectra.decay` is that of the exponential window, there is no other window.
-    hits
-        All hits, in the order of the runs, with the reason for exclusion, if excluded.
-    band
-        Band in which the force has power, Hz.
-    text
-        Sentences about the result.
-    """
-
-    spectra: Spectra
-    hits: tuple[Hit, ...]
-    band: tuple[float, float]
-    text: tuple[str, ...]
+    spectra: Spectra  #: Averaged over the kept hits; `Spectra.decay` is that of the exponential window, there is no other window.
+    hits: tuple[Hit, ...]  #: All hits, in the order of the runs, with the reason for exclusion, if excluded.
+    band: tuple[float, float]  #: Band in which the force has power, Hz.
+    text: tuple[str, ...]  #: Sentences about the result.
 
 
 def hammer_test(
