@@ -19,19 +19,8 @@ T = TypeVar("T")
 def of_type(given: object, kind: type[T], what: str, allowed: str) -> T:
     """The same value, if it is of that type.
 
-    Parameters
-    ----------
-    given
-        The value.
-    kind
-        The type.
-    what, allowed
-        Subject and end of the refusal, e.g. "the rig" and "an iso.Rig; give one".
-
-    Raises
-    ------
-    ArgumentError
-        It is of another type.
+    `what` and `allowed` are subject and end of the refusal, e.g. "the rig" and "an iso.Rig; give one". Raises ArgumentError if it
+    is of another type.
     """
     if not isinstance(given, kind):
         raise _other_type(given, what, allowed)
@@ -49,21 +38,10 @@ def given_mapping(given: object, what: str, allowed: str) -> Mapping[Any, Any]:
 
 
 def all_of_type(given: object, kind: type[T], what: str, allowed: str) -> tuple[T, ...]:
-    """The values of a sequence, if all are of that type.
+    """The values of a sequence, if all are of that type; a text or a mapping is no sequence.
 
-    Parameters
-    ----------
-    given
-        The sequence; a text or a mapping is none.
-    kind
-        The type of its values.
-    what, allowed
-        Subject and end of the refusal, e.g. "the argument runs" and "a sequence of iso.Run; give campaign.runs".
-
-    Raises
-    ------
-    ArgumentError
-        It is no sequence, or one of the values is of another type.
+    `what` and `allowed` as for `of_type`, e.g. "the argument runs" and "a sequence of iso.Run; give campaign.runs". Raises
+    ArgumentError if it is no sequence, or one of the values is of another type.
     """
     if isinstance(given, str | bytes | Mapping) or not isinstance(given, Iterable):
         raise _other_type(given, what, allowed)

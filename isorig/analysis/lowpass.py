@@ -101,18 +101,9 @@ def signal_edge(values: FloatArray, rate: float) -> float:
 def force_edge(force: FloatArray, motion: FloatArray, rate: float, mass: float, derivatives: int) -> float:
     """Highest frequency in Hz at which a force exceeds what the noise of a motion becomes as an inertia force; 0 if nowhere.
 
-    Where friction or cogging holds a body, the force has content at frequencies at which the body hardly moves.
-
-    Parameters
-    ----------
-    force, motion
-        Records of the force on a body in N and of its position or velocity, shape (n,).
-    rate
-        Hz.
-    mass
-        Of the body, kg.
-    derivatives
-        From the motion to its acceleration: 2 or 1.
+    Where friction or cogging holds a body, the force has content at frequencies at which the body hardly moves. The records of
+    the force in N and of the body's motion have shape (n,), at a rate in Hz; the motion needs one or two `derivatives` to become
+    the acceleration of the mass in kg.
     """
     (power, _), (_, noise) = _spectrum(force), _spectrum(motion)
     omega = np.pi * rate * np.arange(len(power)) / (len(power) - 1)

@@ -64,17 +64,9 @@ def is_rounded(values: FloatArray, level: float) -> bool:
 def sensor_noise(values: FloatArray, level: float, generator: np.random.Generator) -> FloatArray:
     """Further noise for a record, shape (n,), as that which it contains.
 
-    White, unless it is the rounding of a motion slower than a count per sample: that makes steps, and at rest no noise at all. It
-    is then the rounding of the same motion with the steps in the middle between those recorded.
-
-    Parameters
-    ----------
-    values
-        The record, shape (n,).
-    level
-        Standard deviation of its noise.
-    generator
-        For the white noise.
+    White with the standard deviation `level`, unless it is the rounding of a motion slower than a count per sample: that makes
+    steps, and at rest no noise at all. It is then the rounding of the same motion with the steps in the middle between those
+    recorded.
     """
     white = generator.normal(0.0, level, len(values))
     if not is_rounded(values, level):

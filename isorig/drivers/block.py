@@ -87,21 +87,9 @@ class Block:
 
 @dataclass(frozen=True, kw_only=True)
 class InstrumentRecord:
-    """A finished record, measured by the instrument.
+    """A finished record, measured by the instrument."""
 
-    Parameters
-    ----------
-    x
-        Seconds or Hz, shape (n,).
-    values
-        Values, shape (n,), real or complex.
-    averages
-        Number of averages; None if the instrument does not report it.
-    status
-        Status that the instrument reports for it.
-    """
-
-    x: FloatArray
-    values: NDArray[Any]
-    averages: int | None = None
-    status: Status = Status.GOOD
+    x: FloatArray  #: Seconds or Hz, shape (n,).
+    values: NDArray[Any]  #: Values, shape (n,), real or complex.
+    averages: int | None = None  #: Number of averages; None if the instrument does not report it.
+    status: Status = Status.GOOD  #: Status that the instrument reports for it.

@@ -47,59 +47,29 @@ MICROSECONDS = {"s": 1e6, "ms": 1e3, "us": 1.0}
 
 
 class Field(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A field of a line.
+    """A field of a line."""
 
-    Parameters
-    ----------
-    what
-        `value`: the next input, from 0; `count`: the number of the sample; `clock`: the instrument's clock; `skip`: not used.
-    unit
-        Unit of a value; s, ms or us for a clock.
-    full_scale
-        Largest magnitude of a value, in its unit.
-    wrap
-        The count returns to 0 at this number.
-    """
-
+    #: `value`: the next input, from 0; `count`: the number of the sample; `clock`: the instrument's clock; `skip`: not used.
     what: Literal["value", "count", "clock", "skip"] = "value"
-    unit: str = ""
-    full_scale: float | None = None
-    wrap: int = 1 << 32
+    unit: str = ""  #: Unit of a value; s, ms or us for a clock.
+    full_scale: float | None = None  #: Largest magnitude of a value, in its unit.
+    wrap: int = 1 << 32  #: The count returns to 0 at this number.
 
 
 class LinesSettings(Settings, frozen=True):
-    """The instrument's commands and lines.
+    """The instrument's commands and lines."""
 
-    Parameters
-    ----------
-    fields
-        The fields of a line, in order.
-    baud_rate
-        Of a real serial line.
-    arm, start, stop
-        Commands before the first run, at the start and at the end of each run.
-    read
-        The command that asks for one line; empty if the instrument sends lines unasked.
-    reply
-        The beginning of its answer to each other command; empty if there is none.
-    separator
-        The character between two fields; blanks if empty.
-    comment
-        Lines that begin with it are skipped.
-    overload
-        Words in place of a value that report an overload, e.g. OL or 9.9E37.
-    """
-
-    fields: tuple[Field, ...]
-    baud_rate: int = 115200
+    fields: tuple[Field, ...]  #: The fields of a line, in order.
+    baud_rate: int = 115200  #: Of a real serial line.
+    #: Commands before the first run, at the start and at the end of each run.
     arm: tuple[str, ...] = ()
     start: tuple[str, ...] = ()
     stop: tuple[str, ...] = ()
-    read: str = ""
-    reply: str = ""
-    separator: str = ","
-    comment: str = "#"
-    overload: tuple[str, ...] = ()
+    read: str = ""  #: The command that asks for one line; empty if the instrument sends lines unasked.
+    reply: str = ""  #: The beginning of its answer to each other command; empty if there is none.
+    separator: str = ","  #: The character between two fields; blanks if empty.
+    comment: str = "#"  #: Lines that begin with it are skipped.
+    overload: tuple[str, ...] = ()  #: Words in place of a value that report an overload, e.g. OL or 9.9E37.
 
     def __post_init__(self) -> None:
         self._check_fields()

@@ -41,36 +41,18 @@ POUND = 4.4482216152605
 
 
 class NiSettings(OutputSettings, frozen=True, kw_only=True):
-    """Inputs and output.
+    """Inputs and output."""
 
-    Parameters
-    ----------
-    inputs
-        Physical channels in the order of the plan's inputs, e.g. ["cDAQ1Mod1/ai0", "cDAQ1Mod1/ai1", "cDAQ1Mod2/ai0"].
-    full_scale
-        Range of the inputs, V.
-    coupling
-        AC or DC; the device's default without it.
-    iepe
-        Current of the IEPE supply in mA, 0 for none.
-    output
-        Physical channel that plays the drive, e.g. "cDAQ1Mod3/ao0".
-    trigger
-        Terminal of a start trigger, e.g. "/cDAQ1/PFI0".
-    tachometer
-        Counter of a tachometer's or encoder's pulses, e.g. "cDAQ1/_ctr0": the input after the others, in pulses since the start.
-    tachometer_terminal
-        Terminal of the pulses, e.g. "/cDAQ1/PFI1"; the counter's default without it.
-    """
-
+    #: Physical channels in the order of the plan's inputs, e.g. ["cDAQ1Mod1/ai0", "cDAQ1Mod1/ai1", "cDAQ1Mod2/ai0"].
     inputs: tuple[str, ...]
-    full_scale: float = 5.0
-    coupling: Literal["AC", "DC"] | None = None
-    iepe: float = 0.0
-    output: str = ""
-    trigger: str = ""
+    full_scale: float = 5.0  #: Range of the inputs, V.
+    coupling: Literal["AC", "DC"] | None = None  #: AC or DC; the device's default without it.
+    iepe: float = 0.0  #: Current of the IEPE supply in mA, 0 for none.
+    output: str = ""  #: Physical channel that plays the drive, e.g. "cDAQ1Mod3/ao0".
+    trigger: str = ""  #: Terminal of a start trigger, e.g. "/cDAQ1/PFI0".
+    #: Counter of a tachometer's or encoder's pulses, e.g. "cDAQ1/_ctr0": the input after the others, in pulses since the start.
     tachometer: str = ""
-    tachometer_terminal: str = ""
+    tachometer_terminal: str = ""  #: Terminal of the pulses, e.g. "/cDAQ1/PFI1"; the counter's default without it.
 
     def __post_init__(self) -> None:
         self.check_output()

@@ -34,24 +34,16 @@ def wrapped(value: int, near: int, wrap: int) -> int:
 
 @dataclass(frozen=True, kw_only=True)
 class BlockHeader:
-    """Data received with a block.
+    """Data received with a block."""
 
-    Parameters
-    ----------
-    counter, rows, mark
-        Transmitted count of its first sample, wrapping; number and checksum of its samples.
-    host
-        Host's clock, seconds.
-    clock, sequence
-        Instrument's clock at the first sample in microseconds, and number of the frame; both wrap, None if it has none.
-    """
-
+    #: Transmitted count of its first sample, wrapping; number and checksum of its samples.
     counter: int
     rows: int
-    host: float
+    mark: int = 0
+    host: float  #: Host's clock, seconds.
+    #: Instrument's clock at the first sample in microseconds, and number of the frame; both wrap, None if it has none.
     clock: int | None = None
     sequence: int | None = None
-    mark: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -38,28 +38,15 @@ STEP, STEPS, REGULAR = 0.2, 2, 0.3
 
 
 class SoundSettings(OutputSettings, frozen=True, kw_only=True):
-    """Inputs and output of a sound interface.
+    """Inputs and output of a sound interface."""
 
-    Parameters
-    ----------
-    channels
-        Number of inputs.
-    full_scale
-        Voltage at an input at digital full scale, V.
-    level_volts, level_reads
-        Instead of `full_scale`: a known voltage, and the reading at that voltage as a share of full scale, both rms.
-    output
-        Output that plays the drive, from 0; none without it.
-    output_full_scale
-        Voltage at the output at digital full scale, V.
-    """
-
-    channels: int = 2
-    full_scale: float | None = None
+    channels: int = 2  #: Number of inputs.
+    full_scale: float | None = None  #: Voltage at an input at digital full scale, V.
+    #: Instead of `full_scale`: a known voltage, and the reading at that voltage as a share of full scale, both rms.
     level_volts: float | None = None
     level_reads: float | None = None
-    output: int | None = None
-    output_full_scale: float = 1.0
+    output: int | None = None  #: Output that plays the drive, from 0; none without it.
+    output_full_scale: float = 1.0  #: Voltage at the output at digital full scale, V.
 
     def __post_init__(self) -> None:
         self.check_output()

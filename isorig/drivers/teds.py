@@ -22,23 +22,12 @@ TEMPLATE = 25
 
 @dataclass(frozen=True, kw_only=True)
 class Teds:
-    """What a sensor's memory states.
-
-    Parameters
-    ----------
-    serial_number
-        Serial number.
-    quantity
-        acceleration or force by template 25; empty for other templates.
-    sensitivity
-        V per m/s^2; None if the template is not read.
-    calibrated, due
-        Dates of the calibration and of the next one; None if they are not given.
-    """
+    """What a sensor's memory states."""
 
     serial_number: int
-    quantity: str = ""
-    sensitivity: float | None = None
+    quantity: str = ""  #: acceleration or force by template 25; empty for other templates.
+    sensitivity: float | None = None  #: V per m/s^2; None if the template is not read.
+    #: Dates of the calibration and of the next one; None if they are not given.
     calibrated: date | None = None
     due: date | None = None
 

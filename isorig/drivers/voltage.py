@@ -18,24 +18,12 @@ RAMP_MOST = 10.0
 
 
 class OutputSettings(Settings, frozen=True):
-    """The output that plays the drive.
+    """The output that plays the drive."""
 
-    Parameters
-    ----------
-    output
-        Its channel or number; none without it.
-    drive_volts
-        Volts at the output per m/s^2 of the drive at gain 1, in a run of gain 1.
-    limit
-        Largest voltage at the output, V: a drive that exceeds it is refused.
-    ramp
-        Seconds of the soft start and of the soft stop.
-    """
-
-    output: str | int | None = None
-    drive_volts: float = 0.0
-    limit: float = 1.0
-    ramp: float = 0.1
+    output: str | int | None = None  #: Its channel or number; none without it.
+    drive_volts: float = 0.0  #: Volts at the output per m/s^2 of the drive at gain 1, in a run of gain 1.
+    limit: float = 1.0  #: Largest voltage at the output, V: a drive that exceeds it is refused.
+    ramp: float = 0.1  #: Seconds of the soft start and of the soft stop.
 
     @property
     def used(self) -> bool:

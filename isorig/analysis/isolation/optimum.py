@@ -46,26 +46,16 @@ class Varied(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
 @dataclass(frozen=True, kw_only=True)
 class Target:
-    """What is to be as small as possible, within a band (Hz) and under a given drive.
+    """What is to be as small as possible, within a band (Hz) and under a given drive."""
 
-    Parameters
-    ----------
-    what
-        "transmissibility": rms of `response` divided by the rms of `reference`; "ratio": rms of `response` in the first
-        configuration divided by that in the second; "rms": rms of `response`.
-    response, reference
-        Channels of the rig.
-    configurations
-        One configuration; two for a ratio.
-    band
-        Lowest and highest frequency, Hz.
-    """
-
+    #: "transmissibility": rms of `response` divided by the rms of `reference`; "ratio": rms of `response` in the first
+    #: configuration divided by that in the second; "rms": rms of `response`.
     what: Literal["transmissibility", "ratio", "rms"]
+    #: Channels of the rig.
     response: str
     reference: str
-    configurations: tuple[str, ...]
-    band: tuple[float, float]
+    configurations: tuple[str, ...]  #: One configuration; two for a ratio.
+    band: tuple[float, float]  #: Lowest and highest frequency, Hz.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,28 +80,15 @@ class Outcome:
 
 @dataclass(frozen=True, kw_only=True)
 class Optimum:
-    """The result of a search.
+    """The result of a search."""
 
-    Parameters
-    ----------
-    values
-        The best values by parameter.
-    model
-        The rig with these values.
-    present, best
-        Outcomes of the given rig and of the best one; the best one exceeds a limit if no simulated design keeps all.
-    at_bound
-        Parameters whose best value is at a bound: a wider range may contain a better one.
-    designs
-        Number of simulated designs.
-    """
-
-    values: Mapping[str, float]
-    model: RigModel
+    values: Mapping[str, float]  #: The best values by parameter.
+    model: RigModel  #: The rig with these values.
+    #: Outcomes of the given rig and of the best one; the best one exceeds a limit if no simulated design keeps all.
     present: Outcome
     best: Outcome
-    at_bound: tuple[str, ...]
-    designs: int
+    at_bound: tuple[str, ...]  #: Parameters whose best value is at a bound: a wider range may contain a better one.
+    designs: int  #: Number of simulated designs.
 
 
 def value_of(model: RigModel, parameter: str) -> float:
@@ -142,16 +119,7 @@ def _link_of(parameter: str) -> str | None:
 def outcome(model: RigModel, target: Target, limits: Limits, drive: Excitation) -> Outcome:
     """Simulate a rig in the target's configurations, and evaluate target and limits.
 
-    Parameters
-    ----------
-    model
-        The rig.
-    target
-        The target.
-    limits
-        Its strokes and channels limit the true motion in every simulated configuration.
-    drive
-        The drives of the rig.
+    The limits' strokes and channels limit the true motion in every simulated configuration.
     """
     names = {f"the deflection of {name}": (DEFLECTION + name, most) for name, most in limits.stroke.items()}
     names |= {f"the record of {name}": (name, most) for name, most in limits.channels.items()}
@@ -198,25 +166,8 @@ def optimum(
     """Search the values with the smallest target within the limits.
 
     At least `points` designs of a Sobol sequence fill the ranges on a logarithmic scale (on an even grid for one parameter); the
-    best of them is refined by the method of Nelder and Mead (1965).
-
-    Parameters
-    ----------
-    model
-        The present rig.
-    varied
-        The parameters that may vary.
-    target, limits, drive
-        As in `outcome`.
-    points
-        Number of designs before the refinement.
-    seed
-        Random seed of the sequence.
-
-    Raises
-    ------
-    DataError
-        No design can be simulated, or the target is not defined.
+    best of them is refined by the method of Nelder and Mead (1965). Raises DataError if no design can be simulated, or the target
+    is not defined.
     """
     from scipy.optimize import minimize
     from scipy.stats import qmc

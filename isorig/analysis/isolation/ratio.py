@@ -71,24 +71,14 @@ class Peaks(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Piece:
-    """The ratio at one gain.
-
-    Parameters
-    ----------
-    gain
-        Drive gain.
-    band
-        Band of the drive, Hz.
-    unlocked, locked
-        The two transfer functions.
-    ratio, std
-        Ratio |unlocked| / |locked| and its standard deviation, shape (bins,).
-    """
+    """The ratio at one gain."""
 
     gain: float
-    band: tuple[float, float]
+    band: tuple[float, float]  #: Band of the drive, Hz.
+    #: The two transfer functions.
     unlocked: Frf
     locked: Frf
+    #: Ratio |unlocked| / |locked| and its standard deviation, shape (bins,).
     ratio: FloatArray
     std: FloatArray
 

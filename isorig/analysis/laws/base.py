@@ -102,14 +102,8 @@ class Law(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
     def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
         """Resistance in N while sliding, by the law's formula in plain numpy, independent of the engine's kernels.
 
-        Parameters
-        ----------
-        d, v, t
-            Elongation (m), velocity (m/s) and time (s), shape (n,).
-        memory
-            Its memory, shape (numbers, n).
-        link
-            Constants of its link.
+        Elongation d in m, velocity v in m/s and time t in s have shape (n,), the memory (numbers, n); `link` are constants of its
+        link.
         """
         raise NotImplementedError(f"the law {type(self).__name__} lacks force(); implement it")
 

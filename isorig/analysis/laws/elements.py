@@ -48,25 +48,18 @@ class State:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Formula:
-    """The nonlinear part of a law as kernels.
+    """The nonlinear part of a law as kernels."""
 
-    Parameters
-    ----------
-    resist
-        Resistance: ``resist(p, gate, d, v, t)`` with the parameters p, the state's gate, elongation (m), velocity (m/s) and time
-        (s); ``resist(p, gate, memory, d, v, t)`` for a law with memory.
-    carry
-        The memory, from the fraction `low` of a step of h seconds to the fraction `high`: ``carry(p, memory, after, d0, d1, v0,
-        vm, v1, low, high, h)`` fills `after`; d0 and d1 are the elongations at these fractions, v0, vm and v1 the velocities at
-        the step's start, middle and end. None for a law without memory.
-    to_kink
-        Distance in m from elongation d to the next kink of the force over the elongation, while it moves with the `sign`
-        of its velocity and the memory follows: ``to_kink(p, memory, d, sign)``. None for a law with memory whose force has kinks
-        only where the velocity changes sign.
-    """
-
+    #: Resistance: ``resist(p, gate, d, v, t)`` with the parameters p, the state's gate, elongation (m), velocity (m/s) and time
+    #: (s); ``resist(p, gate, memory, d, v, t)`` for a law with memory.
     resist: Callable[..., float]
+    #: The memory, from the fraction `low` of a step of h seconds to the fraction `high`: ``carry(p, memory, after, d0, d1, v0,
+    #: vm, v1, low, high, h)`` fills `after`; d0 and d1 are the elongations at these fractions, v0, vm and v1 the velocities at
+    #: the step's start, middle and end. None for a law without memory.
     carry: Callable[..., None] | None = None
+    #: Distance in m from elongation d to the next kink of the force over the elongation, while it moves with the `sign` of its
+    #: velocity and the memory follows: ``to_kink(p, memory, d, sign)``. None for a law with memory whose force has kinks only
+    #: where the velocity changes sign.
     to_kink: Callable[..., float] | None = None
 
 
@@ -77,31 +70,18 @@ def curved(resist: Callable[[FloatArray, float, float, float, float], float]) ->
 
 @dataclass(frozen=True, kw_only=True)
 class Element:
-    """One law along a direction: its states (the first is the initial one) and its nonlinear part.
+    """One law along a direction: its states (the first is the initial one) and its nonlinear part."""
 
-    Parameters
-    ----------
-    states
-        At least one.
-    formula, params
-        The nonlinear part and its parameters; None if there is none.
-    memories
-        Number of memory values.
-    gates
-        Sign of the nonlinear part in each state.
-    steepest
-        Largest stiffness and damping of the nonlinear part, as far as known in advance: they limit the step.
-    name, direction, rubs
-        Of the link or contact: its name, the weights of the coordinates in its elongation, shape (coordinates,), whether it is a
-        contact.
-    """
-
-    states: tuple[State, ...] = (State(),)
+    states: tuple[State, ...] = (State(),)  #: At least one.
+    #: The nonlinear part and its parameters; None if there is none.
     formula: Formula | None = None
     params: tuple[float, ...] = ()
-    memories: int = 0
-    gates: tuple[float, ...] = ()
+    memories: int = 0  #: Number of memory values.
+    gates: tuple[float, ...] = ()  #: Sign of the nonlinear part in each state.
+    #: Largest stiffness and damping of the nonlinear part, as far as known in advance: they limit the step.
     steepest: tuple[float, float] = (0.0, 0.0)
+    #: Of the link or contact: its name, the weights of the coordinates in its elongation, shape (coordinates,), whether it is a
+    #: contact.
     name: str = ""
     direction: FloatArray = field(default_factory=lambda: np.zeros(0))
     rubs: bool = False

@@ -39,19 +39,10 @@ def linear_part(model: RigModel, configuration: str) -> tuple[FloatArray, FloatA
 
 
 def moving_together(model: RigModel, group: Collection[str], first: str) -> FloatArray:
-    """How far the bodies of a group move when one of them moves by one and nothing between them is strained, shape (bodies,).
+    """How far joined bodies of a group move when the first moves by one and nothing between them is strained, shape (bodies,).
 
     The sum of their equations of motion with these weights contains no force between them. With links at arms that strain in any
     common motion each weight is one.
-
-    Parameters
-    ----------
-    model
-        The rig.
-    group
-        Bodies that links or contacts join.
-    first
-        The one that moves by one.
     """
     index = {body.name: k for k, body in enumerate(model.bodies)}
     others = [index[name] for name in group if name != first]

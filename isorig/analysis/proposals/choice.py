@@ -38,20 +38,11 @@ def distinguishing_probability(distances: float | FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, kw_only=True)
 class Question:
-    """The open question: causes that may be true, and the causes each could be mistaken for.
+    """The open question: causes that may be true, and the causes each could be mistaken for."""
 
-    Parameters
-    ----------
-    truths
-        The remaining causes, each with at least one model; or hypothetical causes.
-    rivals
-        Fitted models that a true cause may be mistaken for; each is compared with all except itself.
-    supposed
-        Whether the causes are only hypothetical. What the existing runs would have shown of them then counts as known.
-    """
-
-    truths: tuple[Variant, ...]
-    rivals: tuple[Variant, ...]
+    truths: tuple[Variant, ...]  #: The remaining causes, each with at least one model; or hypothetical causes.
+    rivals: tuple[Variant, ...]  #: Fitted models that a true cause may be mistaken for; each is compared with all except itself.
+    #: Whether the causes are only hypothetical. What the existing runs would have shown of them then counts as known.
     supposed: bool = False
 
 
@@ -67,61 +58,31 @@ class PairDistance:
 
 @dataclass(frozen=True, kw_only=True)
 class PredictedPair:
-    """Predictions of two causes for a run, in the channel where they differ most, with the rival refitted.
-
-    Parameters
-    ----------
-    truth, rival
-        The causes.
-    channel
-        The sensor.
-    sample_rate
-        Hz.
-    of_truth, of_rival
-        The records, shape (n,), in the channel's unit.
-    allowed
-        Allowed error of a sample (noise and accuracy of the simulation), in the channel's unit.
-    distance
-        Their distance there, in allowed errors.
-    """
+    """Predictions of two causes for a run, in the channel where they differ most, with the rival refitted."""
 
     truth: Variant
     rival: Variant
     channel: str
-    sample_rate: float
+    sample_rate: float  #: Hz.
+    #: The records, shape (n,), in the channel's unit.
     of_truth: FloatArray
     of_rival: FloatArray
-    allowed: float
-    distance: float
+    allowed: float  #: Allowed error of a sample (noise and accuracy of the simulation), in the channel's unit.
+    distance: float  #: Their distance there, in allowed errors.
 
 
 @dataclass(frozen=True, kw_only=True)
 class Choice:
-    """A proposed run.
+    """A proposed run."""
 
-    Parameters
-    ----------
-    prospect
-        The run and its drive.
-    probability
-        That one cause is identified after it and the runs proposed before it; for hypothetical causes: the share that would be
-        revealed.
-    gained
-        Increase due to this run.
-    apart
-        Distances with this run alone, for every true cause and rival.
-    peaks
-        Peaks of the remaining models in it.
-    predicted_pairs
-        The predictions for causes that the run distinguishes, the closest pairs first.
-    """
-
-    prospect: Prospect
+    prospect: Prospect  #: The run and its drive.
+    #: That one cause is identified after it and the runs proposed before it; for hypothetical causes: the share that would be
+    #: revealed.
     probability: float
-    gained: float
-    apart: tuple[PairDistance, ...]
-    peaks: LargestMotions
-    predicted_pairs: tuple[PredictedPair, ...]
+    gained: float  #: Increase due to this run.
+    apart: tuple[PairDistance, ...]  #: Distances with this run alone, for every true cause and rival.
+    peaks: LargestMotions  #: Peaks of the remaining models in it.
+    predicted_pairs: tuple[PredictedPair, ...]  #: The predictions for causes that the run distinguishes, the closest pairs first.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,17 +112,8 @@ class ComparedRuns:
 
 
 class Comparison:
-    """Candidate runs compared for one question.
-
-    Parameters
-    ----------
-    question
-        The open question.
-    noise
-        Standard deviation of the noise by channel, including the drive.
-    in_hand
-        The existing runs.
-    """
+    """Candidate runs compared for one question, with the noise by channel (standard deviation, including the drive) and the
+    existing runs."""
 
     def __init__(self, question: Question, noise: Mapping[str, float], in_hand: Sequence[Prospect]) -> None:
         self._question, self._noise = question, noise
@@ -293,20 +245,8 @@ def choose(
 ) -> Chosen:  # fmt: skip
     """The runs to measure, in order: the largest increase in probability per cost, each in addition to those before it.
 
-    Parameters
-    ----------
-    comparison, seen
-        The question, and the evaluated candidates.
-    limits
-        Limits for a run.
-    kept
-        Peaks of all remaining models, and models drawn from their uncertainty, in a candidate simulated in full length.
-    configuration
-        The present configuration of the rig.
-    budget
-        Maximum seconds of measuring for all runs together.
-    most
-        Maximum number of runs.
+    The budget is in seconds of measuring for all runs together. `kept` gives the peaks of all remaining models, and models drawn
+    from their uncertainty, in a candidate simulated in full length; `configuration` is the present one of the rig.
     """
     left = list(seen.pairs)
     refused = dict(seen.refused)

@@ -21,23 +21,15 @@ from isorig.analysis.simulate.gauges import DEFLECTION, gauged
 
 @dataclass(frozen=True, kw_only=True)
 class LargestMotions:
-    """Largest magnitudes in a run.
+    """Largest magnitudes in a run."""
 
-    Parameters
-    ----------
-    stroke, speed
-        Deflection (m) and velocity (m/s) by link, for the links that are free in the configuration.
-    drive, force
-        The drive channel in its unit, and its force, N.
-    channels
-        Records of every sensor and of the drive by channel, in its unit.
-    """
-
+    #: Deflection (m) and velocity (m/s) by link, for the links that are free in the configuration.
     stroke: Mapping[str, float]
     speed: Mapping[str, float]
+    #: The drive channel in its unit, and its force, N.
     drive: float
     force: float
-    channels: Mapping[str, float]
+    channels: Mapping[str, float]  #: Records of every sensor and of the drive by channel, in its unit.
 
     def beyond(self, limits: Limits, usable: float = POLICY.usable_share) -> str:
         """What exceeds the usable share of its limit, in words; empty if nothing does."""

@@ -16,37 +16,18 @@ from isorig.analysis.simulate.natural import natural_modes
 
 @dataclass(frozen=True, kw_only=True)
 class CandidateRun:
-    """A possible run, with the terms of a plan.
+    """A possible run, with the terms of a plan."""
 
-    Parameters
-    ----------
-    configuration, excitation
-        As in a plan: "random", "multisine", "sine", "sweep", "moves", "steps" or "free" (rest).
-    gain
-        Drive gain.
-    seconds
-        Duration, s.
-    band
-        Hz, for a random drive, a multisine or a sweep.
-    frequency
-        Hz, for a sine.
-    period
-        Seconds, for a multisine.
-    seed
-        Random seed of the drive.
-    repeat_of
-        Name of an earlier run whose drive is repeated.
-    """
-
+    #: As in a plan: "random", "multisine", "sine", "sweep", "moves", "steps" or "free" (rest).
     configuration: str
     excitation: PlannedExcitation
     gain: float
-    seconds: float
-    band: tuple[float, float] | None = None
-    frequency: float | None = None
-    period: float = POLICY.multisine_period
-    seed: int = 0
-    repeat_of: str | None = None
+    seconds: float  #: Duration, s.
+    band: tuple[float, float] | None = None  #: Hz, for a random drive, a multisine or a sweep.
+    frequency: float | None = None  #: Hz, for a sine.
+    period: float = POLICY.multisine_period  #: Seconds, for a multisine.
+    seed: int = 0  #: Random seed of the drive.
+    repeat_of: str | None = None  #: Name of an earlier run whose drive is repeated.
 
     @property
     def rests(self) -> bool:
@@ -59,18 +40,9 @@ def candidate_runs(
 ) -> tuple[CandidateRun, ...]:
     """All candidate runs of a rig within the limits that need no simulation: gains, band and seconds.
 
-    Parameters
-    ----------
-    model
-        The rig; its natural frequencies determine the bands.
-    limits
-        Gains and band must be given.
-    sample_rate
-        Hz; no drive exceeds `POLICY.highest_frequency` of it.
-    seed
-        Random seed of the drives; each candidate has another realization.
-    repeatable
-        Earlier runs whose drive can be repeated, by name.
+    Gains and band must be given. The rig's natural frequencies determine the bands; no drive exceeds `POLICY.highest_frequency`
+    of the sample rate (Hz), and each has another realization of the random seed. `repeatable` are earlier runs whose drive can be
+    repeated, by name.
     """
     assert limits.gains is not None
     assert limits.band is not None

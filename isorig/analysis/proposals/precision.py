@@ -91,28 +91,8 @@ class PreciseRun:
 
 
 class KnownPrecision:
-    """Information of the runs on a model's fitted values, and therefore on a parameter.
-
-    Parameters
-    ----------
-    variant
-        The fitted model with its covariance.
-    parameter
-        The parameter of interest.
-    noise
-        Standard deviation of the noise by channel.
-    in_hand
-        The existing runs.
-
-    Attributes
-    ----------
-    value
-        The parameter.
-    linear
-        Whether transfer functions determine it.
-    now
-        Information of the existing runs.
-    """
+    """Information of the existing runs on a model's fitted values, and therefore on the parameter of interest; the noise is its
+    standard deviation by channel."""
 
     def __init__(
         self, variant: Variant, parameter: ParameterValue, noise: Mapping[str, float], in_hand: Sequence[Prospect]
@@ -181,22 +161,8 @@ def runs_for_uncertainty(
 ) -> list[PreciseRun]:  # fmt: skip
     """The cheapest runs that reduce a parameter's relative uncertainty to the required value, in order; or the most precise ones.
 
-    Parameters
-    ----------
-    known
-        Information of the existing runs.
-    candidates
-        Each with its longest drive, and its information on the k fitted values, shape (k, k).
-    limits, kept
-        Limits for a run, and peaks of the remaining models in a candidate.
-    wish
-        Required relative standard uncertainty.
-    configuration
-        The present configuration of the rig.
-    budget
-        Maximum seconds of measuring for all runs together.
-    most
-        Maximum number of runs.
+    `candidates` have their longest drive, and their information on the k fitted values, shape (k, k). `wish` is the required
+    relative standard uncertainty; `kept`, `configuration` and `budget` are as in `choose`.
     """
     now = known.now
     runs: list[PreciseRun] = []

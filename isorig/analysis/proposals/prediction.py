@@ -35,29 +35,19 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, kw_only=True)
 class Variant:
-    """A model to be distinguished from others: its fitted parameters, and their uncertainty.
+    """A model to be distinguished from others: its fitted parameters, and their uncertainty."""
 
-    Parameters
-    ----------
-    cause, location
-        Names in the findings; both empty for the rig as described.
-    model, free
-        The rig and its fitted parameters; none for a hypothetical cause.
-    covariance
-        Of the fitted values, in their units, shape (k, k).
-    hum
-        Hum on a channel: (channel, amplitude in its unit, frequency in Hz); None for no hum.
-    detail
-        What distinguishes it from others of the same cause and place, in words; empty if it is the only one.
-    """
-
+    #: Names in the findings; both empty for the rig as described.
     cause: str
     location: str
+    #: The rig and its fitted parameters; none for a hypothetical cause.
     model: RigModel
     free: tuple[Free, ...] = ()
+    #: Of the fitted values, in their units, shape (k, k).
     covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    #: Hum on a channel: (channel, amplitude in its unit, frequency in Hz); None for no hum.
     hum: tuple[str, float, float] | None = None
-    detail: str = ""
+    detail: str = ""  #: What distinguishes it from others of the same cause and place, in words; empty if it is the only one.
 
     @property
     def key(self) -> Key:
@@ -82,24 +72,12 @@ class Variant:
 
 @dataclass(frozen=True, kw_only=True)
 class Prospect:
-    """A run with its drive, to be predicted.
-
-    Parameters
-    ----------
-    run
-        The run.
-    drive
-        The recorded drive channel, in its unit, shape (n,).
-    sample_rate
-        Hz.
-    start_time
-        Seconds from the campaign's first sample.
-    """
+    """A run with its drive, to be predicted."""
 
     run: CandidateRun
-    drive: FloatArray
-    sample_rate: float
-    start_time: float
+    drive: FloatArray  #: The recorded drive channel, in its unit, shape (n,).
+    sample_rate: float  #: Hz.
+    start_time: float  #: Seconds from the campaign's first sample.
 
     def shortened(self, seconds: float) -> Prospect:
         """The same run with at most this duration."""
@@ -129,23 +107,12 @@ class Moments:
     """Products of a difference between two models' predictions and the derivatives of the fitted one, by channel, for one run.
 
     All are means over the frequency bins of the records, in units of the allowed error.
-
-    Parameters
-    ----------
-    square
-        Mean square of the difference, shape (channels,).
-    slope
-        Difference times derivatives, shape (channels, k).
-    normal
-        Derivatives times derivatives, shape (channels, k, k).
-    weight
-        Number of frequency bins of the run in a fit.
     """
 
-    square: FloatArray
-    slope: FloatArray
-    normal: FloatArray
-    weight: float
+    square: FloatArray  #: Mean square of the difference, shape (channels,).
+    slope: FloatArray  #: Difference times derivatives, shape (channels, k).
+    normal: FloatArray  #: Derivatives times derivatives, shape (channels, k, k).
+    weight: float  #: Number of frequency bins of the run in a fit.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,17 +124,10 @@ class Slopes:
 
 
 class Predicted:
-    """A possible run as simulated with models.
+    """A possible run as simulated with models; the noise is its standard deviation by channel, including the drive.
 
-    Parameters
-    ----------
-    prospect
-        The run.
-    noise
-        Standard deviation of the noise by channel, including the drive, in the channel's unit.
-    reference
-        The model whose response determines the allowed error: the sensors' noise, the noise of the drive propagated through the
-        rig, and `SIMULATION_LIMIT` of the response.
+    The response of the model `reference` determines the allowed error: the sensors' noise, the noise of the drive propagated
+    through the rig, and `SIMULATION_LIMIT` of the response.
     """
 
     def __init__(self, prospect: Prospect, noise: Mapping[str, float], reference: RigModel) -> None:
@@ -281,14 +241,7 @@ def remaining_distance(run: Moments, step: FloatArray) -> FloatArray:
 def distance(free: Sequence[Free], moments: Sequence[Moments], counted: Sequence[bool]) -> float:
     """Distance of a true cause from a refitted rival, in the worst channel of the counted runs; see `remaining_distance`.
 
-    Parameters
-    ----------
-    free
-        The refitted parameters.
-    moments
-        Of all runs in the refit, existing and new ones.
-    counted
-        Whether a run's distance counts.
+    `moments` are those of all runs in the refit of the parameters, existing and new ones.
     """
     step = refit(free, moments)
     return max(

@@ -26,13 +26,6 @@ def clock_errors(campaign: Campaign, drive: str) -> dict[str, float]:
 
     The phase of the cross-spectrum with the drive changes from each segment of a run to the next by 2 pi f T e, where T is the
     time between them and e that share. All runs that tell must show the same.
-
-    Parameters
-    ----------
-    campaign
-        The measurement.
-    drive
-        The channel of its drive.
     """
     found: dict[str, list[tuple[float, float, float]]] = {}
     for run in campaign.runs:

@@ -24,23 +24,12 @@ FEWEST = 5
 
 @dataclass(frozen=True, kw_only=True)
 class HalfPower:
-    """A half-power result, or the reason why there is none.
+    """A half-power result, or the reason why there is none."""
 
-    Parameters
-    ----------
-    mode
-        None if refused.
-    refused
-        The reason; empty if there is a mode.
-    warning
-        A warning about the mode, may be empty.
-    peak, low, high, amplitude
-        Frequencies of the peak and its half-power points, Hz (NaN if not found), and the peak's magnitude.
-    """
-
-    mode: Mode | None
-    refused: str = ""
-    warning: str = ""
+    mode: Mode | None  #: None if refused.
+    refused: str = ""  #: The reason; empty if there is a mode.
+    warning: str = ""  #: A warning about the mode, may be empty.
+    #: Frequencies of the peak and its half-power points, Hz (NaN if not found), and the peak's magnitude.
     peak: float = float("nan")
     low: float = float("nan")
     high: float = float("nan")

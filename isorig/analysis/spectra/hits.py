@@ -53,34 +53,17 @@ SHORTEST = 32
 
 @dataclass(frozen=True, kw_only=True)
 class Hit:
-    """One blow of the hammer.
+    """One blow of the hammer."""
 
-    Parameters
-    ----------
-    run
-        Its run.
-    seconds
-        Time of the pulse's maximum, from the run's first sample.
-    peak
-        The highest force, in the channel's unit.
-    first, pulse_end
-        First sample of its record in the run, and first sample after its pulse.
-    rejected
-        Why it is excluded from averages; empty if it is not.
-    text
-        The same as a sentence with numbers; empty if it is kept.
-    moving
-        Largest rms of a response before the pulse, as a share of its peak; 0 where all were at rest.
-    """
-
-    run: str
-    seconds: float
-    peak: float
+    run: str  #: Its run.
+    seconds: float  #: Time of the pulse's maximum, from the run's first sample.
+    peak: float  #: The highest force, in the channel's unit.
+    #: First sample of its record in the run, and first sample after its pulse.
     first: int
     pulse_end: int
-    rejected: Reason = ""
-    text: str = ""
-    moving: float = 0.0
+    rejected: Reason = ""  #: Why it is excluded from averages; empty if it is not.
+    text: str = ""  #: The same as a sentence with numbers; empty if it is kept.
+    moving: float = 0.0  #: Largest rms of a response before the pulse, as a share of its peak; 0 where all were at rest.
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,19 +22,8 @@ SPREAD, NEIGHBOURS = 4, 24
 
 
 def hum(samples: FloatArray, rate: float, frequency: float, length: int | None = None) -> FloatArray:
-    """The hum in a record, shape (length,): fitted to all samples, extrapolated if `length` is larger.
-
-    Parameters
-    ----------
-    samples
-        Record, shape (n,).
-    rate
-        Hz.
-    frequency
-        The mains frequency, Hz.
-    length
-        Number of samples to return; n if None.
-    """
+    """The hum in a record of shape (n,), at a rate and a mains frequency in Hz: fitted to all samples, and extrapolated to shape
+    (length,) if `length` is larger."""
     n = len(samples)
     total = n if length is None else length
     orders = np.arange(1, HARMONICS + 1)

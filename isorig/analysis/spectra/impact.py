@@ -30,24 +30,12 @@ DROP = 0.01
 
 @dataclass(frozen=True, kw_only=True)
 class HammerTest:
-    """Result of a hammer test.
+    """Result of a hammer test."""
 
-    Parameters
-    ----------
-    spectra
-        Averaged over the kept hits; `Spectra.decay` is that of the exponential window, there is no other window.
-    hits
-        All hits, in the order of the runs, with the reason for exclusion, if excluded.
-    band
-        Band in which the force has power, Hz.
-    text
-        Sentences about the result.
-    """
-
-    spectra: Spectra
-    hits: tuple[Hit, ...]
-    band: tuple[float, float]
-    text: tuple[str, ...]
+    spectra: Spectra  #: Averaged over the kept hits; `Spectra.decay` is that of the exponential window, there is no other window.
+    hits: tuple[Hit, ...]  #: All hits, in the order of the runs, with the reason for exclusion, if excluded.
+    band: tuple[float, float]  #: Band in which the force has power, Hz.
+    text: tuple[str, ...]  #: Sentences about the result.
 
 
 def hammer_test(
@@ -55,21 +43,9 @@ def hammer_test(
 ) -> HammerTest:
     """Find the hits of runs, reject faulty ones, and average the rest.
 
-    Parameters
-    ----------
-    runs
-        With one sample rate; each may contain one hit or many.
-    reference
-        The channel of the hammer's force.
-    channels
-        The responses; all other channels of the first run if None.
-    resolution
-        Requested frequency resolution, Hz; it becomes coarser if the time between hits is shorter.
-
-    Raises
-    ------
-    DataError
-        A run has no hits, or none is valid.
+    The runs have one sample rate, and each one hit or many; the responses are all other channels of the first run if no
+    `channels` are given. The requested resolution, Hz, becomes coarser if the time between hits is shorter. Raises DataError if a
+    run has no hits, or none is valid.
     """
     rate = runs[0].sample_rate
     if any(run.sample_rate != rate for run in runs):

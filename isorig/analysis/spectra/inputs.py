@@ -26,19 +26,8 @@ TINY = np.finfo(float).tiny
 class Drives:
     """The auto and cross spectra of the drives in each frequency bin, and their inverse.
 
-    Parameters
-    ----------
-    spectra
-        Sxx[k, i, j] = mean of conj(x_i) x_j in bin k, shape (bins, drives, drives).
-    names
-        Of the drives, for messages.
-    averages
-        Effective number of independent averages.
-
-    Raises
-    ------
-    DataError
-        The drives cannot be separated.
+    Sxx[k, i, j] = mean of conj(x_i) x_j in bin k, shape (bins, drives, drives), from so many independent averages. Raises
+    DataError if the drives cannot be separated.
     """
 
     def __init__(self, spectra: ComplexArray, names: tuple[str, ...], averages: float) -> None:

@@ -48,31 +48,18 @@ COVERED = 0.95
 
 @dataclass(frozen=True, kw_only=True)
 class MagnitudeLimits:
-    """95 % limits of the magnitude of a transfer function.
+    """95 % limits of the magnitude of a transfer function."""
 
-    Parameters
-    ----------
-    low, high
-        In the unit of its value, shape (bins,); NaN where no limits can be given.
-    leakage
-        Estimated magnitude minus the true one due to leakage, in the unit of its value, shape (bins,); NaN where it is unknown.
-    reference_noise
-        Largest share by which noise on the reference may lower the magnitude, shape (bins,).
-    narrow
-        Frequencies of narrow peaks whose magnitude is corrected for leakage by more than `SLIGHT` standard deviations, Hz.
-    unknown
-        Frequencies of narrow peaks that no mode fits, Hz.
-    reason
-        Why there are no limits at all; empty if there are.
-    """
-
+    #: In the unit of its value, shape (bins,); NaN where no limits can be given.
     low: FloatArray
     high: FloatArray
+    #: Estimated magnitude minus the true one due to leakage, in the unit of its value, shape (bins,); NaN where it is unknown.
     leakage: FloatArray
-    reference_noise: FloatArray
+    reference_noise: FloatArray  #: Largest share by which noise on the reference may lower the magnitude, shape (bins,).
+    #: Frequencies of narrow peaks whose magnitude is corrected for leakage by more than `SLIGHT` standard deviations, Hz.
     narrow: tuple[float, ...] = ()
-    unknown: tuple[float, ...] = ()
-    reason: str = ""
+    unknown: tuple[float, ...] = ()  #: Frequencies of narrow peaks that no mode fits, Hz.
+    reason: str = ""  #: Why there are no limits at all; empty if there are.
 
 
 class _Peak(NamedTuple):

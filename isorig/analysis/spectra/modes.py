@@ -150,27 +150,13 @@ def fit_modes(
 
 @dataclass(frozen=True, kw_only=True)
 class SolvedModes:
-    """Modes fitted to a transfer function, without their uncertainties.
+    """Modes fitted to a transfer function, without their uncertainties."""
 
-    Parameters
-    ----------
-    pairs
-        Frequencies (Hz) and damping ratios, shape (modes, 2), in any order.
-    amplitudes
-        Of the columns of the model, shape (columns,).
-    misfit
-        rms of the weighted residuals.
-    deviation
-        Standard deviation of the real and of the imaginary part in each fitted bin, shape (bins,).
-    shape
-        The model's columns.
-    """
-
-    pairs: FloatArray
-    amplitudes: FloatArray
-    misfit: float
-    deviation: FloatArray
-    shape: _Shape = field(repr=False)
+    pairs: FloatArray  #: Frequencies (Hz) and damping ratios, shape (modes, 2), in any order.
+    amplitudes: FloatArray  #: Of the columns of the model, shape (columns,).
+    misfit: float  #: rms of the weighted residuals.
+    deviation: FloatArray  #: Standard deviation of the real and of the imaginary part in each fitted bin, shape (bins,).
+    shape: _Shape = field(repr=False)  #: The model's columns.
 
     @property
     def frequency(self) -> FloatArray:

@@ -130,17 +130,9 @@ def _estimated(records: _Records, name: str, others: Sequence[str]) -> _Estimate
 def noise_levels(campaign: Campaign, drives: tuple[str, ...] = (), longest: int | None = None) -> Mapping[str, float]:
     """Standard deviation of each channel's sensor noise, in the channel's unit.
 
-    The lowest `noise_level` of any run, and at least that of rounding to counts: a record at rest at one count shows no noise.
-    A drive that is a command with levels has none.
-
-    Parameters
-    ----------
-    campaign
-        The measurement.
-    drives
-        The channels of the drives: what is coherent with them in other channels, or with others in them, is not noise.
-    longest
-        Number of samples that are read of each run; all if None.
+    The lowest `noise_level` of any run, and at least that of rounding to counts: a record at rest at one count shows no noise. A
+    drive that is a command with levels has none. What is coherent with the drives in other channels, or with others in them, is
+    not noise. Of each run the first `longest` samples are read, all if None.
     """
     levels: dict[str, float] = {}
     counts: dict[str, float] = {}

@@ -73,27 +73,10 @@ def operating_modes(
 ) -> OperatingModes:  # fmt: skip
     """The modes in a band from records of responses to an unmeasured broad-band excitation.
 
-    Parameters
-    ----------
-    records
-        Responses of one quantity, shape (responses, n).
-    rate
-        Sample rate, Hz.
-    band
-        Lowest and highest frequency, Hz.
-    responses
-        Their channel names.
-    resolution
-        Of the power spectral densities, Hz.
-    count
-        Number of modes to keep, those that persist over the most orders; all if None.
-
-    Raises
-    ------
-    DataError
-        There are fewer than two responses, the record is too short, or the band reaches beyond half the sample rate.
-    FitError
-        pyOMA2 is not installed, or no pole persists.
+    The responses have one quantity, shape (responses, n), rate, band and resolution of their spectra are in Hz. Of the modes
+    those `count` are kept that persist over the most orders, all if None. Raises DataError if there are fewer than two responses,
+    the record is too short, or the band reaches beyond half the sample rate; FitError if pyOMA2 is not installed, or no pole
+    persists.
     """
     from scipy.signal import detrend, resample_poly
 

@@ -24,33 +24,21 @@ SETTLING, NEEDED = 1, 2
 
 @dataclass(frozen=True, kw_only=True)
 class PeriodicFrf:
-    """A transfer function at the excited frequencies.
+    """A transfer function at the excited frequencies."""
 
-    Parameters
-    ----------
-    response, reference
-        Channel names.
-    frequency
-        Of the excited frequencies, Hz, shape (bins,).
-    value
-        Complex, the mean over periods and realizations, shape (bins,).
-    magnitude_std, phase_std
-        Standard deviation of the magnitude and of the phase (rad): noise and distortion together, shape (bins,).
-    noise, distortion
-        Standard deviation of the complex value of one realization due to noise (averaged over its periods), and due to
-        distortion, shape (bins,). Distortion is NaN with one realization.
-    periods, realizations
-        Averaged periods of each run (the smallest number), and number of runs.
-    """
-
+    #: Channel names.
     response: str
     reference: str
-    frequency: FloatArray
-    value: ComplexArray
+    frequency: FloatArray  #: Of the excited frequencies, Hz, shape (bins,).
+    value: ComplexArray  #: Complex, the mean over periods and realizations, shape (bins,).
+    #: Standard deviation of the magnitude and of the phase (rad): noise and distortion together, shape (bins,).
     magnitude_std: FloatArray
     phase_std: FloatArray
+    #: Standard deviation of the complex value of one realization due to noise (averaged over its periods), and due to distortion,
+    #: shape (bins,). Distortion is NaN with one realization.
     noise: FloatArray
     distortion: FloatArray
+    #: Averaged periods of each run (the smallest number), and number of runs.
     periods: int
     realizations: int
 

@@ -41,22 +41,11 @@ class Pole:
 def poles_by_order(
     values: ComplexArray, frequency: FloatArray, weights: FloatArray, order: int | None = None
 ) -> tuple[Pole, ...]:
-    """The poles at every order from 1 up.
+    """The poles at every order from 1 to the largest: `ORDER` or as the number of bins allows if None.
 
-    Parameters
-    ----------
-    values
-        Transfer functions, shape (responses, references, bins).
-    frequency
-        Hz, evenly spaced, shape (bins,).
-    weights
-        Of each response in each bin, shape (responses, bins).
-    order
-        The largest; `ORDER` or as the number of bins allows if None.
-
-    Returns
-    -------
-    Poles with positive frequency and damping ratios between 0 and `HEAVY`, by order and ascending in frequency.
+    They have positive frequency and damping ratios between 0 and `HEAVY`, and are by order and ascending in frequency. The
+    transfer functions have shape (responses, references, bins), at evenly spaced frequencies in Hz, the weights of each response
+    (responses, bins).
     """
     references = values.shape[1]
     most = min(order or ORDER, int(len(frequency) * len(values) / (LINES_PER_ORDER * references)), int(len(frequency) / 2) - 1)

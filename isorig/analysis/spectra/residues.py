@@ -21,25 +21,15 @@ SLOPE = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class Data:
-    """Transfer functions in the frequency bins of a band.
+    """Transfer functions in the frequency bins of a band."""
 
-    Parameters
-    ----------
-    frequency
-        Hz, shape (bins,).
-    values, deviations
-        Complex values and the standard deviation of their real and of their imaginary part, shape (functions, bins).
-    seen
-        The window of the estimate.
-    power
-        Power of s of the motion relative to a displacement: 2 for accelerations per force. Modes below the band leave s^(power -
-        2), modes above it s^power.
-    """
-
-    frequency: FloatArray
+    frequency: FloatArray  #: Hz, shape (bins,).
+    #: Complex values and the standard deviation of their real and of their imaginary part, shape (functions, bins).
     values: ComplexArray
     deviations: FloatArray
-    seen: WindowEffect
+    seen: WindowEffect  #: The window of the estimate.
+    #: Power of s of the motion relative to a displacement: 2 for accelerations per force. Modes below the band leave
+    #: s^(power - 2), modes above it s^power.
     power: int
 
     @property
@@ -50,31 +40,16 @@ class Data:
 
 @dataclass(frozen=True, kw_only=True)
 class SolvedPoles:
-    """The best residues for given poles.
+    """The best residues for given poles."""
 
-    Parameters
-    ----------
-    pairs
-        Natural frequency (Hz) and damping ratio, shape (modes, 2).
-    residues
-        A of A / (s - pole) + conj(A) / (s - conj(pole)), shape (functions, modes).
-    background
-        Coefficients of the background's terms, shape (functions, 2).
-    chi2
-        Sum of squared weighted residuals.
-    normal, gradient
-        With respect to the logarithms of the pairs, shape (2 modes, 2 modes) and (2 modes,).
-    gains
-        Increase of `chi2` without each mode, after solving the others' residues again, shape (modes,).
-    """
-
-    pairs: FloatArray
-    residues: ComplexArray
-    background: ComplexArray
-    chi2: float
+    pairs: FloatArray  #: Natural frequency (Hz) and damping ratio, shape (modes, 2).
+    residues: ComplexArray  #: A of A / (s - pole) + conj(A) / (s - conj(pole)), shape (functions, modes).
+    background: ComplexArray  #: Coefficients of the background's terms, shape (functions, 2).
+    chi2: float  #: Sum of squared weighted residuals.
+    #: With respect to the logarithms of the pairs, shape (2 modes, 2 modes) and (2 modes,).
     normal: FloatArray
     gradient: FloatArray
-    gains: FloatArray
+    gains: FloatArray  #: Increase of `chi2` without each mode, after solving the others' residues again, shape (modes,).
 
 
 def mode_columns(data: Data, frequency: float, damping: float) -> ComplexArray:

@@ -16,17 +16,10 @@ WindowName = Literal["hann", "hamming", "blackman", "flattop", "rectangular"]
 
 @dataclass(frozen=True, kw_only=True)
 class Window:
-    """A window w(u) = sum of (-1)^j a_j cos(2 pi j u) over 0 <= u < 1.
+    """A window w(u) = sum of (-1)^j a_j cos(2 pi j u) over 0 <= u < 1."""
 
-    Parameters
-    ----------
-    name
-        Its name for users.
-    cosines
-        a_0, a_1, ... (Harris 1978; the flat top of D'Antona and Ferrero 2006, as in scipy.signal.windows).
-    """
-
-    name: WindowName
+    name: WindowName  #: Its name for users.
+    #: a_0, a_1, ... (Harris 1978; the flat top of D'Antona and Ferrero 2006, as in scipy.signal.windows).
     cosines: tuple[float, ...]
 
     @property

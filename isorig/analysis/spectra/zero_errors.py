@@ -54,17 +54,8 @@ def zero_errors(campaign: Campaign) -> dict[str, str]:
 def wandering(campaign: Campaign, drive: str, lowest: float) -> dict[str, tuple[float, str]]:
     """Accelerometers whose zero wanders or is wrong: for each channel the largest share of its signal, and the run.
 
-    Below `SLOW` of the lowest natural frequency a record of acceleration is no motion if its double integral is larger than that
-    of the vibration, and if no force could cause it.
-
-    Parameters
-    ----------
-    campaign
-        The measurement of a rig on springs.
-    drive
-        The channel of its drive.
-    lowest
-        Its lowest natural frequency, Hz.
+    Below `SLOW` of the lowest natural frequency (Hz) of a rig on springs a record of acceleration is no motion if its double
+    integral is larger than that of the vibration, and if no force could cause it.
     """
     found: dict[str, tuple[float, str]] = {}
     for run in campaign.runs:

@@ -20,33 +20,19 @@ ChangeKind = Literal["step", "drift", "step or drift"]
 
 @dataclass(frozen=True, kw_only=True)
 class DatedChange:
-    """A change of one parameter.
+    """A change of one parameter."""
 
-    Parameters
-    ----------
-    kind
-        Whether it is a step or a drift; "step or drift" as long as the campaigns since do not decide.
-    first, earliest, latest
-        Index of the first campaign after it: the most likely one, and the ends of the 95 % interval.
-    alarm
-        Index of the campaign that raised the alarm.
-    before, after
-        Level before, and the latest level.
-    std
-        Standard deviation of their difference.
-    slope
-        Change per day of a drift; 0 for a step.
-    """
-
-    kind: ChangeKind
+    kind: ChangeKind  #: Whether it is a step or a drift; "step or drift" as long as the campaigns since do not decide.
+    #: Index of the first campaign after it: the most likely one, and the ends of the 95 % interval.
     first: int
     earliest: int
     latest: int
-    alarm: int
+    alarm: int  #: Index of the campaign that raised the alarm.
+    #: Level before, and the latest level.
     before: float
     after: float
-    std: float
-    slope: float = 0.0
+    std: float  #: Standard deviation of their difference.
+    slope: float = 0.0  #: Change per day of a drift; 0 for a step.
 
     @property
     def size(self) -> float:

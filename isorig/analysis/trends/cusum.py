@@ -95,21 +95,12 @@ def _beyond(threshold: float, slack: float, freedom: float, share: float) -> flo
 
 @dataclass(frozen=True, kw_only=True)
 class Alarms:
-    """Alarms of the charts for one series.
+    """Alarms of the charts for one series."""
 
-    Parameters
-    ----------
-    at
-        Index of each campaign that raised an alarm.
-    rising
-        Whether the parameter rose, for each.
-    z
-        Each campaign's distance from the mean of those before it since the last alarm, in standard deviations, shape (n,); 0 for
-        the first.
-    """
-
-    at: tuple[int, ...]
-    rising: tuple[bool, ...]
+    at: tuple[int, ...]  #: Index of each campaign that raised an alarm.
+    rising: tuple[bool, ...]  #: Whether the parameter rose, for each.
+    #: Each campaign's distance from the mean of those before it since the last alarm, in standard deviations, shape (n,); 0 for
+    #: the first.
     z: FloatArray
 
 

@@ -23,35 +23,23 @@ STEPS = 10
 
 @dataclass(frozen=True, kw_only=True)
 class CauseOfChange:
-    """A cause of a change.
+    """A cause of a change."""
 
-    Parameters
-    ----------
-    cause, location
-        From the catalogue; or the last word of a parameter's path and its part, if a parameter of the baseline has changed.
-    parameter, unit
-        The parameter's path, or its name in the catalogue, with its unit; the unit of a path is determined by the caller.
-    old, new, std
-        Its value before (NaN if the cause was absent) and after, with the standard uncertainty of the latter.
-    share
-        Reduction of the misfit relative to that by the best cause.
-    misfit
-        Sum of the squared weighted residuals with it, of squared distances from the earlier fit in standard deviations, and for
-        each of its own parameters the logarithm of the number of residuals (Schwarz 1978).
-    alike
-        Whether the data cannot distinguish it from the best.
-    """
-
+    #: From the catalogue; or the last word of a parameter's path and its part, if a parameter of the baseline has changed.
     cause: str
     location: str
+    #: The parameter's path, or its name in the catalogue, with its unit; the unit of a path is determined by the caller.
     parameter: str
     unit: str
+    #: Its value before (NaN if the cause was absent) and after, with the standard uncertainty of the latter.
     old: float
     new: float
     std: float
+    #: Sum of the squared weighted residuals with it, of squared distances from the earlier fit in standard deviations, and for
+    #: each of its own parameters the logarithm of the number of residuals (Schwarz 1978).
     misfit: float
-    share: float = 0.0
-    alike: bool = False
+    share: float = 0.0  #: Reduction of the misfit relative to that by the best cause.
+    alike: bool = False  #: Whether the data cannot distinguish it from the best.
 
 
 class ProblemWithPriors(Problem):

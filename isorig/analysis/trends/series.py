@@ -26,21 +26,11 @@ _MEDIAN = 0.4549364
 
 @dataclass(frozen=True, kw_only=True)
 class Series:
-    """Values of one parameter in order of time.
+    """Values of one parameter in order of time."""
 
-    Parameters
-    ----------
-    time
-        Date of each campaign, days, ascending, shape (n,).
-    value
-        The parameter, or its logarithm if it is positive, shape (n,).
-    std
-        Standard uncertainty of each fit, in the unit of `value`, shape (n,).
-    """
-
-    time: FloatArray
-    value: FloatArray
-    std: FloatArray
+    time: FloatArray  #: Date of each campaign, days, ascending, shape (n,).
+    value: FloatArray  #: The parameter, or its logarithm if it is positive, shape (n,).
+    std: FloatArray  #: Standard uncertainty of each fit, in the unit of `value`, shape (n,).
 
     def __post_init__(self) -> None:
         if not len(self.time) == len(self.value) == len(self.std):

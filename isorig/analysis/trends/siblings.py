@@ -13,21 +13,12 @@ from isorig.analysis.trends.policy import POLICY
 
 @dataclass(frozen=True, kw_only=True)
 class Siblings:
-    """One parameter over the rigs of a fleet.
+    """One parameter over the rigs of a fleet."""
 
-    Parameters
-    ----------
-    mean
-        Mean of the rigs that are not outliers.
-    deviations
-        Each rig's distance from the mean, by name, in standard deviations of those; NaN if there are too few rigs to compare.
-    outliers
-        Names of the outlying rigs, farthest first.
-    """
-
-    mean: float
+    mean: float  #: Mean of the rigs that are not outliers.
+    #: Each rig's distance from the mean, by name, in standard deviations of those; NaN if there are too few rigs to compare.
     deviations: Mapping[str, float]
-    outliers: tuple[str, ...]
+    outliers: tuple[str, ...]  #: Names of the outlying rigs, farthest first.
 
 
 def siblings(levels: Mapping[str, float], risk: float) -> Siblings:

@@ -23,33 +23,18 @@ TURN = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class Faults:
-    """The faults, each a probability per frame unless stated otherwise.
+    """The faults, each a probability per frame unless stated otherwise."""
 
-    Parameters
-    ----------
-    drop, duplicate, corrupt, stall, overload
-        A frame is not sent, sent twice, has a flipped bit, is 0.2 s late, reports an overload.
-    unplug_after
-        Seconds of signal after which the connection is cut; never if None.
-    first_tick
-        Initial value of the counter, to test its wrapping.
-    ppm
-        Rate error of the instrument's clock, parts per million.
-    turn_after
-        Seconds of signal after which the gain is increased by a tenth; never if None.
-    seed
-        Random seed.
-    """
-
+    #: A frame is not sent, sent twice, has a flipped bit, is 0.2 s late, reports an overload.
     drop: float = 0.0
     duplicate: float = 0.0
     corrupt: float = 0.0
     stall: float = 0.0
     overload: float = 0.0
-    unplug_after: float | None = None
-    first_tick: int = 0
-    ppm: float = 0.0
-    turn_after: float | None = None
+    unplug_after: float | None = None  #: Seconds of signal after which the connection is cut; never if None.
+    first_tick: int = 0  #: Initial value of the counter, to test its wrapping.
+    ppm: float = 0.0  #: Rate error of the instrument's clock, parts per million.
+    turn_after: float | None = None  #: Seconds of signal after which the gain is increased by a tenth; never if None.
     seed: int = 0
 
     def only(self, known: Collection[str], who: str) -> Faults:

@@ -17,23 +17,10 @@ from isorig.rig.files.recording import open_recording
 def follow(output: Path, *, every: float = 1.0, shortest: float = 0.0, patience: float = 30.0) -> Iterator[tuple[Campaign, bool]]:
     """The campaign that a session is writing, each time it has grown, and whether it is the finished recording (the last one).
 
-    The writer is not delayed and may be another process. Read each campaign before requesting the next.
-
-    Parameters
-    ----------
-    output
-        The recording given to `rig acquire -o`.
-    every
-        Seconds between two readings.
-    shortest
-        Runs shorter than this, in seconds, are omitted until the recording is finished.
-    patience
-        Seconds to wait without a new sample before giving up.
-
-    Raises
-    ------
-    RecordingError
-        No session is writing there, or the writer has stopped without finishing.
+    The writer is not delayed and may be another process. Read each campaign before requesting the next. `every` are the seconds
+    between two readings; runs shorter than the seconds `shortest` are omitted until the recording is finished. Raises
+    RecordingError if no session is writing there, or the writer has stopped without finishing: no new sample came for `patience`
+    seconds.
     """
     partial = working_file(output)
     file: WorkingFileReader | None = None

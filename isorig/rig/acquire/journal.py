@@ -55,19 +55,9 @@ def _block(file: int, offset: int, number: int, kind: int, run: int, take: int, 
 
 
 class Journal:
-    """Appends blocks to a file, and syncs it to disk (fsync) at intervals from a separate thread.
+    """Appends blocks to a file made by `create`, and syncs it to disk (fsync) at intervals in seconds from a separate thread.
 
-    Parameters
-    ----------
-    path
-        A file created by `create`.
-    sync
-        Seconds between two syncs; with 0 every block is synced before `append` returns.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be opened.
+    With an interval of 0 every block is synced before `append` returns. Raises OutputError if the file cannot be opened.
     """
 
     def __init__(self, path: Path, *, sync: float = SYNC) -> None:

@@ -18,15 +18,10 @@ TURN = 0.1
 
 
 class RunLoggers:
-    """The loggers during one run.
+    """The plan's loggers, prepared, during one run.
 
-    Parameters
-    ----------
-    plan, loggers
-        The plan, and its loggers by name, prepared.
-    put
-        Receives the number of the logger and rows, shape (n, 1 + channels): arrival by the host's clock in s, and values. Called
-        from several threads.
+    `put` receives the number of the logger and rows, shape (n, 1 + channels): arrival by the host's clock in s, and values; it is
+    called from several threads.
     """
 
     def __init__(self, plan: Plan, loggers: Mapping[str, Stream], put: Callable[[int, FloatArray], None]) -> None:

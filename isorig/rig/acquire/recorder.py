@@ -47,22 +47,8 @@ def recording_into(
 ) -> Iterator[WorkingFileWriter]:
     """Create the working file, with the layout of all data to be written, and open it for writing.
 
-    Parameters
-    ----------
-    path
-        Its path.
-    plan, inputs, real_time
-        The plan, and the inputs and kind of the instrument.
-    sync
-        Seconds between two syncs; 0 syncs every block.
-    after
-        End time of the runs of an earlier part of the session; no run here starts before it, even if the host's clock was set
-        back.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written.
+    It is synced every `sync` seconds, with 0 after every block. No run here starts before `after`, the end time of the runs of an
+    earlier part of the session, even if the host's clock was set back. Raises OutputError if the file cannot be written.
     """
     layout = layout_of(plan, inputs, real_time=real_time)
     content = msgspec.json.encode(layout)

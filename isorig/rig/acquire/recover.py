@@ -83,52 +83,26 @@ class _Steps:
 
 @dataclass(frozen=True, kw_only=True)
 class Recovered:
-    """The measured part of a planned run.
-
-    Parameters
-    ----------
-    id
-        Its id.
-    finished, begun
-        Whether it is complete, whether it was started.
-    run
-        Its samples, read from the open file on demand; None if there are none.
-    stored, lost, planned
-        Ticks in the file, ticks lost, ticks in the plan.
-    damaged
-        The part of `lost` that may have been stored in blocks that are damaged now.
-    overloads
-        Number of blocks with an overload.
-    planned_gain
-        The gain in the plan; the run has the streamed one.
-    drift
-        Of the instrument's clock relative to the host's; None if it cannot be estimated.
-    timing
-        Arrival time and status of each block of the instrument, as `TIMING`; None if not stored.
-    sensors
-        Description of each channel's sensor.
-    logs
-        Rows of the loggers that ran along, shape (rows,), with the fields time (s since the first sample, by the host's clock)
-        and channels.
-    log_layouts
-        Rate and units of these loggers.
-    """
+    """The measured part of a planned run."""
 
     id: str
+    planned_gain: float  #: The gain in the plan; the run has the streamed one.
+    finished: bool = False  #: Whether it is complete.
+    begun: bool = False  #: Whether it was started.
+    run: Run | None = None  #: Its samples, read from the open file on demand; None if there are none.
+    #: Ticks in the plan, ticks in the file, ticks lost.
     planned: int
-    planned_gain: float
-    finished: bool = False
-    begun: bool = False
-    run: Run | None = None
     stored: int = 0
     lost: int = 0
-    damaged: int = 0
-    overloads: int = 0
-    drift: ClockDrift | None = None
-    timing: Samples | None = None
-    sensors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    damaged: int = 0  #: The part of `lost` that may have been stored in blocks that are damaged now.
+    overloads: int = 0  #: Number of blocks with an overload.
+    drift: ClockDrift | None = None  #: Of the instrument's clock relative to the host's; None if it cannot be estimated.
+    timing: Samples | None = None  #: Arrival time and status of each block of the instrument, as `TIMING`; None if not stored.
+    sensors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)  #: Description of each channel's sensor.
+    #: Rows of the loggers that ran along, shape (rows,), with the fields time (s since the first sample, by the host's clock) and
+    #: channels.
     logs: Mapping[str, NDArray[Any]] = field(default_factory=dict)
-    log_layouts: Mapping[str, LogLayout] = field(default_factory=dict)
+    log_layouts: Mapping[str, LogLayout] = field(default_factory=dict)  #: Rate and units of these loggers.
 
     @property
     def text(self) -> str:

@@ -29,30 +29,14 @@ Decision = Literal["take", "skip", "end"]
 
 @dataclass(frozen=True, kw_only=True)
 class Operator:
-    """The person at the rig, or a substitute.
+    """The person at the rig, or a substitute."""
 
-    Parameters
-    ----------
-    lock
-        Asks to bring the rig into a configuration; returns when it is done.
-    watch
-        Receives the live state of a run.
-    taken
-        Receives each measured run.
-    decide
-        Asked before each run, by its name, for the decision.
-    stopped
-        Polled during a run; True ends the run, which then counts as incomplete.
-    answered
-        Polled during a run; True ends the run, which then counts as complete.
-    """
-
-    lock: Callable[[str], None]
-    watch: Callable[[LiveState], None]
-    taken: Callable[[MeasuredRun], None]
-    decide: Callable[[str], Decision] = lambda name: "take"
-    stopped: Callable[[], bool] = lambda: False
-    answered: Callable[[], bool] = lambda: False
+    lock: Callable[[str], None]  #: Asks to bring the rig into a configuration; returns when it is done.
+    watch: Callable[[LiveState], None]  #: Receives the live state of a run.
+    taken: Callable[[MeasuredRun], None]  #: Receives each measured run.
+    decide: Callable[[str], Decision] = lambda name: "take"  #: Asked before each run, by its name, for the decision.
+    stopped: Callable[[], bool] = lambda: False  #: Polled during a run; True ends the run, which then counts as incomplete.
+    answered: Callable[[], bool] = lambda: False  #: Polled during a run; True ends the run, which then counts as complete.
 
 
 def decoupled_operator(operator: Operator, display: DisplayThread) -> Operator:

@@ -26,28 +26,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """Whether a run is worth keeping, with advice in sentences.
+    """Whether a run is worth keeping, with advice in sentences."""
 
-    Parameters
-    ----------
-    good
-        Whether there is no reason against keeping it.
-    coherence
-        Median coherence of each response with the drive within its band.
-    detections
-        Noise and distortion of each response, if the drive is periodic and omits harmonics.
-    sliding
-        rms of the relative motion at a contact divided by that of its first body, the smallest of all contacts: near 0 if
-        friction holds it; None if unknown.
-    advice
-        Advice, including remarks that is not a fault.
-    """
-
-    good: bool
-    coherence: dict[str, float]
-    detections: tuple[Detection, ...]
+    good: bool  #: Whether there is no reason against keeping it.
+    coherence: dict[str, float]  #: Median coherence of each response with the drive within its band.
+    detections: tuple[Detection, ...]  #: Noise and distortion of each response, if the drive is periodic and omits harmonics.
+    #: rms of the relative motion at a contact divided by that of its first body, the smallest of all contacts: near 0 if friction
+    #: holds it; None if unknown.
     sliding: float | None
-    advice: tuple[str, ...]
+    advice: tuple[str, ...]  #: Advice, including remarks that is not a fault.
 
 
 def check_run(
@@ -55,16 +42,8 @@ def check_run(
 ) -> Verdict:
     """Check a run after its measurement.
 
-    Parameters
-    ----------
-    recovered
-        The run.
-    rig
-        Its rig.
-    against, remarks
-        Reasons to repeat it, and further sentences.
-    others
-        Other runs of the session: repeats and other levels decide whether a low coherence is noise or a nonlinearity.
+    `against` are reasons to repeat it, `remarks` further sentences. The `others` are runs of the session: repeats and other
+    levels decide whether a low coherence is noise or a nonlinearity.
     """
     run, drive = recovered.run, rig.drive.channel
     if run is None:
@@ -175,14 +154,7 @@ def least_sliding(
 ) -> ContactSliding | None:
     """The contact of a rig with the smallest relative motion; None if no contact has sensors on both bodies.
 
-    Parameters
-    ----------
-    rig
-        The rig.
-    configuration
-        Configuration of the run.
-    parts
-        Gives the records of two channels part by part, each of shape (n,); None if one was not recorded.
+    `parts` gives the records of two channels part by part, each of shape (n,); None if one was not recorded.
     """
     if configuration not in rig.configurations:
         return None

@@ -42,27 +42,9 @@ def acquire(
     """Measure the runs of a plan and write them as a recording.
 
     If the session ends early for any reason (the operator, the instrument, a full disk), the measured data are in the recording
-    or, after a kill, in the working file next to it.
-
-    Parameters
-    ----------
-    plan, port, output, operator
-        The plan, the instrument's port, the recording, and the operator's interface.
-    again
-        Runs to repeat although they are complete, in a resumed session.
-    resume
-        Continue an interrupted session: complete runs are kept, the others measured.
-    force
-        Start even if the pre-run check fails.
-    sync
-        Maximum loss of data in a power failure, seconds; 0 syncs every block.
-    waits
-        Timeouts.
-
-    Raises
-    ------
-    DriverError, RigError
-        The instrument or the disk fails.
+    or, after a kill, in the working file next to it. With `resume` an interrupted session is continued: complete runs are kept
+    but for those to measure `again`. With `force` runs start even if the pre-run check fails. A power failure loses `sync`
+    seconds of data at most; 0 syncs every block. Raises DriverError or RigError if the instrument or the disk fails.
     """
     display = DisplayThread()
     decoupled = decoupled_operator(operator, display)

@@ -57,30 +57,14 @@ class TargetPlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
 
 class ParameterPlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Input of the design.
+    """Input of the design."""
 
-    Parameters
-    ----------
-    vary
-        The parameters that may vary.
-    target
-        What is to be as small as possible.
-    limits
-        Limits, in addition to those of the description.
-    safety
-        Every limit is divided by this factor.
-    drive
-        The drive; by default the usual one of the description.
-    moves
-        Instead of it moves, for a drive whose channel is an acceleration.
-    """
-
-    vary: tuple[Varied, ...]
-    target: TargetPlan = TargetPlan()
-    limits: Limits = Limits()
-    safety: float = 1.0
-    drive: dict[str, Any] = {}
-    moves: tuple[Move, ...] = ()
+    vary: tuple[Varied, ...]  #: The parameters that may vary.
+    target: TargetPlan = TargetPlan()  #: What is to be as small as possible.
+    limits: Limits = Limits()  #: Limits, in addition to those of the description.
+    safety: float = 1.0  #: Every limit is divided by this factor.
+    drive: dict[str, Any] = {}  #: The drive; by default the usual one of the description.
+    moves: tuple[Move, ...] = ()  #: Instead of it moves, for a drive whose channel is an acceleration.
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,85 +23,45 @@ class MappingPart(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
 
 class ChannelMap(MappingPart, frozen=True):
-    """The source of a channel: physical value = column / sensitivity + offset, in `unit`, then converted to SI.
+    """The source of a channel: physical value = column / sensitivity + offset, in `unit`, then converted to SI."""
 
-    Parameters
-    ----------
-    source
-        The column's name in the files.
-    unit
-        Unit of the physical value: m/s^2, g, mm, N, V ...
-    sensitivity
-        Column's unit per unit of the channel, e.g. 0.2 V per m/s^2; 1 for physical values.
-    offset
-        Added after the sensitivity, in `unit`.
-    quantity
-        The measured quantity, if the unit does not determine it (a position in volts, for example).
-    range
-        Full scale, in `unit`; larger values are clipped.
-    sensor, place, direction
-        Information for readers of the recording.
-    """
-
-    source: str
-    unit: str
-    sensitivity: float = 1.0
-    offset: float = 0.0
+    source: str  #: The column's name in the files.
+    unit: str  #: Unit of the physical value: m/s^2, g, mm, N, V ...
+    sensitivity: float = 1.0  #: Column's unit per unit of the channel, e.g. 0.2 V per m/s^2; 1 for physical values.
+    offset: float = 0.0  #: Added after the sensitivity, in `unit`.
+    #: The measured quantity, if the unit does not determine it (a position in volts, for example).
     quantity: Quantity | None = None
-    range: float | None = None
+    range: float | None = None  #: Full scale, in `unit`; larger values are clipped.
+    #: Information for readers of the recording.
     sensor: str = ""
     place: str = ""
     direction: str = ""
 
 
 class RunMap(MappingPart, frozen=True):
-    """A run: its file, configuration and gain, and the part of the file.
-
-    Parameters
-    ----------
-    id, gain, excitation, started, band, period, use, repeat_of, usable_to
-        As in the recording format.
-    configuration
-        By default the only one of the rig.
-    file
-        Name of the file relative to the mapping, or to the folder given to the command.
-    sample_rate
-        Hz; by default from the file or from its time column.
-    time
-        Name of the time column.
-    time_unit
-        Unit of that column: s, ms, us, ns, min, h or d; by default from the file, otherwise seconds.
-    channels
-        The channels of this run; by default all.
-    rate_from
-        Which of several sample rates that contradict each other is right: `sample_rate` of the mapping, the time column, or the
-        rate in the file's header; without it the run is refused.
-    samples
-        First and last + 1 sample of the part; by default the whole file.
-    sources
-        Other columns for channels of this run, by channel name.
-    files
-        Other files for channels of this run, by channel name; their samples are simultaneous with those of `file`.
-    """
+    """A run: its file, configuration and gain, and the part of the file; what has no comment is as in the recording format."""
 
     id: str
-    file: str
+    file: str  #: Name of the file relative to the mapping, or to the folder given to the command.
     gain: float
-    configuration: str = ""
-    sample_rate: float | None = None
-    time: str | None = None
-    time_unit: str = ""
-    channels: tuple[str, ...] = ()
+    configuration: str = ""  #: By default the only one of the rig.
+    sample_rate: float | None = None  #: Hz; by default from the file or from its time column.
+    time: str | None = None  #: Name of the time column.
+    time_unit: str = ""  #: Unit of that column: s, ms, us, ns, min, h or d; by default from the file, otherwise seconds.
+    channels: tuple[str, ...] = ()  #: The channels of this run; by default all.
     excitation: Literal["random", "multisine", "sweep", "moves", "free", "other"] = "other"
     started: datetime | None = None
     band: tuple[float, float] | None = None
     period: float | None = None
     use: Literal["fit", "holdout"] = "fit"
     repeat_of: str | None = None
+    #: Which of several sample rates that contradict each other is right: `sample_rate` of the mapping, the time column, or the
+    #: rate in the file's header; without it the run is refused.
     rate_from: Literal["mapping", "time", "file"] | None = None
     usable_to: float | None = None
-    samples: tuple[int, int] | None = None
-    sources: dict[str, str] = {}
+    samples: tuple[int, int] | None = None  #: First and last + 1 sample of the part; by default the whole file.
+    sources: dict[str, str] = {}  #: Other columns for channels of this run, by channel name.
+    #: Other files for channels of this run, by channel name; their samples are simultaneous with those of `file`.
     files: dict[str, str] = {}
 
 

@@ -205,74 +205,33 @@ class RequiredForce(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Findings(msgspec.Struct, frozen=True, kw_only=True, tag_field="format", tag="rig-findings"):
-    """The answer of a diagnosis.
+    """The answer of a diagnosis."""
 
-    Parameters
-    ----------
-    format_version
-        Version of the file format.
-    origin
-        The baseline's name, the recording's name and hash, and this program's version, as far as known.
-    doubts
-        Implausible units, channels and given values, to be checked first.
-    verdict
-        In which of four ways the diagnosis ended.
-    baseline, extended
-        Fitted parameters of both models.
-    discrepancies
-        What the baseline gets wrong.
-    evidence
-        Signs in the records, before any cause is fitted, as sentences.
-    remarks
-        What an unexplained error consists of, and what the recording lacks, as sentences.
-    adequacy
-        How the baseline was judged.
-    tolerance
-        Error, as a share of the signal, that counts as adequate.
-    cut_short
-        Whether the time limit ended the search for causes.
-    pointed
-        The kind of cause and the place to which the equations of motion clearly point, if no simulation confirms any cause:
-        none follows the records, or the time limit ended the search.
-    required_force
-        What confirms the first step if no simulation can follow the motion; None if simulations do.
-    time_limit_s
-        The given time limit, s; None for none.
-    driven
-        Whether a drive is recorded in any run; otherwise the rig was only released.
-    steps
-        The named causes, largest first.
-    candidates
-        All considered causes.
-    budget
-        Composition of the errors.
-    indistinguishable
-        Sets of causes that these runs cannot distinguish, each with the named one first.
-    holdout
-        Held-out errors.
-    """
-
-    format_version: Literal[2] = 2
-    origin: dict[str, str]
-    doubts: list[DoubtfulValue]
-    verdict: DiagnosisVerdict
+    format_version: Literal[2] = 2  #: Version of the file format.
+    origin: dict[str, str]  #: The baseline's name, the recording's name and hash, and this program's version, as far as known.
+    doubts: list[DoubtfulValue]  #: Implausible units, channels and given values, to be checked first.
+    verdict: DiagnosisVerdict  #: In which of four ways the diagnosis ended.
+    #: Fitted parameters of both models.
     baseline: FittedBaseline
     extended: FittedExtension
-    discrepancies: list[Misfit]
-    evidence: list[str]
-    remarks: list[str]
-    adequacy: Adequacy
-    tolerance: float
-    cut_short: bool
+    discrepancies: list[Misfit]  #: What the baseline gets wrong.
+    evidence: list[str]  #: Signs in the records, before any cause is fitted, as sentences.
+    remarks: list[str]  #: What an unexplained error consists of, and what the recording lacks, as sentences.
+    adequacy: Adequacy  #: How the baseline was judged.
+    tolerance: float  #: Error, as a share of the signal, that counts as adequate.
+    cut_short: bool  #: Whether the time limit ended the search for causes.
+    #: The kind of cause and the place to which the equations of motion clearly point, if no simulation confirms any cause: none
+    #: follows the records, or the time limit ended the search.
     pointed: KindAt | None = None
+    #: What confirms the first step if no simulation can follow the motion; None if simulations do.
     required_force: RequiredForce | None = None
-    time_limit_s: float | None
-    driven: bool = True
-    steps: list[NamedCause]
-    candidates: list[TriedCause]
-    budget: Budgets
-    indistinguishable: list[list[CauseAt]]
-    holdout: HeldOut
+    time_limit_s: float | None  #: The given time limit, s; None for none.
+    driven: bool = True  #: Whether a drive is recorded in any run; otherwise the rig was only released.
+    steps: list[NamedCause]  #: The named causes, largest first.
+    candidates: list[TriedCause]  #: All considered causes.
+    budget: Budgets  #: Composition of the errors.
+    indistinguishable: list[list[CauseAt]]  #: Sets of causes that these runs cannot distinguish, each with the named one first.
+    holdout: HeldOut  #: Held-out errors.
 
 
 def as_read(findings: Findings) -> Findings:

@@ -92,28 +92,16 @@ class ReadOff:
 
 @dataclass(frozen=True, kw_only=True)
 class ParameterFile:
-    """A parameter table on disk.
+    """A parameter table on disk."""
 
-    Parameters
-    ----------
-    campaign, measured
-        The campaign, and its date.
-    values
-        (value, std) by name for available values; includes the head's mass if the table has it.
-    read_off
-        The values from single peaks, by body.
-    surface
-        (value, std) of the table's mass and damping at the minimum of the error surface; None if there is none.
-    levels
-        The drive levels by gain and excitation.
-    """
-
+    #: The campaign, and its date.
     campaign: str
     measured: datetime | None
-    values: Mapping[str, Pair]
-    read_off: Mapping[str, ReadOff] = field(default_factory=dict)
+    values: Mapping[str, Pair]  #: (value, std) by name for available values; includes the head's mass if the table has it.
+    read_off: Mapping[str, ReadOff] = field(default_factory=dict)  #: The values from single peaks, by body.
+    #: (value, std) of the table's mass and damping at the minimum of the error surface; None if there is none.
     surface: tuple[Pair, Pair] | None = None
-    levels: tuple[Level, ...] = ()
+    levels: tuple[Level, ...] = ()  #: The drive levels by gain and excitation.
 
 
 def drive_levels(campaign: Campaign, channel: str) -> tuple[Level, ...]:

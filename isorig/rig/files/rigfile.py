@@ -38,24 +38,12 @@ HEADED = ("limits", "usual")
 
 @dataclass(frozen=True, kw_only=True)
 class GivenRig:
-    """A rig and its source.
-
-    Parameters
-    ----------
-    model
-        The rig.
-    origin
-        The time of a drifting model's zero; None if it is not given.
-    description
-        The text in TOML, if it was given in this form.
-    fitted
-        The fitted parameters of a model.json that lists them.
-    """
+    """A rig and its source."""
 
     model: RigModel
-    origin: datetime | None = None
-    description: str | None = None
-    fitted: tuple[Free, ...] = ()
+    origin: datetime | None = None  #: The time of a drifting model's zero; None if it is not given.
+    description: str | None = None  #: The text in TOML, if it was given in this form.
+    fitted: tuple[Free, ...] = ()  #: The fitted parameters of a model.json that lists them.
 
 
 def read_rig(given: str | Path) -> GivenRig:
@@ -136,12 +124,7 @@ def _described(text: str, what: str) -> RigModel:
 def description_text(model: RigModel, notes: Mapping[str, str] | None = None) -> str:
     """The description of a rig, formatted for reading and editing; fields with their default value are omitted.
 
-    Parameters
-    ----------
-    model
-        The rig.
-    notes
-        Comments above keys of the top level, by key; the comment under "" is at the start of the file.
+    `notes` are comments above keys of the top level, by key; the comment under "" is at the start of the file.
     """
     tree, said = plain(model), notes or {}
     lines = comments(said.get("", ""))

@@ -26,25 +26,11 @@ def read_toml(
     hint: str = "",
     parts: Collection[type[msgspec.Struct]] = (),
 ) -> T:
-    """Read a file and convert its keys.
+    """Read a file, and convert its plain dicts and lists by `msgspec.convert`; a leading byte order mark is skipped.
 
-    Parameters
-    ----------
-    path
-        The file; a leading byte order mark is skipped.
-    convert
-        Converts plain dicts and lists, by `msgspec.convert`.
-    what
-        Noun with its article, for messages.
-    hint
-        Additional advice if there is no such file, appended to the sentence.
-    parts
-        The types of its tables, to propose the key or the word that was meant.
-
-    Raises
-    ------
-    PlanError
-        In one sentence: which key, what was found, what is allowed.
+    `what` is a noun with its article, for messages; `hint` is appended to the sentence if there is no such file, and `parts` are
+    the types of its tables, to propose the key or the word that was meant. Raises PlanError, in one sentence: which key, what was
+    found, what is allowed.
     """
     text = ""
     try:

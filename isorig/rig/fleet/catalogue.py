@@ -73,33 +73,19 @@ class StoredParameter(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class StoredAnswer(Recording, frozen=True, kw_only=True):
-    """The result of diagnosing a recording, which `content`, `version` and `baseline` identify.
+    """The result of diagnosing a recording, which `content`, `version` and `baseline` identify."""
 
-    Parameters
-    ----------
-    version, baseline
-        Version of the program, name of the baseline.
-    verdict
-        Verdict of the diagnosis, or one of `WITHOUT`.
-    started
-        Start of the first run, if the recording gives it.
-    cause, alike
-        Named causes as "cause at place", joined by " + "; all causes indistinguishable from them, including the kind of a form
-        and the forms of a kind.
-    reason
-        Why there is no answer, or a partial one only, in a sentence.
-    parameters
-        The fitted parameters.
-    """
-
+    #: Version of the program, name of the baseline.
     version: str
     baseline: str
-    verdict: str = ""
-    started: datetime | None = None
+    verdict: str = ""  #: Verdict of the diagnosis, or one of `WITHOUT`.
+    started: datetime | None = None  #: Start of the first run, if the recording gives it.
+    #: Named causes as "cause at place", joined by " + "; all causes indistinguishable from them, including the kind of a form and
+    #: the forms of a kind.
     cause: str = ""
     alike: str = ""
-    reason: str = ""
-    parameters: tuple[StoredParameter, ...] = ()
+    reason: str = ""  #: Why there is no answer, or a partial one only, in a sentence.
+    parameters: tuple[StoredParameter, ...] = ()  #: The fitted parameters.
 
     @property
     def key(self) -> str:

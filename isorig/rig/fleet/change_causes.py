@@ -22,36 +22,22 @@ from isorig.rig.fleet.sentences import incident_words
 
 
 class ChangeToExplain(msgspec.Struct, frozen=True, kw_only=True):
-    """A change whose cause is searched for.
+    """A change whose cause is searched for."""
 
-    Parameters
-    ----------
-    catalogue
-        Folder of the catalogue.
-    name
-        Name of the file with the explanations.
-    rig, version, baseline
-        The rig, and the diagnoses used.
-    before, after
-        Content of the recording before the change, and of the one that raised the alarm.
-    path
-        Path of the latter.
-    levels, scatter
-        Level of each parameter before the change, and its campaign-to-campaign scatter (relative for a positive parameter).
-    changed
-        Parameters that raised an alarm, with the standard uncertainties of their changes, relative for a positive parameter.
-    """
-
-    catalogue: str
-    name: str
+    catalogue: str  #: Folder of the catalogue.
+    name: str  #: Name of the file with the explanations.
+    #: The rig, and the diagnoses used.
     rig: str
     version: str
     baseline: str
+    #: Content of the recording before the change, and of the one that raised the alarm.
     before: str
     after: str
-    path: str
+    path: str  #: Path of the latter.
+    #: Level of each parameter before the change, and its campaign-to-campaign scatter (relative for a positive parameter).
     levels: dict[str, float]
     scatter: dict[str, float]
+    #: Parameters that raised an alarm, with the standard uncertainties of their changes, relative for a positive parameter.
     changed: dict[str, float]
 
 

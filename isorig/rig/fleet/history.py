@@ -55,28 +55,16 @@ class DiagnosedCampaign:
 
 @dataclass(frozen=True, kw_only=True)
 class Track:
-    """One parameter of one rig.
+    """One parameter of one rig."""
 
-    Parameters
-    ----------
-    name, unit
-        The parameter's path, or cause, place and name.
-    log
-        Whether the logarithm is tracked (if the parameter is positive throughout the fleet), so that differences are relative.
-    campaigns
-        Index of each value's campaign in the rig's list.
-    series
-        The tracked values.
-    followed
-        The result of tracking.
-    """
-
+    #: The parameter's path, or cause, place and name.
     name: str
     unit: str
+    #: Whether the logarithm is tracked (if the parameter is positive throughout the fleet), so that differences are relative.
     log: bool
-    campaigns: tuple[int, ...]
-    series: Series
-    followed: Followed
+    campaigns: tuple[int, ...]  #: Index of each value's campaign in the rig's list.
+    series: Series  #: The tracked values.
+    followed: Followed  #: The result of tracking.
 
     def plain(self, value: float) -> float:
         """A level as the parameter's value."""
@@ -121,59 +109,28 @@ class NewCause:
 
 @dataclass(frozen=True, kw_only=True)
 class Incident:
-    """A date on which a rig changed: all changes of that date.
-
-    Parameters
-    ----------
-    rig
-        Its name.
-    changes
-        The parameters that changed, the most significant first.
-    named
-        Causes named from then on.
-    last_before, first_after
-        Indices of the rig's campaigns between which it happened, with 95 % certainty.
-    first
-        Index of the most likely first campaign after it.
-    alarm
-        Index of the campaign that raised the first alarm.
-    """
+    """A date on which a rig changed: all changes of that date."""
 
     rig: str
-    changes: tuple[tuple[Track, DatedChange], ...]
-    named: tuple[NewCause, ...]
+    changes: tuple[tuple[Track, DatedChange], ...]  #: The parameters that changed, the most significant first.
+    named: tuple[NewCause, ...]  #: Causes named from then on.
+    #: Indices of the rig's campaigns between which it happened, with 95 % certainty.
     last_before: int
     first_after: int
-    first: int
-    alarm: int
+    first: int  #: Index of the most likely first campaign after it.
+    alarm: int  #: Index of the campaign that raised the first alarm.
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrackedRig:
-    """One rig.
+    """One rig."""
 
-    Parameters
-    ----------
-    name
-        The folder of its recordings.
-    campaigns
-        The tracked campaigns, in order of time.
-    version
-        The version of the program of all their diagnoses.
-    waiting
-        Number of campaigns not diagnosed by this version yet, or only by a newer one: they are not tracked.
-    tracks
-        Parameters by name.
-    incidents
-        The latest last.
-    """
-
-    name: str
-    campaigns: tuple[DiagnosedCampaign, ...]
-    version: str
-    waiting: int
-    tracks: Mapping[str, Track]
-    incidents: tuple[Incident, ...]
+    name: str  #: The folder of its recordings.
+    campaigns: tuple[DiagnosedCampaign, ...]  #: The tracked campaigns, in order of time.
+    version: str  #: The version of the program of all their diagnoses.
+    waiting: int  #: Number of campaigns not diagnosed by this version yet, or only by a newer one: they are not tracked.
+    tracks: Mapping[str, Track]  #: Parameters by name.
+    incidents: tuple[Incident, ...]  #: The latest last.
 
 
 @dataclass(frozen=True, kw_only=True)

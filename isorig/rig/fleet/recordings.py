@@ -17,24 +17,16 @@ ENDING = ".h5"
 
 
 class Recording(msgspec.Struct, frozen=True, kw_only=True):
-    """A recording on disk.
+    """A recording on disk."""
 
-    Parameters
-    ----------
-    rig, campaign
-        Names of the rig, and of the file without its extension.
-    path, size, modified
-        Its path, its size in bytes, and its modification time in ns.
-    content
-        SHA-256 of its bytes; empty until it is read.
-    """
-
+    #: Names of the rig, and of the file without its extension.
     rig: str
     campaign: str
+    #: Its path, its size in bytes, and its modification time in ns.
     path: str
     size: int
     modified: int
-    content: str = ""
+    content: str = ""  #: SHA-256 of its bytes; empty until it is read.
 
     @property
     def stamp(self) -> tuple[str, int, int]:

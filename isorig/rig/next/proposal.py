@@ -36,30 +36,14 @@ NO_CAUSE = "No candidate cause explains the error. Does another excitation revea
 
 @dataclass(frozen=True, kw_only=True)
 class Situation:
-    """What is known when the next run is to be chosen.
+    """What is known when the next run is to be chosen."""
 
-    Parameters
-    ----------
-    rivals
-        The diagnosis that counts, the last.
-    taken
-        Runs in hand, with their drives.
-    limits
-        Limits for a run; a limit that is not given is what the runs so far reached.
-    scale
-        The rig's drive over the planned one.
-    plans
-        Runs of earlier plans by id: their drives can be played again.
-    declined
-        Runs that the operator did not want, as they are described.
-    """
-
-    rivals: Rivals
-    taken: Sequence[Prospect]
-    limits: Limits
-    scale: float
-    plans: Mapping[str, RunPlan] = field(default_factory=dict)
-    declined: Set[str] = frozenset()
+    rivals: Rivals  #: The diagnosis that counts, the last.
+    taken: Sequence[Prospect]  #: Runs in hand, with their drives.
+    limits: Limits  #: Limits for a run; a limit that is not given is what the runs so far reached.
+    scale: float  #: The rig's drive over the planned one.
+    plans: Mapping[str, RunPlan] = field(default_factory=dict)  #: Runs of earlier plans by id: their drives can be played again.
+    declined: Set[str] = frozenset()  #: Runs that the operator did not want, as they are described.
 
     @property
     def explains(self) -> Variant:

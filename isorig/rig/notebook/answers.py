@@ -34,15 +34,9 @@ from isorig.rig.report.sketch import picture
 
 @dataclass(frozen=True, kw_only=True)
 class Answer(Diagnosis, Viewed):
-    """A diagnosis with the campaign that it is of.
+    """A diagnosis with the campaign that it is of."""
 
-    Parameters
-    ----------
-    campaign
-        The measurement.
-    """
-
-    campaign: Campaign
+    campaign: Campaign  #: The measurement.
 
     def __repr__(self) -> str:
         return f"Answer({self.conclusion.answer})"

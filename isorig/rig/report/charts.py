@@ -26,31 +26,16 @@ PHASE_ENDS = (-180.0 - BEYOND, 180.0 + BEYOND)
 
 @dataclass(frozen=True, kw_only=True)
 class ChartTrace:
-    """One line or one set of bars.
+    """One line or one set of bars."""
 
-    Parameters
-    ----------
-    name
-        Name in the legend; traces with the same name share an entry.
-    x, y
-        Values, shape (n,); `x` may be names for bars. NaN interrupts the line.
-    spread
-        Half width of the error band, or of the error bars of single points, shape (n,).
-    role
-        What it represents.
-    panel
-        Index of its panel, from the top.
-    style
-        Its style; "points" are markers with error bars, "dots" many faint samples.
-    """
-
-    name: str
+    name: str  #: Name in the legend; traces with the same name share an entry.
+    #: Values, shape (n,); `x` may be names for bars. NaN interrupts the line.
     x: FloatArray | Sequence[str]
     y: FloatArray
-    spread: FloatArray | None = None
-    role: Role = "measured"
-    panel: int = 0
-    style: Style = "solid"
+    spread: FloatArray | None = None  #: Half width of the error band, or of the error bars of single points, shape (n,).
+    role: Role = "measured"  #: What it represents.
+    panel: int = 0  #: Index of its panel, from the top.
+    style: Style = "solid"  #: Its style; "points" are markers with error bars, "dots" many faint samples.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,39 +63,21 @@ class Mark:
 
 @dataclass(frozen=True, kw_only=True)
 class Chart:
-    """A figure of the page.
+    """A figure of the page."""
 
-    Parameters
-    ----------
-    name
-        Name of the downloaded file.
-    caption
-        Description of the content, in a sentence.
-    panels, traces
-        The content.
-    x_label, x_log, x_ends
-        The common x axis.
-    x_date
-        Whether the axis shows dates; x is in days since 1970.
-    link
-        Charts with the same link zoom together.
-    marks
-        Shaded intervals.
-    peaks
-        Whether to state the largest value of every curve of the first panel, within the shown interval.
-    """
-
-    name: str
-    caption: str
+    name: str  #: Name of the downloaded file.
+    caption: str  #: Description of the content, in a sentence.
+    #: The content.
     panels: Sequence[Panel]
     traces: Sequence[ChartTrace]
+    #: The common x axis.
     x_label: str = "frequency, Hz"
     x_log: bool = True
     x_ends: tuple[float, float] | None = None
-    x_date: bool = False
-    link: str | None = None
-    marks: Sequence[Mark] = ()
-    peaks: bool = False
+    x_date: bool = False  #: Whether the axis shows dates; x is in days since 1970.
+    link: str | None = None  #: Charts with the same link zoom together.
+    marks: Sequence[Mark] = ()  #: Shaded intervals.
+    peaks: bool = False  #: Whether to state the largest value of every curve of the first panel, within the shown interval.
 
     @property
     def bars(self) -> int:

@@ -53,25 +53,15 @@ NOT_AVAILABLE = "not available"
 
 @dataclass(frozen=True, kw_only=True)
 class Conclusion:
-    """What a colleague would answer.
+    """What a colleague would answer."""
 
-    Parameters
-    ----------
-    check
-        What to check before anything else is believed; empty if nothing.
-    answer
-        The verdict, the causes with their sizes, the held-out errors before and after, and what noise alone would cause.
-    ruled_out
-        The fitted causes: those of the kind and place to which the equations of motion point, those that were rejected, and those
-        that were not; empty if nothing was fitted.
-    next
-        What to do.
-    """
-
-    check: str
+    check: str  #: What to check before anything else is believed; empty if nothing.
+    #: The verdict, the causes with their sizes, the held-out errors before and after, and what noise alone would cause.
     answer: str
+    #: The fitted causes: those of the kind and place to which the equations of motion point, those that were rejected, and those
+    #: that were not; empty if nothing was fitted.
     ruled_out: str
-    next: str
+    next: str  #: What to do.
 
     @property
     def lines(self) -> list[str]:

@@ -60,46 +60,23 @@ class Judgement(Message, frozen=True):
 
 
 class SessionState(Message, frozen=True):
-    """State of a session.
+    """State of a session."""
 
-    Parameters
-    ----------
-    phase
-        "begins", "asks" (it waits for the operator before a run), "checks" (pre-run check), "measures", "finishes" (all runs are
-        measured and it waits for the operator), or "over".
-    run
-        The current or next run; the last one when all are measured.
-    last
-        The run measured last.
-    may
-        The requests that are allowed now.
-    text
-        What it waits for, or why it is over.
-    judged
-        Result of the post-run check of each run.
-    stopped
-        Runs that the operator stopped.
-    seconds
-        Duration of the current run so far, seconds.
-    overloads, damaged
-        Blocks of the current run with an overload, frames damaged in transmission.
-    notes
-        The notes.
-    equations
-        What the equations of motion tell of the current or last run; None before the first message.
-    """
-
+    #: "begins", "asks" (it waits for the operator before a run), "checks" (pre-run check), "measures", "finishes" (all runs are
+    #: measured and it waits for the operator), or "over".
     phase: Literal["begins", "asks", "checks", "measures", "finishes", "over"] = "begins"
-    run: str = ""
-    last: str = ""
-    may: tuple[RequestKind, ...] = ()
-    text: str = ""
-    judged: dict[str, Judgement] = {}
-    stopped: tuple[str, ...] = ()
-    seconds: float = 0.0
+    run: str = ""  #: The current or next run; the last one when all are measured.
+    last: str = ""  #: The run measured last.
+    may: tuple[RequestKind, ...] = ()  #: The requests that are allowed now.
+    text: str = ""  #: What it waits for, or why it is over.
+    judged: dict[str, Judgement] = {}  #: Result of the post-run check of each run.
+    stopped: tuple[str, ...] = ()  #: Runs that the operator stopped.
+    seconds: float = 0.0  #: Duration of the current run so far, seconds.
+    #: Blocks of the current run with an overload, frames damaged in transmission.
     overloads: int = 0
     damaged: int = 0
     notes: tuple[Note, ...] = ()
+    #: What the equations of motion tell of the current or last run; None before the first message.
     equations: EquationsReport | None = None
 
 

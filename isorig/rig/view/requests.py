@@ -25,17 +25,10 @@ TOLD = 5.0
 
 
 class Desk:
-    """Decides, with the operator, what a session does next.
+    """Decides, with the operator, what a session with these runs does next; notes are saved next to its recording.
 
-    Parameters
-    ----------
-    planned
-        The session's runs in order.
-    output
-        Its recording; notes are saved next to it.
-    asks
-        Whether the session waits for the operator when an action may be needed: before the first run, when the configuration
-        changes, and after a run that was stopped or has a fault.
+    If it `asks`, the session waits for the operator when an action may be needed: before the first run, when the configuration
+    changes, and after a run that was stopped or has a fault.
     """
 
     def __init__(self, planned: tuple[Planned, ...], output: Path, *, asks: bool) -> None:

@@ -27,23 +27,9 @@ def described_campaign(
 ) -> Campaign:
     """A session on a rig: in every configuration three runs, at the usual level twice and at half of it.
 
-    Parameters
-    ----------
-    given
-        The rig; the recording carries its description.
-    seed
-        Random seed of drives and noise.
-    noise
-        Standard deviation of every sensor's noise as a share of the channel's rms in the first run.
-    seconds
-        Length of a run; as usual where None.
-    truth
-        The simulated rig, if the description has starting values.
-
-    Raises
-    ------
-    PlanError
-        Where the description's usual drive cannot be made.
+    It carries the rig's description. Every sensor's noise has the standard deviation `noise` as a share of the channel's rms in
+    the first run; a run has its usual length if no seconds are given. `truth` is the simulated rig, if the description has
+    starting values. Raises PlanError if the description's usual drive cannot be made.
     """
     model = given.model if truth is None else truth
     generator = np.random.default_rng(seed)

@@ -32,28 +32,15 @@ FORCE_LEVEL = 500.0
 
 @dataclass(frozen=True, kw_only=True)
 class SyntheticDrive:
-    """A synthetic drive.
+    """A synthetic drive."""
 
-    Parameters
-    ----------
-    excitation
-        Band-limited noise, odd random-phase multisine, logarithmic sweep, one half sine, consecutive moves, or none at all (a
-        mass that is released).
-    gain
-        Drive gain.
-    level
-        rms (noise, multisine) or peak (others) in the drive channel's unit; by default from the gain.
-    band
-        Hz, for noise, multisine and sweep.
-    seconds, sample_rate, seed, configuration
-        Duration in s, rate in Hz, random seed, and configuration of the rig.
-    """
-
+    #: Band-limited noise, odd random-phase multisine, logarithmic sweep, one half sine, consecutive moves, or none at all (a mass
+    #: that is released).
     excitation: SyntheticExcitation
-    level: float | None
-    band: tuple[float, float] | None
+    level: float | None  #: rms (noise, multisine) or peak (others) in the drive channel's unit; by default from the gain.
+    band: tuple[float, float] | None  #: Hz, for noise, multisine and sweep.
     seconds: float
-    sample_rate: float
+    sample_rate: float  #: Hz.
     configuration: str
     gain: float = 70.0
     seed: int = 0

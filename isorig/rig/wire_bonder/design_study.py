@@ -59,36 +59,16 @@ BOND = BondPlan()
 
 
 class DesignPlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Input of the study.
+    """Input of the study."""
 
-    Parameters
-    ----------
-    moves
-        The moves in order.
-    limit
-        Largest stroke in either direction, m.
-    safety
-        The stroke must stay within limit / safety.
-    frequencies
-        Lowest and highest isolation frequency to try, Hz.
-    head
-        The head, if it differs from the model's.
-    after
-        Whether the oscillation after the last move is included; otherwise the moves continue without end.
-    bond
-        The move before the bond, and the heatblock's tolerance after it.
-    shown
-        The isolation frequency whose curves are shown, Hz; by default the recommended one.
-    """
-
-    moves: tuple[Move, ...]
-    limit: float
-    safety: float = 1.0
-    frequencies: tuple[float, float] = (0.3, 6.0)
-    head: HeadPlan | None = None
-    after: bool = True
-    bond: BondPlan = BOND
-    shown: float | None = None
+    moves: tuple[Move, ...]  #: The moves in order.
+    limit: float  #: Largest stroke in either direction, m.
+    safety: float = 1.0  #: The stroke must stay within limit / safety.
+    frequencies: tuple[float, float] = (0.3, 6.0)  #: Lowest and highest isolation frequency to try, Hz.
+    head: HeadPlan | None = None  #: The head, if it differs from the model's.
+    after: bool = True  #: Whether the oscillation after the last move is included; otherwise the moves continue without end.
+    bond: BondPlan = BOND  #: The move before the bond, and the heatblock's tolerance after it.
+    shown: float | None = None  #: The isolation frequency whose curves are shown, Hz; by default the recommended one.
 
     def drive(self) -> FloatArray:
         """The head's acceleration at `MOVE_RATE`."""
@@ -184,22 +164,11 @@ def designed(
     plan: DesignPlan, values: RigValues, *, draws: int = 0, seed: int = 0, points: int = 100, offsets: tuple[float, ...] = (),
     rocking_frequency: float = 30.0,
 ) -> Designed:  # fmt: skip
-    """Run the whole study.
+    """Run the whole study of a plan, with the values of the present rig and the plan's head.
 
-    Parameters
-    ----------
-    plan
-        Moves, limit, frequencies.
-    values
-        Those of the present rig, with the plan's head.
-    draws, seed
-        Number of further rigs with values drawn from their uncertainties, and random seed.
-    points
-        Number of isolation frequencies; each is studied for all rigs, with and without friction.
-    offsets
-        Distances of the drive from the motor's centre of gravity, m.
-    rocking_frequency
-        Frequency at which the motor rocks on its bearings, Hz.
+    `draws` further rigs have values drawn from their uncertainties, and each is studied at so many isolation frequencies
+    (`points`), with and without friction. `offsets` are distances of the drive from the motor's centre of gravity, m;
+    `rocking_frequency` is that at which the motor rocks on its bearings, Hz.
     """
     rig = values.model
     rigs = [rig, *values.drawn(draws, seed)]

@@ -47,35 +47,22 @@ SPRING_STEEL = Material(name="spring steel", modulus=190e9, shear=73e9, density=
 
 @dataclass(frozen=True, kw_only=True)
 class Flexure:
-    """A set of leaves.
+    """A set of leaves."""
 
-    Parameters
-    ----------
-    leaves, length, width, thickness
-        Number, and dimensions in m.
-    stiffness, frequency
-        Along the axis, N/m and Hz.
-    stress
-        Largest stress at the stroke, N/m^2.
-    upright, leaf
-        Natural frequencies of the motor in the vertical direction and of a leaf alone, Hz.
-    sag
-        Vertical deflection of the leaves due to the motor's weight, m.
-    buckling
-        Lateral buckling load of a leaf, divided by its share of the motor's weight.
-    """
-
+    #: Number, and dimensions in m.
     leaves: int
     length: float
     width: float
     thickness: float
+    #: Along the axis, N/m and Hz.
     stiffness: float
     frequency: float
-    stress: float
+    stress: float  #: Largest stress at the stroke, N/m^2.
+    #: Natural frequencies of the motor in the vertical direction and of a leaf alone, Hz.
     upright: float
     leaf: float
-    sag: float
-    buckling: float
+    sag: float  #: Vertical deflection of the leaves due to the motor's weight, m.
+    buckling: float  #: Lateral buckling load of a leaf, divided by its share of the motor's weight.
 
 
 def flexure(
@@ -84,21 +71,8 @@ def flexure(
 ) -> Flexure:  # fmt: skip
     """The leaves that give a mass a certain frequency, with stress and buckling load.
 
-    Parameters
-    ----------
-    mass, frequency, stroke
-        Of the motor: kg, Hz, m in either direction.
-    thickness, width
-        Of a leaf, m.
-    leaves
-        Number of leaves that carry the motor.
-    material
-        Their material.
-
-    Raises
-    ------
-    DataError
-        A number is not allowed.
+    The motor's mass is in kg, the frequency in Hz and the stroke, in either direction, in m. Thickness and width of a leaf are in
+    m. Raises DataError if a number is not allowed.
     """
     given = {"mass": mass, "frequency": frequency, "stroke": stroke, "thickness": thickness, "width": width, "leaves": leaves}
     for name, value in given.items():

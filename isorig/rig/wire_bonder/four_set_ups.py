@@ -37,59 +37,31 @@ Band = tuple[float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class SetUp:
-    """One transfer function and the values determined from it.
+    """One transfer function and the values determined from it."""
 
-    Parameters
-    ----------
-    name
-        The body of the natural frequency and damping ratio.
-    frf
-        Measured.
-    band
-        The evaluated band, Hz.
-    half_power, fit
-        Results of the two methods; `fit` is None if not applicable.
-    refused
-        Why there is no fit; empty if there is one.
-    mode
-        The better result for this body's mode: from the fit, otherwise from half-power, otherwise None.
-    method
-        Method of `mode`.
-    """
-
-    name: str
-    frf: Frf
-    band: tuple[float, float]
+    name: str  #: The body of the natural frequency and damping ratio.
+    frf: Frf  #: Measured.
+    band: tuple[float, float]  #: The evaluated band, Hz.
+    #: Results of the two methods; `fit` is None if not applicable.
     half_power: HalfPower
     fit: ModalFit | None
-    refused: str
-    mode: Mode | None
-    method: str
+    refused: str  #: Why there is no fit; empty if there is one.
+    mode: Mode | None  #: The better result for this body's mode: from the fit, otherwise from half-power, otherwise None.
+    method: str  #: Method of `mode`.
 
 
 @dataclass(frozen=True, kw_only=True)
 class ErrorSurface:
-    """Mean relative error of the simulated head-to-table magnitude over table mass and damping (thesis, Eq. 5).
+    """Mean relative error of the simulated head-to-table magnitude over table mass and damping (thesis, Eq. 5)."""
 
-    Parameters
-    ----------
-    mass, damping
-        Axes: kg and damping ratio.
-    error
-        Shape (damping, mass).
-    best
-        (mass, damping ratio, error) at the minimum.
-    std
-        Standard uncertainties of mass and damping ratio due to the error bars of the measured magnitudes.
-    frequency, measured, simulated
-        Hz and magnitudes: the best simulation compared with the measurement.
-    """
-
+    #: Axes: kg and damping ratio.
     mass: FloatArray
     damping: FloatArray
-    error: FloatArray
-    best: tuple[float, float, float]
+    error: FloatArray  #: Shape (damping, mass).
+    best: tuple[float, float, float]  #: (mass, damping ratio, error) at the minimum.
+    #: Standard uncertainties of mass and damping ratio due to the error bars of the measured magnitudes.
     std: tuple[float, float]
+    #: Hz and magnitudes: the best simulation compared with the measurement.
     frequency: FloatArray
     measured: FloatArray
     simulated: FloatArray

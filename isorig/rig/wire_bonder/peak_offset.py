@@ -46,28 +46,16 @@ class PeakPair:
 
 @dataclass(frozen=True, kw_only=True)
 class PeakOffset:
-    """Offsets of the peaks.
+    """Offsets of the peaks."""
 
-    Parameters
-    ----------
-    pairs
-        By gain, highest first.
-    mass_loading
-        Offset predicted by the linear rig, with the motor free compared with its mass added to the table, Hz.
-    slope, slope_std
-        Change of the offset with the gain, Hz per unit of gain; NaN with one gain.
-    change
-        Difference between the largest and the smallest offset over the gains, and its standard deviation, Hz; NaN with one gain.
-    verdict
-        Conclusion from the data, in a sentence.
-    """
-
-    pairs: tuple[PeakPair, ...]
-    mass_loading: float
+    pairs: tuple[PeakPair, ...]  #: By gain, highest first.
+    mass_loading: float  #: Offset predicted by the linear rig, with the motor free compared with its mass added to the table, Hz.
+    #: Change of the offset with the gain, Hz per unit of gain; NaN with one gain.
     slope: float
     slope_std: float
+    #: Difference between the largest and the smallest offset over the gains, and its standard deviation, Hz; NaN with one gain.
     change: tuple[float, float]
-    verdict: str
+    verdict: str  #: Conclusion from the data, in a sentence.
 
 
 def peak_offset(campaign: Campaign, model: RigModel) -> PeakOffset:

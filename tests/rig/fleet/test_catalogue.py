@@ -99,12 +99,16 @@ def test_read_while_it_is_compacted(tmp_path: Path) -> None:
         "from pathlib import Path\n"
         "from test_catalogue import Catalogue, answer\n"
         "store = Catalogue(Path(sys.argv[1]))\n"
+        "print('begins', flush=True)\n"
         "for turn in range(25):\n"
         "    store.put(answer(turn % 20)); store.compact(fewest=1)\n"
     )
     call = [sys.executable, "-c", code, str(tmp_path), str(Path(__file__).parent)]
-    with subprocess.Popen(call), subprocess.Popen(call) as running:
-        while running.poll() is None:
+    with subprocess.Popen(call, stdout=subprocess.PIPE) as one, subprocess.Popen(call, stdout=subprocess.PIPE) as other:
+        for each in (one, other):
+            assert each.stdout is not None
+            assert each.stdout.readline() == b"begins\n"
+        while one.poll() is None or other.poll() is None:
             assert Catalogue(tmp_path).answers().content.nunique() == 20
     assert len(Catalogue(tmp_path).answers()) == 40
 
