@@ -18,6 +18,7 @@ from isorig.analysis.errors import SimulationError
 from isorig.analysis.fitting import initial_state, trials
 from isorig.analysis.fitting.division import ends
 from isorig.analysis.fitting.initial_state import PreparedRun, begins_in_motion, moving_start
+from isorig.analysis.fitting.screen import shortened
 from isorig.analysis.fitting.solve import Free, Problem, jacobian_of
 from isorig.analysis.fitting.trials import DECAYS, expected, prepare
 from isorig.analysis.laws import Cubic
@@ -259,6 +260,16 @@ def test_records_of_a_decay_tell_the_described_state_at_its_start(monkeypatch: p
     limit = 4.0 * DECAYS * 2.0 * np.pi * np.sqrt(MASS / STIFFNESS)
     told = [prepare(*releases((5e-3,), 1.0, share * limit))[0].moving is not None for share in (0.97, 1.03)]
     assert told == [False, True]
+
+
+def test_a_short_fit_keeps_the_records_that_tell_the_start() -> None:
+    campaign, described = releases((5e-3,), 1.0, 12.0)
+    (trial,) = prepare(campaign, described)
+    assert trial.moving is not None
+    (short,) = shortened((trial,), 0.01)
+    assert short.fitted < trial.moving.measured.shape[1]
+    softer = described.replace({"links.l.stiffness": 0.9 * STIFFNESS})
+    assert short.start_of(softer)["m"] == pytest.approx(trial.start_of(softer)["m"])
 
 
 def test_the_second_strongest_of_several_decays_is_held_out() -> None:

@@ -12,6 +12,7 @@ from msgspec.structs import replace as replace_struct
 from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.fitting.plausible import DECADE, EXPLAINS, NEAR, doubts, explains_as_given, unit_factor
 from isorig.analysis.fitting.solve import Fit, Free
+from isorig.analysis.laws import Cubic
 from isorig.analysis.model.rig_model import Body, Configuration, Link, RigModel, Sensor, from_tree
 from isorig.rig.wire_bonder.description import FREE, FRICTION, THESIS, wire_bonder
 from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
@@ -93,6 +94,17 @@ def test_an_end_of_a_range() -> None:
     assert (limit.kind, limit.parameter) == ("limit", "links.foot.damping")
     found = doubts(chain(), (fitted(chain(), {"bodies.block.mass": 5.0}, mass=(5.0, 5e3)),))
     assert [doubt.kind for doubt in found] == ["limit"]
+
+
+def test_an_end_of_the_range_of_a_cause_is_no_doubt_about_the_description() -> None:
+    """A hysteresis without a limit of its sharpness is an elastic slip."""
+    own = Free(path="links.foot.laws.0.cubic_stiffness", low=0.0, high=7.0)
+    hard = fitted(chain(), {"links.foot.stiffness": 4e4})
+    link = replace_struct(hard.model.link("foot"), laws=(Cubic(cubic_stiffness=7.0),))
+    with_cause = replace(
+        hard, model=replace_struct(hard.model, links=(link,)), free=(*hard.free, own), covariance=np.zeros((4, 4))
+    )
+    assert doubts(chain(), (with_cause,)) == ()
 
 
 def test_friction_a_unit_off() -> None:

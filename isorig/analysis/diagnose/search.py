@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray
-from isorig.analysis.deadline import out_of_time
+from isorig.analysis.deadline import Deadline, out_of_time, time_left
 from isorig.analysis.diagnose.cause_in_model import without_cause
 from isorig.analysis.diagnose.causes import containing, contains, proposed, same_form
 from isorig.analysis.diagnose.causes.base import Evidence, Kind
@@ -80,6 +80,9 @@ from isorig.analysis.wording import in_per_cent
 
 #: Number of candidates with a full fit, of free shapes, and of pairs of suspected causes.
 FINALISTS, CURVES, PAIRS = 4, 3, 2
+#: Longest time for pairs of causes in multiples of that for single ones before, and at least in s. Chosen: pairs that were found
+#: took up to six times as long, of 4 s; where they need more, the best single cause is named.
+FOR_PAIRS, LEAST_FOR_PAIRS = 5.0, 45.0
 #: Share of the model's misfit in the first seconds that candidates for a further step must remove. Chosen: half of what the step
 #: must remove to count (`Policy.of_rest`).
 PROMISING_LATER = 0.25
@@ -225,11 +228,7 @@ class Job:
 
     def nearly(self, entry: Entry) -> bool:
         """Whether it leaves so little that the rest is due to no other kind or place."""
-        return self.removes_all_but(POLICY.settled, entry)
-
-    def removes_all_but(self, share: float, entry: Entry) -> bool:
-        """Whether it leaves less than this share of the current model's excess."""
-        return share_removed(self.now.error, entry.score.error, self.floors) > 1.0 - share
+        return share_removed(self.now.error, entry.score.error, self.floors) > 1.0 - POLICY.settled
 
     def entries(self, ranked: Running) -> list[Entry]:
         """Fits of candidates as they are, judged on held-out data: those that are no contenders only show by how much."""
@@ -341,6 +340,7 @@ def next_step(job: Job) -> Found | None:
     Catalogued forms are fitted to the first seconds, and pairs of them where the equations show another cause. If neither makes
     the model adequate, free shapes are fitted to determine place and kind; a form is then named only if it comes close to them.
     """
+    begun = Deadline()
     job.progress("looking for the equations of motion that do not hold")
     source: Source | None = None
     forms: list[Entry] = []
@@ -349,19 +349,16 @@ def next_step(job: Job) -> Found | None:
     for each in sources(job):
         rough = job.entries(each.forms[:FINALISTS])
         whole = whole and not out_of_time()
-        # What one cause leaves then is searched for with that in place.
-        alone = any(adequate(entry.score, job.floors) or job.removes_all_but(POLICY.rest, entry) for entry in rough)
-        if whole and job.steps > 1 and not alone:
-            both = _together(job, each.pairs(), rough)
-            if both is not None:
-                return both
+        if whole and (both := _both(job, each, rough, begun.spent)):
+            return both
         more = _finished_forms(job, each, rough, general=whole)
         allowed = [one for one in more if (job.explains(one) or each.allows(one)) and not job.contradicts(one)]
         source = each if source is None or (more and not source.leads) or job.helps(allowed) else source
         forms = best_fits([*forms, *allowed], job.floors)
         if more and (out_of_time() or not each.doubtful(forms)):
             break
-        shapes = _without_forms(job, each) if whole and each.leads and not more else shapes
+        if whole and each.leads and not more:
+            shapes = [*(shapes or ()), *_without_forms(job, each)]
         if any(job.nearly(entry) and each.shown(*entry.candidate.key) for entry in shapes or ()):
             break
     if source is None:
@@ -386,6 +383,14 @@ def next_step(job: Job) -> Found | None:
     if not forms:
         return None
     return _as_shown(best_form(forms, job.now, job.floors), source)
+
+
+def _both(job: Job, source: Source, forms: Sequence[Entry], spent: float) -> Found | None:
+    # The best pair, found in a multiple of the time that was spent on the forms; None without one, or where one cause is enough.
+    if job.steps > 1 and not any(adequate(entry.score, job.floors) or job.nearly(entry) for entry in forms):
+        with Deadline(min(max(FOR_PAIRS * spent, LEAST_FOR_PAIRS), time_left())), suppress(OutOfTimeError):
+            return _together(job, source.pairs(), forms)
+    return None
 
 
 def _finished_forms(job: Job, source: Source, rough: Sequence[Entry], *, general: bool) -> list[Entry]:

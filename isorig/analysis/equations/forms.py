@@ -128,7 +128,7 @@ def _spectral_force(
     equations: Equations, balance: Balance, element: Element, shape: Shape, in_time: ElementForce
 ) -> ElementForce:  # fmt: skip
     # The force of an element that noise hides `in_time` from the regression of the spectra, in which each frequency bin counts by
-    # its noise. Each half of the segments gives one; half of their difference is the error of their mean.
+    # its noise. Each half of the segments gives one: samples have them in turn, and so the error of their mean as noise.
     prepared = equations.prepared[balance.name]
     columns = len(prepared.rows) - 1
     courses = [equations.course(run, element, balance) for run in prepared.runs]
@@ -142,19 +142,21 @@ def _spectral_force(
         damping, stiffness = values[first : first + 2]
         scale = _scale(dict(zip(unknown, values.tolist(), strict=False)))
         own = (damping * c.velocity + stiffness * c.deflection + shape.columns(c) @ values[columns:] / sign for c in courses)
-        return np.concatenate(list(own)) / scale
+        found = np.concatenate(list(own)) / scale
+        return np.asarray(found - found.mean())  # spectra tell no constant
 
     if equations.shaped(balance, element, shape).residual >= HOLDS:
         return in_time  # more than this shape is missing
-    one, other_half = force(0), force(1)
+    halves = np.stack([force(0), force(1)])
     d = np.concatenate([course.deflection for course in courses])
     samples = _thinned(d)
     runs = np.concatenate([np.full(len(course.place), k) for k, course in enumerate(courses)])[samples]
     at = np.concatenate([course.place for course in courses])[samples]
+    taken = halves[np.arange(len(samples)) % 2, samples]
     return replace(
         in_time, deflection=d[samples], velocity=np.concatenate([course.velocity for course in courses])[samples],
-        time=np.concatenate([course.time for course in courses])[samples], force=0.5 * (one + other_half)[samples],
-        left=0.5 * (one - other_half)[samples], rate=equations.rate,
+        time=np.concatenate([course.time for course in courses])[samples], force=taken,
+        left=taken - halves.mean(axis=0)[samples], rate=equations.rate,
         motions=tuple(
             RecordedMotion(deflection=course.deflection, velocity=course.velocity, used=at[runs == k])
             for k, course in enumerate(courses)

@@ -14,7 +14,7 @@ from scipy.signal import butter, lsim, sosfilt
 from small_rigs import SESSION, Take, carts, chain, guessed, late, played, rubbing, stage, with_law
 
 from isorig.analysis import laws
-from isorig.analysis.campaign import Run
+from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.deadline import Deadline
 from isorig.analysis.diagnose.causes import CATALOGUE
 from isorig.analysis.diagnose.diagnosis import Diagnosis, diagnose
@@ -277,3 +277,30 @@ def test_the_other_variants_of_a_form_start_from_its_values() -> None:
     assert len(others) == 1
     assert best.cost < 0.1 * fitted.cost
     assert best.model.link("l1").laws[0].end == -1
+
+
+def test_a_damper_whose_force_bends_near_rest_is_no_dry_friction() -> None:
+    """A digressive damper on an imposed motion: steep below 25 mm/s, flat above; the points of a friction lie closer there."""
+    rate, draw = 250.0, np.random.default_rng(SEED + 9)
+    runs = []
+    for number, size in enumerate((0.4, 0.7, 1.0)):
+        t = np.arange(round(12.0 * rate)) / rate
+        stroke = sum(0.011 * size * np.sin(2.0 * np.pi * f * t + draw.uniform(0.0, 6.0)) / 3.0 for f in (0.6, 0.9, 1.3))
+        speed = CubicSpline(t, stroke)(t, 1)
+        knee = np.clip(speed, -0.025, 0.025)
+        force = 6000.0 * stroke + 2000.0 * speed + np.where(knee > 0.0, 4000.0, 1500.0) * knee
+        channels = {
+            "s": Channel(name="s", samples=stroke, quantity="displacement", unit="m"),
+            "F": Channel(name="F", samples=force + draw.normal(0.0, 0.5, len(t)), quantity="force", unit="N"),
+        }
+        runs.append(Run(id=f"r{number}", configuration="unlocked", sample_rate=rate, gain=1.0, channels=channels))
+    rig = RigModel(
+        name="damper", bodies=(Body(name="rod", mass=1e-6),),
+        links=(Link(name="oil", a="rod", stiffness=5500.0, damping=3000.0),),
+        drive=Drive(channel="s", quantity="displacement", factor=1.0, pushes={}, imposes="rod"),
+        sensors=(Sensor(channel="F", quantity="force", force_in="drive.s"),),
+        free=("links.oil.stiffness", "links.oil.damping"),
+    )  # fmt: skip
+    diagnosis = diagnose(Campaign(runs=tuple(runs), source="damper"), rig)
+    assert diagnosis.verdict == "explained"
+    assert [(step.kind, step.location) for step in diagnosis.steps] == [("damping_shape", "oil")]

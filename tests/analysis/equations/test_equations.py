@@ -13,8 +13,9 @@ from isorig.analysis import laws
 from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.suspects import ALIKE, BROKEN, LEAST_SCORE, REPAIRED, SHOWN, repairs, suspected, suspects
+from isorig.analysis.equations import forms
 from isorig.analysis.equations.balances import balances
-from isorig.analysis.equations.columns import relaxing
+from isorig.analysis.equations.columns import SHAPES, relaxing
 from isorig.analysis.equations.forms import element_force, fitted_form, shape_of, start_values
 from isorig.analysis.equations.hidden import estimable, estimated
 from isorig.analysis.equations.motion import derivatives
@@ -63,6 +64,38 @@ def test_a_hardening_link_breaks_its_own_equation_only_and_its_curve_repairs_it(
     values = start_values(equations, best)
     assert values["links.l0.stiffness"] == pytest.approx(4200.0, rel=0.005)
     assert values["links.l2.stiffness"] == pytest.approx(3500.0, rel=0.005)
+
+
+@pytest.mark.parametrize(("factor", "hidden"), [(1.01, False), (0.99, True)])
+def test_spectra_tell_a_curve_that_noise_hides_in_time(factor: float, hidden: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half of the samples have the force that one half of the segments gives: their difference is its noise."""
+    truth = with_law(chain(), "l1", laws.Cubic(cubic_stiffness=5e6))
+    equations = equations_of(played(truth, seed=SEED + 1, longer=3.0), guessed(chain(), SEED + 1))
+    best = ranking(equations).explanations[0]
+    monkeypatch.setattr(forms, "HIDDEN", np.inf)
+    in_time = element_force(equations, "l1", shape_of(best))
+    assert in_time is not None
+    monkeypatch.setattr(forms, "HIDDEN", factor * float(np.mean(in_time.left**2) / np.mean(in_time.force**2)))
+    force = element_force(equations, "l1", shape_of(best))
+    assert force is not None
+    assert np.array_equal(force.force, in_time.force) is not hidden
+    assert np.std(force.left) < 0.02 * np.std(force.force)
+    columns = np.stack([force.deflection, force.deflection**3, force.velocity], 1)
+    values, *_ = np.linalg.lstsq(columns, force.force, rcond=None)
+    own = truth.link("l1")
+    assert values == pytest.approx([own.stiffness, 5e6, own.damping], rel=0.05)
+
+
+def test_spectra_do_not_tell_the_force_where_more_than_a_curve_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    truth = rubbing(with_law(chain(), "l1", laws.Cubic(cubic_stiffness=2e7)), "l1", 1.0)
+    equations = equations_of(played(truth, seed=SEED + 1), guessed(chain(), SEED + 1))
+    spring = next(shape for shape in SHAPES if shape.name == "force over deflection")
+    in_time = element_force(equations, "l1", spring)
+    monkeypatch.setattr(forms, "HIDDEN", 0.0)
+    again = element_force(equations, "l1", spring)
+    assert in_time is not None
+    assert again is not None
+    assert np.array_equal(again.force, in_time.force)
 
 
 def test_the_curve_of_a_stiff_link_is_read_from_where_noise_is_small() -> None:

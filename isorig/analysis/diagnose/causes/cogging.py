@@ -23,10 +23,10 @@ WITHIN = 1.2
 
 
 class Cogging(LinkCause):
-    """A force that repeats with the position (the cogging of a motor, the meshing of teeth).
+    """A force that repeats with the position (the cogging of a motor, the meshing of teeth, once per turn a heavy side).
 
-    The force is a sin(2 pi d / pitch + phase), over at least two periods. It is proposed where the equations of motion show a
-    pitch.
+    The force is a sin(2 pi d / pitch + phase), over at least two periods, or of once per turn. It is proposed where the equations
+    of motion show a pitch, or a force over the angle of a body that no spring holds.
     """
 
     kind = "spring_shape"

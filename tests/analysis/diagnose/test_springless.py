@@ -1,0 +1,134 @@
+"""Rigs that no spring holds: heavy sides that turn, single pulls, and what their drive cannot judge."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import msgspec
+import numpy as np
+import pytest
+from scipy.integrate import cumulative_trapezoid, solve_ivp
+
+from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
+from isorig.analysis.diagnose.diagnosis import diagnose
+from isorig.analysis.diagnose.search import Job
+from isorig.analysis.fitting import trials
+from isorig.analysis.fitting.plausible import doubts_of_records
+from isorig.analysis.fitting.trials import prepare
+from isorig.analysis.model.rig_model import Body, Drive, Link, RigModel, Sensor
+
+SEED = 5200
+RATE = 250.0
+
+
+def turned(heavy_side: float) -> tuple[Campaign, RigModel]:
+    """Two runs of a table that a motor turns slowly to and fro through two turns, by scipy; its heavy side in N m."""
+    inertia, drag, runs = 0.02, 0.03, []
+    for number, speeds in enumerate(((1.5, -0.8, 0.6, -1.4), (-1.1, 1.3, -0.5, 0.9))):
+        t = np.arange(round(16.0 * RATE)) / RATE
+        speed = np.repeat(speeds, len(t) // 4)
+        wanted = np.convolve(np.pad(speed, 20, mode="edge"), np.hanning(41) / np.hanning(41).sum(), "valid")
+        wanted *= np.minimum(t / 0.4, 1.0)
+        angle = cumulative_trapezoid(wanted, dx=1.0 / RATE, initial=0.0)
+        acceleration = np.gradient(wanted, 1.0 / RATE)
+        torque = inertia * acceleration + drag * wanted + heavy_side * np.sin(angle + 0.7)
+        draw = np.random.default_rng(SEED + number)
+        channels = {
+            "torque": Channel(
+                name="torque", samples=torque + draw.normal(0.0, 1e-4, len(t)), quantity="torque", unit="N m"
+            ),
+            "angle": Channel(
+                name="angle", samples=angle + draw.normal(0.0, 2e-4, len(t)), quantity="angle", unit="rad"
+            ),
+        }  # fmt: skip
+        runs.append(
+            Run(id=f"r{number}", configuration="unlocked", sample_rate=RATE, gain=1.0, channels=channels, excitation="moves")
+        )
+    rig = RigModel(
+        name="table", bodies=(Body(name="table", mass=0.018, motion="rotation"),),
+        links=(Link(name="bearing", a="table", damping=0.036),),
+        drive=Drive(channel="torque", factor=1.0, pushes={"table": 1.0}, quantity="torque"),
+        sensors=(Sensor(channel="angle", body="table", quantity="angle"),),
+        free=("bodies.table.mass", "links.bearing.damping"),
+    )  # fmt: skip
+    return Campaign(runs=tuple(runs), source="turned"), rig
+
+
+def test_a_heavy_side_is_a_force_that_repeats_with_each_turn() -> None:
+    found = diagnose(*turned(0.02))
+    assert [(step.cause, step.location) for step in found.steps] == [("cogging", "bearing")]
+    force, pitch = (found.steps[0].parameters[name][0] for name in ("periodic_force", "pitch"))
+    assert force == pytest.approx(0.02, rel=0.05)
+    assert pitch == pytest.approx(2.0 * np.pi, rel=0.05)
+
+
+def pulled(friction: float, *, zero: float = 0.0, noise: float = 1.5e-4) -> tuple[Campaign, RigModel]:
+    """A rack that a winch pulls once, by scipy, and that coasts to rest; a noisy position, measured from `zero` in m."""
+    mass, drag, rate = 1.6, 1.1, 500.0
+    t = np.arange(round(4.0 * rate)) / rate
+
+    def force(time: FloatArray | float) -> FloatArray:
+        return np.asarray(5.0 * np.clip((np.asarray(time) - 0.4) / 0.2, 0.0, 1.0) * (np.asarray(time) < 1.6))
+
+    def rates(time: float, y: FloatArray) -> list[float]:
+        return [y[1], (float(force(time)) - drag * y[1] - friction * np.tanh(y[1] / 1e-4)) / mass]
+
+    moved = solve_ivp(rates, (0.0, t[-1]), (0.0, 0.0), t_eval=t, method="LSODA", rtol=1e-9, atol=1e-12, max_step=0.02).y[0]
+    draw = np.random.default_rng(SEED)
+    channels = {
+        "winch": Channel(name="winch", samples=force(t) + draw.normal(0.0, 5e-3, len(t)), quantity="force", unit="N"),
+        "pos": Channel(name="pos", samples=moved + zero + draw.normal(0.0, noise, len(t)), quantity="displacement", unit="m"),
+    }
+    rig = RigModel(
+        name="rack", bodies=(Body(name="rack", mass=1.8),), links=(Link(name="slide", a="rack", damping=0.95),),
+        drive=Drive(channel="winch", factor=1.0, pushes={"rack": 1.0}, quantity="force"),
+        sensors=(Sensor(channel="pos", body="rack", quantity="displacement"),),
+        free=("bodies.rack.mass", "links.slide.damping"),
+    )  # fmt: skip
+    return Campaign(
+        runs=(Run(id="r1", configuration="unlocked", sample_rate=rate, gain=1.0, channels=channels, excitation="moves"),),
+        source="pull",
+    ), rig
+
+
+def test_the_friction_of_a_rack_that_is_pulled_once_follows_from_its_course() -> None:
+    """The noise of the position hides its acceleration, not where the rack stops."""
+    found = diagnose(*pulled(0.4))
+    assert [(step.cause, step.location) for step in found.steps] == [("coulomb_friction", "slide")]
+    assert found.steps[0].parameters["friction_force"][0] == pytest.approx(0.4, rel=0.03)
+    assert diagnose(*pulled(0.0)).verdict == "adequate"
+
+
+@pytest.mark.parametrize(("zero", "by_drive"), [(0.0, False), (0.3, True)])
+def test_a_run_is_simulated_where_a_noisy_motion_begins_at_rest_at_zero(zero: float, by_drive: bool) -> None:
+    (trial,) = prepare(*pulled(0.4, zero=zero))
+    assert (trial.motion is not None) is by_drive
+
+
+@pytest.mark.parametrize(("ratio", "by_drive"), [(0.99, True), (1.01, False)])
+def test_the_drive_judges_up_to_a_limit_of_the_noise(ratio: float, by_drive: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    shares = np.array([ratio * trials.HARDLY]), np.array([0.5])
+    monkeypatch.setattr(trials, "_shares_of_groups", lambda model, motions: shares)
+    (trial,) = prepare(*pulled(0.4))
+    assert (trial.motion is not None) is by_drive
+
+
+def test_a_rack_that_ends_elsewhere_has_no_wrong_unit() -> None:
+    campaign, rig = pulled(0.4)
+    assert doubts_of_records(rig, campaign) == ()
+    run = campaign.runs[0]
+    wrong = replace(run.channel("pos"), samples=1e3 * run.read("pos"))
+    doubted = replace(campaign, runs=(replace(run, channels={**run.channels, "pos": wrong}),))
+    assert [doubt.kind for doubt in doubts_of_records(rig, doubted)] == ["unit"]
+
+
+@pytest.mark.parametrize("by_drive", [True, False])
+def test_a_drive_judges_no_body_without_a_record(by_drive: bool) -> None:
+    campaign, rig = pulled(0.4)
+    (trial,) = prepare(campaign, rig)
+    job = SimpleNamespace(current=SimpleNamespace(model=rig), trials=(replace(trial, motion=object() if by_drive else None),))
+    attached = (*rig.links, Link(name="rack_added", a="rack_added", b="rack", stiffness=10.0))
+    more = msgspec.structs.replace(rig, bodies=(*rig.bodies, Body(name="rack_added", mass=0.1)), links=attached)
+    candidates = [SimpleNamespace(starts=(model,)) for model in (rig, more)]
+    assert [Job.judges(job, one) for one in candidates] == [True, not by_drive]  # type: ignore[arg-type]
