@@ -59,8 +59,9 @@ def blaming(
     elements = [(SimpleNamespace(name=name), 1.0) for name in crossing]
     balances = [SimpleNamespace(name=name, crossing=elements) for name in ("table", "load")]
     equations = SimpleNamespace(
-        balances=balances, with_estimates=frozenset(() if exact else ("table", "load")), unscaled=frozenset({"load"})
-    )
+        balances=balances, with_estimates=frozenset(() if exact else ("table", "load")), unscaled=frozenset({"load"}),
+        elements=lambda: [],
+    )  # fmt: skip
     return Suspects(ranking=ranking, chosen=explanations, places={}, equations=cast(Equations, equations))
 
 

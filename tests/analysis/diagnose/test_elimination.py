@@ -7,17 +7,20 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
+import msgspec
 import numpy as np
 import pytest
 from small_rigs import played, rubbing, stage
 
+from isorig.analysis.deadline import Deadline, time_left
 from isorig.analysis.diagnose import search
 from isorig.analysis.diagnose.causes import proposed
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.policy import POLICY
-from isorig.analysis.diagnose.search import PROMISING_LATER, contenders
+from isorig.analysis.diagnose.search import FOR_PAIRS, LEAST_FOR_PAIRS, PROMISING_LATER, contenders
 from isorig.analysis.diagnose.step import Entry
 from isorig.analysis.diagnose.suspects import Suspects
+from isorig.analysis.errors import OutOfTimeError
 from isorig.analysis.fitting import ladder
 from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.ladder import (
@@ -41,7 +44,7 @@ from isorig.analysis.fitting.score import Score
 from isorig.analysis.fitting.solve import Fit, Free, Problem, base_parameters, positive
 from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.laws import Asymmetric, Stribeck
-from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.model.rig_model import Link, RigModel
 
 CAUSES = ("wrong_mass", "hardening_stiffness")
 
@@ -256,7 +259,7 @@ def test_a_free_shape_that_leaves_little_where_the_equations_show_a_cause_ends_t
 
     job = SimpleNamespace(
         progress=lambda text: None, left=1.0, forms_only=False, steps=1, curved=None, explains=lambda entry: True,
-        helps=lambda forms: False, nearly=lambda entry: nearly, finished=list, floors=np.zeros((1, 1)),
+        helps=lambda forms: False, nearly=lambda entry: nearly, finished=list, floors=np.zeros((1, 1)), evidence=None,
         entries=lambda run: [Entry(candidate=candidate, fit=done, score=cast("Score", None)) for candidate, done in run],
     )  # fmt: skip
     monkeypatch.setattr(search, "best_fits", lambda entries, floors: list(entries))
@@ -328,16 +331,68 @@ def test_forms_that_contain_a_simple_one_are_fitted_where_no_simulation_follows_
     assert search._finished_forms(job, source, [], general=False) == []
 
 
-@pytest.mark.parametrize(("blamed", "causes"), [(True, {"stribeck_friction", "asymmetric_friction"}), (False, set())])
-def test_dry_friction_leads_to_the_laws_that_contain_it(blamed: bool, causes: set[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    """With the sizes of the dry friction that the equations show; not to those of causes that they do not blame."""
+def test_a_curve_of_one_source_is_not_lost_to_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two sources that lead, of which no form follows the records; the second one has no curve either."""
+    curve = Candidate(cause="damping_shape", location="rail", family="damper", starts=(), free=(), reported=())
+
+    def source(shapes: list[tuple[Candidate, Fit]]) -> SimpleNamespace:
+        return SimpleNamespace(
+            leads=True, forms=[], known=frozenset(), general_forms=list, shapes=lambda forms: shapes, shown=lambda *_: False
+        )
+
+    job = SimpleNamespace(
+        progress=lambda text: None, left=1.0, forms_only=False, steps=1, curved=None, helps=lambda forms: False,
+        nearly=lambda entry: True, finished=list, floors=np.zeros((1, 1)), evidence=None,
+        entries=lambda run: [Entry(candidate=candidate, fit=done, score=cast("Score", None)) for candidate, done in run],
+    )  # fmt: skip
+    monkeypatch.setattr(search, "best_fits", lambda entries, floors: list(entries))
+    monkeypatch.setattr(search, "sources", lambda job: [source([(curve, fitted(stage(), 1.0))]), source([])])
+    given: list[Sequence[Entry]] = []
+    monkeypatch.setattr(search, "_kind_and_form", lambda job, known, forms, shapes: given.append(shapes))
+    search.next_step(cast("search.Job", job))
+    assert [entry.candidate for entry in given[0]] == [curve]
+
+
+@pytest.mark.parametrize(("spent", "left", "limit"), [(1.0, 1e3, LEAST_FOR_PAIRS), (1e2, 1e3, FOR_PAIRS * 1e2), (1e2, 7.0, 7.0)])
+def test_pairs_take_a_multiple_of_the_time_of_single_causes(
+    spent: float, left: float, limit: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where that ends, the single causes remain."""
+    times: list[float] = []
+
+    def together(*given: object) -> None:
+        times.append(time_left())
+        raise OutOfTimeError("the time limit is reached")
+
+    monkeypatch.setattr(search, "_together", together)
+    source = SimpleNamespace(pairs=list)
+    with Deadline(left):
+        found = search._both(cast("search.Job", SimpleNamespace(steps=2)), cast("search.Source", source), [], spent)
+    assert found is None
+    assert times == [pytest.approx(limit, abs=0.5)]
+
+
+@pytest.mark.parametrize(
+    ("blamed", "attached", "causes"),
+    [(True, False, {"stribeck_friction", "asymmetric_friction"}), (False, False, set()), (True, True, set())],
+)
+def test_dry_friction_leads_to_the_laws_that_contain_it(
+    blamed: bool, attached: bool, causes: set[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With the sizes of the dry friction that the equations show; not to those of causes that they do not blame.
+
+    What is attached to the rig is not part of another law.
+    """
     campaign = played(stage(), seed=3)
     evidence = observe(campaign, stage(), prepare(campaign, stage()), stage(), stage())
     dry = next(c for c in proposed(stage(), evidence) if c.key == ("coulomb_friction", "rail"))
     free = (*base_parameters(stage()), *dry.free)
-    monkeypatch.setattr(search.Suspected, "_started", [(dry, free, rubbing(stage(), "rail", 3.0))])
+    start = rubbing(stage(), "rail", 3.0)
+    if attached:
+        start = msgspec.structs.replace(start, links=(*start.links, Link(name="table_added", a="table", stiffness=1.0)))
+    monkeypatch.setattr(search.Suspected, "_started", [(dry, free, start)])
     monkeypatch.setattr(search, "followed", lambda starts, *others: starts)
-    job = SimpleNamespace(evidence=evidence, rungs=(), current=None, progress=print, promising=0.5)
+    job = SimpleNamespace(evidence=evidence, rungs=(), current=SimpleNamespace(model=stage()), progress=print, promising=0.5)
     suspects = SimpleNamespace(blamed=lambda *_: blamed)
     found = search.Suspected(job=cast("search.Job", job), found=cast("Suspects", suspects))
     starts = cast("Starts", found.general_forms())
