@@ -25,25 +25,14 @@ DRAWS = 400
 
 @dataclass(frozen=True, kw_only=True)
 class Budget:
-    """Shares of the held-out error's power by nature, which sum to 1.
+    """Shares of the held-out error's power by nature, which sum to 1."""
 
-    Parameters
-    ----------
-    shares
-        (value, low, high) by nature, with the 95 % interval over resampled runs.
-    by_channel, by_configuration
-        Values alone.
-    how
-        How each was determined, in a sentence.
-    repeated
-        Whether runs with one drive measure the disturbance; otherwise it is part of what is unassigned.
-    """
-
-    shares: Mapping[str, tuple[float, float, float]]
+    shares: Mapping[str, tuple[float, float, float]]  #: (value, low, high) by nature, with the 95 % interval over resampled runs.
+    #: Values alone.
     by_channel: Mapping[str, Mapping[str, float]]
     by_configuration: Mapping[str, Mapping[str, float]]
-    how: str
-    repeated: bool
+    how: str  #: How each was determined, in a sentence.
+    repeated: bool  #: Whether runs with one drive measure the disturbance; otherwise it is part of what is unassigned.
 
 
 def budget(model: RigModel, trials: Sequence[Trial], noise: FloatArray) -> Budget:

@@ -19,30 +19,18 @@ from isorig.analysis.model.rig_model import RigModel
 
 @dataclass(frozen=True, kw_only=True)
 class ConsideredCandidate:
-    """A considered cause.
+    """A considered cause."""
 
-    Parameters
-    ----------
-    cause, kind, location
-        Names of the findings.
-    holdout_error
-        Held-out error with it; None if it was not fitted.
-    share
-        Share of the baseline's excess error that it removes; None if it was not fitted.
-    standing
-        "established", "main contributor", "one of several", "not confirmed" (no fit confirms it, but the equations of motion
-        point to its kind and place), "ruled out" or "not tested".
-    why
-        One sentence.
-    """
-
+    #: Names of the findings.
     cause: str
     kind: Kind
     location: str
-    holdout_error: float | None
-    share: float | None
+    holdout_error: float | None  #: Held-out error with it; None if it was not fitted.
+    share: float | None  #: Share of the baseline's excess error that it removes; None if it was not fitted.
+    #: "established", "main contributor", "one of several", "not confirmed" (no fit confirms it, but the equations of motion point
+    #: to its kind and place), "ruled out" or "not tested".
     standing: str
-    why: str
+    why: str  #: One sentence.
 
 
 def all_considered(

@@ -23,20 +23,12 @@ STILL_HOLD, LEAST_SECONDS = 2.0, 20.0
 
 @dataclass(frozen=True, kw_only=True)
 class EarlyAnswer:
-    """What the equations of motion tell of a record.
+    """What the equations of motion tell of a record."""
 
-    Parameters
-    ----------
-    residuals
-        Residual of each equation over noise, by name: about one if it holds.
-    complete
-        Whether every equation of the records' configurations has a residual: one with friction needs enough sliding.
-    kind, place
-        Of the cause that explains the residuals by far best; empty if none does.
-    """
-
-    residuals: Mapping[str, float]
+    residuals: Mapping[str, float]  #: Residual of each equation over noise, by name: about one if it holds.
+    #: Whether every equation of the records' configurations has a residual: one with friction needs enough sliding.
     complete: bool = True
+    #: Of the cause that explains the residuals by far best; empty if none does.
     kind: str = ""
     place: str = ""
 
@@ -81,14 +73,9 @@ def pointed(equations: Equations) -> tuple[str, str] | None:
 
 @dataclass
 class Decision:
-    """Decides from the answers of a growing record when they are certain.
+    """Decides from the answers of a growing record when they are certain."""
 
-    Parameters
-    ----------
-    since
-        Duration in seconds from which on the record has given its present answer; by kind and place.
-    """
-
+    #: Duration in seconds from which on the record has given its present answer; by kind and place.
     since: dict[tuple[str, str], float] = field(default_factory=dict)
 
     def add(self, seconds: float, answer: EarlyAnswer) -> bool:

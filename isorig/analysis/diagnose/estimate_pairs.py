@@ -20,49 +20,28 @@ SPEAKS = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class Double:
-    """A measured/simulated pair of a run.
+    """A measured/simulated pair of a run."""
 
-    Parameters
-    ----------
-    trial
-        Its origin.
-    measured, simulated
-        Two runs with the same drive.
-    drive
-        The drive channel.
-    """
-
-    trial: Trial
+    trial: Trial  #: Its origin.
+    #: Two runs with the same drive.
     measured: Run
     simulated: Run
-    drive: str
+    drive: str  #: The drive channel.
 
 
 @dataclass(frozen=True, kw_only=True)
 class Lines:
-    """Transfer functions of a response, measured and simulated, within the drive's band.
+    """Transfer functions of a response, measured and simulated, within the drive's band."""
 
-    Parameters
-    ----------
-    frequency
-        Hz, shape (bins,).
-    measured, simulated
-        Complex, shape (bins,).
-    std
-        Relative standard deviation of the measured one's magnitude, shape (bins,).
-    coherence, simulated_coherence
-        Shape (bins,); the simulated one with the sensor's noise.
-    averages
-        Effective number of averages.
-    """
-
-    frequency: FloatArray
+    frequency: FloatArray  #: Hz, shape (bins,).
+    #: Complex, shape (bins,).
     measured: ComplexArray
     simulated: ComplexArray
-    std: FloatArray
+    std: FloatArray  #: Relative standard deviation of the measured one's magnitude, shape (bins,).
+    #: Shape (bins,); the simulated one with the sensor's noise.
     coherence: FloatArray
     simulated_coherence: FloatArray
-    averages: float
+    averages: float  #: Effective number of averages.
 
     @property
     def ratio(self) -> ComplexArray:

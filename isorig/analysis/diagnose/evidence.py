@@ -59,17 +59,10 @@ Groups = Mapping[tuple[str, float], Group]
 
 @dataclass(frozen=True, kw_only=True)
 class Sign:
-    """One sign in the records.
+    """One sign in the records."""
 
-    Parameters
-    ----------
-    text
-        A sentence with numbers.
-    supported
-        Supported causes, each at a place ("" if the sign does not determine the place).
-    """
-
-    text: str
+    text: str  #: A sentence with numbers.
+    #: Supported causes, each at a place ("" if the sign does not determine the place).
     supported: tuple[tuple[str, str], ...] = ()
 
     def supports(self, cause: str, location: str) -> bool:

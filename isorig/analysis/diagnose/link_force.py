@@ -26,52 +26,29 @@ EDGE = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class LinkRecord:
-    """Motion and free body of a link in a run; arrays of shape (samples,), without the record's edges.
+    """Motion and free body of a link in a run; arrays of shape (samples,), without the record's edges."""
 
-    Parameters
-    ----------
-    deflection, velocity
-        Of its ends, m and m/s.
-    push
-        The drive on the bodies beyond the link for a drive factor of one.
-    acceleration
-        Of the bodies beyond the link by name, m/s^2.
-    sign
-        1 if these are at the link's first end, else -1: the link's force is sign * (factor * push - sum of m a), N.
-    rate
-        Hz.
-    corner
-        Corner frequency in Hz of the low-pass of all but the deflection, whose second derivative is noise above it.
-    """
-
+    #: Of its ends, m and m/s.
     deflection: FloatArray
     velocity: FloatArray
-    push: FloatArray
-    acceleration: Mapping[str, FloatArray]
-    sign: float
-    rate: float
-    corner: float
+    push: FloatArray  #: The drive on the bodies beyond the link for a drive factor of one.
+    acceleration: Mapping[str, FloatArray]  #: Of the bodies beyond the link by name, m/s^2.
+    sign: float  #: 1 if these are at the link's first end, else -1: the link's force is sign * (factor * push - sum of m a), N.
+    rate: float  #: Hz.
+    corner: float  #: Corner frequency in Hz of the low-pass of all but the deflection, whose second derivative is noise above it.
 
 
 @dataclass(frozen=True, kw_only=True)
 class LinkForce:
-    """A link's force from a record.
+    """A link's force from a record."""
 
-    Parameters
-    ----------
-    at, values
-        Its curve: deflections in m, and spring forces in N including the linear part, shape (points,).
-    damping, friction
-        N s/m, and the mean force that reverses with the velocity in N.
-    others
-        Drive factor and masses that were unknown, by path.
-    """
-
+    #: Its curve: deflections in m, and spring forces in N including the linear part, shape (points,).
     at: FloatArray
     values: FloatArray
+    #: N s/m, and the mean force that reverses with the velocity in N.
     damping: float
     friction: float
-    others: Mapping[str, float]
+    others: Mapping[str, float]  #: Drive factor and masses that were unknown, by path.
 
 
 def link_record(model: RigModel, link: Link, run: Run) -> LinkRecord | None:

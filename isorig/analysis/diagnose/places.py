@@ -30,18 +30,11 @@ ENOUGH = 2**15
 
 @dataclass(frozen=True, kw_only=True)
 class Places:
-    """What each place leaves of the misfit.
+    """What each place leaves of the misfit."""
 
-    Parameters
-    ----------
-    bare
-        rms of the misfit in units of the sensors' noise.
-    left
-        rms of its part that an unknown force at a place, or an unknown signal in a record, cannot explain: by the name of the
-        link, body, or channel.
-    """
-
-    bare: float
+    bare: float  #: rms of the misfit in units of the sensors' noise.
+    #: rms of its part that an unknown force at a place, or an unknown signal in a record, cannot explain: by the name of the
+    #: link, body, or channel.
     left: Mapping[str, float]
 
     @property

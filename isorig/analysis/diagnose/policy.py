@@ -17,105 +17,74 @@ from isorig.analysis.fitting.excess import ADEQUATE, excess, is_adequate, log_ex
 
 @dataclass(frozen=True, kw_only=True)
 class Policy:
-    """The thresholds of a diagnosis.
+    """The thresholds of a diagnosis."""
 
-    Parameters
-    ----------
-    enough
-        Adequacy threshold: a model is adequate if its largest ratio of error to floor, over runs and channels, is below this.
-        Chosen by the study: 406 campaigns without an effect stayed below it.
-    explained
-        Share of the baseline's excess that the steps must remove for "explained" (findings, version 2).
-    visible
-        Rms excess error, as a share of the signal, above which a model that is not adequate is at most "partly explained".
-        Chosen: what a reader sees at once in records and simulation; the right causes of a measured friction damper leave less.
-    contributes
-        Share of it that certain steps must remove for "partly explained". More than half: no other single cause can then remove
-        as much. (Findings, version 2, call a cause a main contributor from 0.3 on; this is its status.)
-    main
-        Share from which a candidate is a main contributor (findings, version 2): less makes no form the closest to a curve.
-    certain
-        Share of resampled runs in which a cause must beat its rivals: 1.96 standard errors.
-    matters
-        Ratio of rms errors above which a difference between rivals is relevant: rivals with a smaller ratio are
-        indistinguishable, even if the difference is significant. Chosen: other starting values or time steps of a fit change the
-        error by a few per cent.
-    worth
-        Share of the remaining excess, or decrease of the errors' mean logarithm, above which a step is tried further. Chosen by
-        the study.
-    rest
-        Share of the baseline's excess below which the search ends after a free shape: the error of a curve with finitely many
-        points.
-    later
-        Share of the baseline's excess that a further step must remove unless it makes the model adequate, or explains what
-        remained (`explained`) and removes what may have another cause (`settled`) at another place.
-    of_rest, of_rest_here
-        Share of the remaining excess that it must remove then; at a place that already has a step.
-    form_share
-        Share of what the free shape removes that a form must remove too (findings, version 2).
-    form_errors
-        Standard errors over runs by which a form's error may exceed the free shape's (findings, version 2).
-    settled
-        Share of the excess below which the error remaining after a form has another cause, or is due to its form: then neither
-        pairs of causes nor free shapes of other kinds and places are fitted, and no further cause at its place counts. Chosen: a
-        tenth of the error; forms of the wrong kind leave several per cent.
-    form_alike
-        Ratio of rms errors up to which a form counts as within those standard errors, however small they are. Chosen as
-        `matters`, a few per cent, and twice that because a curve with many points also fits small imperfections in every run.
-    form_close
-        Ratio of rms errors up to which a form is as good as the free shape. Chosen: a free shape also fits small imperfections
-        and its error is up to a third smaller than that of the true form; the error of forms that are merely the closest is twice
-        as large and more.
-    form_apart
-        Difference in standard errors over blocks above which a form's rival is worse: 95 % of a normal variable.
-    zero
-        Standard uncertainties within which a value that may have either sign is zero: 95 % of a normal variable.
-    distinguishable
-        Rivals above this multiple of the adequacy threshold are distinguishable from an adequate form, even if only few blocks
-        show the difference. Chosen: a short event raises only the largest error and leaves most blocks unchanged.
-    doubtful
-        Multiple of the adequacy threshold up to which the baseline's largest error may be due to the scatter of the floor, so
-        that data simulated with the baseline are fitted and scored for comparison. Chosen: this takes a fit, so only near the
-        threshold.
-    calibrations, scatter
-        Maximum number of such draws, and ratio of the largest to the smallest from two draws on below which no more are taken.
-        Where noise decides when a body sticks, draws differed by a factor of four. Chosen: each draw takes a fit; the largest of
-        five exceeds five sixths of all draws on average.
-    beyond_calibration
-        Required ratio of the measured error to that of such simulated data. Chosen: one draw of such data scatters.
-    guides
-        Share of the baseline's error above which causes at described places leave room for friction on the ground where the
-        description joins nothing. Chosen: what a reader still sees.
-    refitted
-        Decrease of the errors' mean logarithm above which a model refitted from the parameters after a step is a different model.
-        Chosen: a tenth, about twice the value of `matters`.
-    """
-
+    #: Adequacy threshold: a model is adequate if its largest ratio of error to floor, over runs and channels, is below this.
+    #: Chosen by the study: 406 campaigns without an effect stayed below it.
     enough: float = ADEQUATE
-    explained: float = 0.8
+    explained: float = 0.8  #: Share of the baseline's excess that the steps must remove for "explained" (findings, version 2).
+    #: Rms excess error, as a share of the signal, above which a model that is not adequate is at most "partly explained". Chosen:
+    #: what a reader sees at once in records and simulation; the right causes of a measured friction damper leave less.
     visible: float = 0.2
+    #: Share of it that certain steps must remove for "partly explained". More than half: no other single cause can then remove as
+    #: much. (Findings, version 2, call a cause a main contributor from 0.3 on; this is its status.)
     contributes: float = 0.5
+    #: Share from which a candidate is a main contributor (findings, version 2): less makes no form the closest to a curve.
     main: float = 0.3
-    certain: float = 0.95
+    certain: float = 0.95  #: Share of resampled runs in which a cause must beat its rivals: 1.96 standard errors.
+    #: Ratio of rms errors above which a difference between rivals is relevant: rivals with a smaller ratio are indistinguishable,
+    #: even if the difference is significant. Chosen: other starting values or time steps of a fit change the error by a few per
+    #: cent.
     matters: float = 1.05
+    #: Share of the remaining excess, or decrease of the errors' mean logarithm, above which a step is tried further. Chosen by
+    #: the study.
     worth: float = 0.15
+    #: Share of the baseline's excess below which the search ends after a free shape: the error of a curve with finitely many
+    #: points.
     rest: float = 0.1
+    #: Share of the baseline's excess that a further step must remove unless it makes the model adequate, or explains what
+    #: remained (`explained`) and removes what may have another cause (`settled`) at another place.
     later: float = 0.03
+    #: Share of the remaining excess that it must remove then; at a place that already has a step.
     of_rest: float = 0.5
     of_rest_here: float = 0.8
-    form_share: float = 0.9
+    form_share: float = 0.9  #: Share of what the free shape removes that a form must remove too (findings, version 2).
+    #: Standard errors over runs by which a form's error may exceed the free shape's (findings, version 2).
     form_errors: float = 4.0
+    #: Share of the excess below which the error remaining after a form has another cause, or is due to its form: then neither
+    #: pairs of causes nor free shapes of other kinds and places are fitted, and no further cause at its place counts. Chosen: a
+    #: tenth of the error; forms of the wrong kind leave several per cent.
     settled: float = 0.01
+    #: Ratio of rms errors up to which a form counts as within those standard errors, however small they are. Chosen as `matters`,
+    #: a few per cent, and twice that because a curve with many points also fits small imperfections in every run.
     form_alike: float = 1.1
+    #: Ratio of rms errors up to which a form is as good as the free shape. Chosen: a free shape also fits small imperfections and
+    #: its error is up to a third smaller than that of the true form; the error of forms that are merely the closest is twice as
+    #: large and more.
     form_close: float = 1.5
+    #: Difference in standard errors over blocks above which a form's rival is worse: 95 % of a normal variable.
     form_apart: float = 2.0
+    #: Standard uncertainties within which a value that may have either sign is zero: 95 % of a normal variable.
     zero: float = 2.0
+    #: Rivals above this multiple of the adequacy threshold are distinguishable from an adequate form, even if only few blocks
+    #: show the difference. Chosen: a short event raises only the largest error and leaves most blocks unchanged.
     distinguishable: float = 1.5
+    #: Multiple of the adequacy threshold up to which the baseline's largest error may be due to the scatter of the floor, so that
+    #: data simulated with the baseline are fitted and scored for comparison. Chosen: this takes a fit, so only near the
+    #: threshold.
     doubtful: float = 4.0
+    #: Maximum number of such draws, and ratio of the largest to the smallest from two draws on below which no more are taken.
+    #: Where noise decides when a body sticks, draws differed by a factor of four. Chosen: each draw takes a fit; the largest of
+    #: five exceeds five sixths of all draws on average.
     calibrations: int = 5
     scatter: float = 1.25
+    #: Required ratio of the measured error to that of such simulated data. Chosen: one draw of such data scatters.
     beyond_calibration: float = 1.2
+    #: Share of the baseline's error above which causes at described places leave room for friction on the ground where the
+    #: description joins nothing. Chosen: what a reader still sees.
     guides: float = 0.1
+    #: Decrease of the errors' mean logarithm above which a model refitted from the parameters after a step is a different model.
+    #: Chosen: a tenth, about twice the value of `matters`.
     refitted: float = 0.1
 
 
@@ -276,32 +245,19 @@ def explains_better(
 
 @dataclass(frozen=True, kw_only=True)
 class Stage:
-    """An intermediate model of a diagnosis, as needed for the verdict.
+    """An intermediate model of a diagnosis, as needed for the verdict."""
 
-    Parameters
-    ----------
-    error
-        Its held-out errors, shape (runs, channels).
-    place, kind
-        Place and kind of the step that led to it; empty for the baseline.
-    certain
-        Whether that step beats every rival of another kind or place, and a free shape bounds what any law of its kind can
-        explain: without a bound, the closest of few guesses may remove much and still be wrong.
-    refines
-        Whether that step replaces the law of an earlier step there by a more general one of its kind.
-    paired
-        Whether that step and the next one belong together: neither makes the model adequate without the other.
-    shown
-        Whether the equations of motion of the records show that step's kind and place, and no other.
-    """
-
-    error: FloatArray
+    error: FloatArray  #: Its held-out errors, shape (runs, channels).
+    #: Place and kind of the step that led to it; empty for the baseline.
     place: str = ""
     kind: str = ""
+    #: Whether that step beats every rival of another kind or place, and a free shape bounds what any law of its kind can explain:
+    #: without a bound, the closest of few guesses may remove much and still be wrong.
     certain: bool = True
-    refines: bool = False
+    refines: bool = False  #: Whether that step replaces the law of an earlier step there by a more general one of its kind.
+    #: Whether that step and the next one belong together: neither makes the model adequate without the other.
     paired: bool = False
-    shown: bool = False
+    shown: bool = False  #: Whether the equations of motion of the records show that step's kind and place, and no other.
 
 
 def step_counts(stages: Sequence[Stage], k: int, floors: FloatArray, enough: float, policy: Policy = POLICY) -> bool:

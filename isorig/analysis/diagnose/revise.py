@@ -36,29 +36,17 @@ RIVALS = 2
 
 @dataclass(frozen=True, kw_only=True)
 class SearchStage:
-    """An intermediate model of a search.
+    """An intermediate model of a search."""
 
-    Parameters
-    ----------
-    fit, score
-        The fitted model and its score.
-    step, candidate
-        The step that led to it and its candidate; None for the baseline.
-    entries
-        All fits of the step's search.
-    paired
-        Whether the next stage belongs to it.
-    shown
-        Whether the equations of motion show the step's kind and place.
-    """
-
+    #: The fitted model and its score.
     fit: Fit
     score: Score
+    #: The step that led to it and its candidate; None for the baseline.
     step: Step | None = None
     candidate: Candidate | None = None
-    entries: tuple[Entry, ...] = ()
-    paired: bool = False
-    shown: bool = False
+    entries: tuple[Entry, ...] = ()  #: All fits of the step's search.
+    paired: bool = False  #: Whether the next stage belongs to it.
+    shown: bool = False  #: Whether the equations of motion show the step's kind and place.
 
 
 def stage_of(before: Score, found: Found) -> SearchStage:
@@ -73,27 +61,17 @@ def stage_of(before: Score, found: Found) -> SearchStage:
 
 @dataclass(frozen=True, kw_only=True)
 class Revision:
-    """The revision of a search's stages.
+    """The revision of a search's stages."""
 
-    Parameters
-    ----------
-    division, floors, enough, tolerance
-        Fitted and held-out runs, the error allowed in the latter, shape (runs, channels), the adequacy threshold, and the user's
-        tolerance.
-    evidence_of
-        What the records show of a model.
-    progress
-        Called with one line for each change.
-    exchanged
-        Cause and place of the exchanged causes, and of those that took their place.
-    """
-
+    #: Fitted and held-out runs, the error allowed in the latter, shape (runs, channels), the adequacy threshold, and the user's
+    #: tolerance.
     division: Division
     floors: FloatArray
     enough: float
     tolerance: float
-    evidence_of: Callable[[RigModel], Evidence]
-    progress: Progress
+    evidence_of: Callable[[RigModel], Evidence]  #: What the records show of a model.
+    progress: Progress  #: Called with one line for each change.
+    #: Cause and place of the exchanged causes, and of those that took their place.
     exchanged: dict[tuple[str, str], tuple[str, str]] = field(default_factory=dict)
 
     def revised(self, stages: list[SearchStage]) -> list[SearchStage]:

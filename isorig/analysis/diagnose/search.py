@@ -99,57 +99,30 @@ STICKING = ("friction", "memory")
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """What a search is about.
+    """What a search is about."""
 
-    Parameters
-    ----------
-    campaign, described
-        The measurement, and the rig as it is described.
-    guess
-        The rig before any fit, with the values of the equations where these give some.
-    current, now
-        The model to be extended and its score.
-    equations
-        The equations of motion of the records, for the current model.
-    trials, fine
-        The fit data, and the held-out data.
-    floors
-        The error allowed in each held-out run and channel, shape (runs, channels).
-    progress
-        Called with one line for each stage.
-    left
-        Share of the baseline's excess that the current model leaves.
-    steps
-        Maximum number of further steps.
-    forms_only
-        Whether to skip pairs and free shapes: they were fitted before, from a less accurate fit of the same model.
-    allowed
-        The same as `floors` for another model, which may amplify noise on the drive.
-    rubbing
-        Place at which the step before found dry friction; empty for none.
-    curved
-        Kind and place of the free shape that the step before found; None for a form, and for the first step.
-    judged
-        Takes every candidate that is judged on held-out data.
-    """
-
+    #: The measurement, and the rig as it is described.
     campaign: Campaign
     described: RigModel
-    guess: RigModel
+    guess: RigModel  #: The rig before any fit, with the values of the equations where these give some.
+    #: The model to be extended and its score.
     current: Fit
     now: Score
-    equations: Equations
+    equations: Equations  #: The equations of motion of the records, for the current model.
+    #: The fit data, and the held-out data.
     trials: Sequence[Trial]
     fine: Sequence[Trial]
-    floors: FloatArray
-    progress: Progress
-    left: float = 1.0
-    steps: int = 1
+    floors: FloatArray  #: The error allowed in each held-out run and channel, shape (runs, channels).
+    progress: Progress  #: Called with one line for each stage.
+    left: float = 1.0  #: Share of the baseline's excess that the current model leaves.
+    steps: int = 1  #: Maximum number of further steps.
+    #: Whether to skip pairs and free shapes: they were fitted before, from a less accurate fit of the same model.
     forms_only: bool = False
-    allowed: Callable[[RigModel], FloatArray]
-    rubbing: str = ""
+    allowed: Callable[[RigModel], FloatArray]  #: The same as `floors` for another model, which may amplify noise on the drive.
+    rubbing: str = ""  #: Place at which the step before found dry friction; empty for none.
+    #: Kind and place of the free shape that the step before found; None for a form, and for the first step.
     curved: tuple[Kind, str] | None = None
-    judged: list[Entry] = field(default_factory=list)
+    judged: list[Entry] = field(default_factory=list)  #: Takes every candidate that is judged on held-out data.
 
     @cached_property
     def evidence(self) -> Evidence:
@@ -752,29 +725,17 @@ class Suspected:
 
 @dataclass(frozen=True, kw_only=True)
 class Screened:
-    """Candidates chosen by one linear step of each from the current fit.
+    """Candidates chosen by one linear step of each from the current fit."""
 
-    Parameters
-    ----------
-    job
-        What the search is about.
-    kinds, places
-        Those of the candidates; None for all.
-    only
-        The only place, also of candidates that are always tried; empty for none.
-    strict
-        Whether only a candidate that explains the error counts, or, of given kinds, one that removes what no other can: all
-        equations of motion hold, or a simulation refuted what they show.
-    tried
-        Places at which another source has tried all causes; None for none.
-    """
-
-    job: Job
+    job: Job  #: What the search is about.
+    #: Those of the candidates; None for all.
     kinds: Collection[Kind] | None = None
     places: Places | None = None
-    only: str = ""
+    only: str = ""  #: The only place, also of candidates that are always tried; empty for none.
+    #: Whether only a candidate that explains the error counts, or, of given kinds, one that removes what no other can: all
+    #: equations of motion hold, or a simulation refuted what they show.
     strict: bool = False
-    tried: Places | None = None
+    tried: Places | None = None  #: Places at which another source has tried all causes; None for none.
 
     def _sought(self, candidate: Candidate) -> bool:
         if self.only:

@@ -26,37 +26,22 @@ SHOWN = 1200
 
 @dataclass(frozen=True, kw_only=True)
 class Surface:
-    """A link's force, measured and simulated.
+    """A link's force, measured and simulated."""
 
-    Parameters
-    ----------
-    link, run
-        Names.
-    displacement, velocity, force
-        Samples of the measured record for a plot, m, m/s, N, shape (points,).
-    simulated
-        The force of the simulated record at the same times, N, shape (points,).
-    swing
-        Deflection at the outermost bin, m.
-    stiffness
-        Secant stiffness by deflection from the middle outwards, N/m, shape (bins,).
-    friction
-        Mean of the force that reverses with the velocity, N.
-    stiffening, direction, bending
-        (value, standard deviation) in addition to the simulated record's: relative increase of the stiffness from the middle to
-        the ends; difference of the damping between the two directions at full velocity, N; additional friction of slow and fast
-        sliding relative to medium velocities, N.
-    """
-
+    #: Names.
     link: str
     run: str
+    #: Samples of the measured record for a plot, m, m/s, N, shape (points,).
     displacement: FloatArray
     velocity: FloatArray
     force: FloatArray
-    simulated: FloatArray
-    swing: float
-    stiffness: FloatArray
-    friction: float
+    simulated: FloatArray  #: The force of the simulated record at the same times, N, shape (points,).
+    swing: float  #: Deflection at the outermost bin, m.
+    stiffness: FloatArray  #: Secant stiffness by deflection from the middle outwards, N/m, shape (bins,).
+    friction: float  #: Mean of the force that reverses with the velocity, N.
+    #: (value, standard deviation) in addition to the simulated record's: relative increase of the stiffness from the middle to
+    #: the ends; difference of the damping between the two directions at full velocity, N; additional friction of slow and fast
+    #: sliding relative to medium velocities, N.
     stiffening: tuple[float, float]
     direction: tuple[float, float]
     bending: tuple[float, float]

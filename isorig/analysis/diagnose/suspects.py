@@ -87,28 +87,16 @@ class _Begun:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Suspects:
-    """The suspected kinds and places.
+    """The suspected kinds and places."""
 
-    Parameters
-    ----------
-    ranking
-        All explanations.
-    chosen
-        The suspected ones, best first.
-    places
-        Names of links and contacts by those under which they are suspected: a contact and a link between the same ends have one
-        place.
-    equations
-        The equations behind them.
-    tentative
-        Whether no explanation repairs an equation with the causes found so far as they were fitted: only a simulation in which
-        these are fitted again with it can tell.
-    """
-
-    ranking: Ranking
-    chosen: tuple[Explanation, ...]
+    ranking: Ranking  #: All explanations.
+    chosen: tuple[Explanation, ...]  #: The suspected ones, best first.
+    #: Names of links and contacts by those under which they are suspected: a contact and a link between the same ends have one
+    #: place.
     places: Mapping[str, frozenset[str]]
-    equations: Equations
+    equations: Equations  #: The equations behind them.
+    #: Whether no explanation repairs an equation with the causes found so far as they were fitted: only a simulation in which
+    #: these are fitted again with it can tell.
     tentative: bool = False
     _values: dict[Explanation, tuple[dict[str, float], ElementForce | None]] = field(default_factory=dict)
     _fits: dict[tuple[object, ...], _Begun] = field(default_factory=dict)

@@ -19,21 +19,13 @@ ALL_SETS = 10
 
 @dataclass(frozen=True, kw_only=True)
 class Element:
-    """A link, a contact, or both between the same two ends: one elongation, and the force over it.
+    """A link, a contact, or both between the same two ends: one elongation, and the force over it."""
 
-    Parameters
-    ----------
-    link, contact
-        Its parts; None if it has none of them.
-    weights
-        Of the coordinates in its elongation, shape (bodies,).
-    name
-        The name of the link, or else of the contact; "friction of" it where a link between other ends has the same name.
-    """
-
+    #: Its parts; None if it has none of them.
     link: Link | None
     contact: Contact | None
-    weights: FloatArray
+    weights: FloatArray  #: Of the coordinates in its elongation, shape (bodies,).
+    #: The name of the link, or else of the contact; "friction of" it where a link between other ends has the same name.
     name: str
 
     @property
@@ -72,26 +64,15 @@ def _parallel(a: FloatArray, b: FloatArray) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class Balance:
-    """An equation: the drive and the inertia of a set of bodies equal the forces of the elements that join them to the others.
+    """An equation: the drive and the inertia of a set of bodies equal the forces of the elements that join them to the others."""
 
-    Parameters
-    ----------
-    weights
-        The set: each body with the weight of its inertia, one unless a gear or a lever joins it to the others.
-    crossing
-        The elements whose forces act on the set, with the sign of the force (weight of the element's force in the equation).
-    pushes
-        Weight of each drive's force on the set, by channel; only the drives that push it.
-    forces
-        Channels of force sensors whose force acts on the set, with its sign.
-    configurations
-        The configurations in which it holds.
-    """
-
+    #: The set: each body with the weight of its inertia, one unless a gear or a lever joins it to the others.
     weights: Mapping[str, float]
+    #: The elements whose forces act on the set, with the sign of the force (weight of the element's force in the equation).
     crossing: tuple[tuple[Element, float], ...]
-    pushes: Mapping[str, float]
-    configurations: tuple[str, ...]
+    pushes: Mapping[str, float]  #: Weight of each drive's force on the set, by channel; only the drives that push it.
+    configurations: tuple[str, ...]  #: The configurations in which it holds.
+    #: Channels of force sensors whose force acts on the set, with its sign.
     forces: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -120,20 +101,11 @@ class Balance:
 
 @dataclass(frozen=True, kw_only=True)
 class Lock:
-    """The equation of a rigid link: its ends move alike. With an elastic lock they differ by its force over its stiffness.
+    """The equation of a rigid link: its ends move alike. With an elastic lock they differ by its force over its stiffness."""
 
-    Parameters
-    ----------
-    element
-        The element that is rigid, or whose contact sticks.
-    configuration
-        The configuration in which it is rigid.
-    beyond
-        A balance that contains only this element's force while it is free: it gives the force of the lock; None if there is none.
-    """
-
-    element: Element
-    configuration: str
+    element: Element  #: The element that is rigid, or whose contact sticks.
+    configuration: str  #: The configuration in which it is rigid.
+    #: A balance that contains only this element's force while it is free: it gives the force of the lock; None if there is none.
     beyond: Balance | None
 
     @property

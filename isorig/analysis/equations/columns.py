@@ -39,75 +39,40 @@ PER_COEFFICIENT = 0.01
 
 @dataclass(frozen=True, kw_only=True)
 class Course:
-    """The motion of an element in a run, for the columns of a kind.
+    """The motion of an element in a run, for the columns of a kind."""
 
-    Parameters
-    ----------
-    deflection, velocity, time
-        Shape (n,), m, m/s, and seconds since the campaign's start.
-    whole
-        The deflection of the whole run without its slow part, shape (samples,), for filters; `place` are the indices of the n
-        samples in it.
-    place
-        Shape (n,).
-    rate
-        Hz.
-    low, high
-        Range of the curves over deflection, m.
-    fastest, speed
-        Largest and rms velocity of all runs, m/s.
-    swing
-        Largest deflection of all runs, m.
-    own
-        Frequency of the element's stiffness with the mass that it holds, Hz.
-    end
-        Seconds from the campaign's start to its end.
-    memory
-        Signals computed once for a run, by name.
-    """
-
+    #: Shape (n,), m, m/s, and seconds since the campaign's start.
     deflection: FloatArray
     velocity: FloatArray
     time: FloatArray
+    #: The deflection of the whole run without its slow part, shape (samples,), for filters; `place` are the indices of the n
+    #: samples in it.
     whole: FloatArray
-    place: IntArray
-    rate: float
+    place: IntArray  #: Shape (n,).
+    rate: float  #: Hz.
+    #: Range of the curves over deflection, m.
     low: float
     high: float
+    #: Largest and rms velocity of all runs, m/s.
     fastest: float
     speed: float
-    swing: float
-    own: float
-    end: float
-    memory: dict[str, FloatArray]
+    swing: float  #: Largest deflection of all runs, m.
+    own: float  #: Frequency of the element's stiffness with the mass that it holds, Hz.
+    end: float  #: Seconds from the campaign's start to its end.
+    memory: dict[str, FloatArray]  #: Signals computed once for a run, by name.
 
 
 @dataclass(frozen=True, kw_only=True)
 class Shape:
-    """The free shape of a kind at an element.
+    """The free shape of a kind at an element."""
 
-    Parameters
-    ----------
-    kind
-        The kind of cause.
-    name
-        Unique among shapes.
-    columns
-        Forces for unit coefficients, shape (n, coefficients), N for a unit chosen for good scaling.
-    charge
-        Number of coefficients that the score is charged with: those of a smooth curve are not independent.
-    smooth
-        Whether neighbouring coefficients are penalized for second differences.
-    with_friction
-        Whether it modifies a friction force, so that it belongs to contacts.
-    """
-
-    kind: str
-    name: str
+    kind: str  #: The kind of cause.
+    name: str  #: Unique among shapes.
+    #: Forces for unit coefficients, shape (n, coefficients), N for a unit chosen for good scaling.
     columns: Callable[[Course], FloatArray]
-    charge: int
-    smooth: bool = False
-    with_friction: bool = False
+    charge: int  #: Number of coefficients that the score is charged with: those of a smooth curve are not independent.
+    smooth: bool = False  #: Whether neighbouring coefficients are penalized for second differences.
+    with_friction: bool = False  #: Whether it modifies a friction force, so that it belongs to contacts.
 
     def penalty(self, count: int, before: int, power: float, allowed: float) -> FloatArray | None:
         """Quadratic form for `count` coefficients after `before` others, for a force of mean square `power`; None if free."""

@@ -16,18 +16,12 @@ from isorig.analysis.model.rig_model import RigModel, Sensor
 
 @dataclass(frozen=True, kw_only=True)
 class Coverage:
-    """The places in a rig's equations of motion.
+    """The places in a rig's equations of motion."""
 
-    Parameters
-    ----------
-    equations
-        Names of the links and contacts in each equation, and of the channels and estimated motions that it needs, by its name.
-    places
-        The equations that a fault at each link and contact breaks, by its name: those that contain it, and those with the motion
-        of a body without a sensor that is estimated with it.
-    """
-
+    #: Names of the links and contacts in each equation, and of the channels and estimated motions that it needs, by its name.
     equations: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]]
+    #: The equations that a fault at each link and contact breaks, by its name: those that contain it, and those with the motion
+    #: of a body without a sensor that is estimated with it.
     places: Mapping[str, frozenset[str]]
 
     @property

@@ -48,32 +48,18 @@ class RecordedMotion:
 
 @dataclass(frozen=True, kw_only=True)
 class ElementForce:
-    """The recorded force of an element and its motion, at samples of all runs; arrays of shape (n,).
+    """The recorded force of an element and its motion, at samples of all runs; arrays of shape (n,)."""
 
-    Parameters
-    ----------
-    deflection, velocity, time
-        m, m/s, and seconds since the campaign's start.
-    force
-        N.
-    left
-        What the regression with the free shape leaves of it, N.
-    motions
-        The whole runs, for laws with memory; their samples in use are those of the other arrays, in this order.
-    rate
-        Sample rate of the motions, Hz.
-    parallel
-        Names of the links between the same ends, whose force is in it.
-    """
-
+    #: m, m/s, and seconds since the campaign's start.
     deflection: FloatArray
     velocity: FloatArray
     time: FloatArray
-    force: FloatArray
-    left: FloatArray
+    force: FloatArray  #: N.
+    left: FloatArray  #: What the regression with the free shape leaves of it, N.
+    #: The whole runs, for laws with memory; their samples in use are those of the other arrays, in this order.
     motions: tuple[RecordedMotion, ...]
-    rate: float
-    parallel: frozenset[str] = frozenset()
+    rate: float  #: Sample rate of the motions, Hz.
+    parallel: frozenset[str] = frozenset()  #: Names of the links between the same ends, whose force is in it.
 
     def until(self, share: float) -> BoolArray:
         """Whether each sample is in the first `share` of its run, shape (n,)."""

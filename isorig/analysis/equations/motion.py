@@ -22,14 +22,9 @@ SLOW_DEGREE = 3
 
 @dataclass(frozen=True, kw_only=True)
 class Signals:
-    """A channel's record as displacement (m), velocity (m/s) and acceleration (m/s^2), each shape (n,); or a force alone (N).
+    """A channel's record as displacement (m), velocity (m/s) and acceleration (m/s^2), each shape (n,); or a force alone (N)."""
 
-    Parameters
-    ----------
-    orders
-        The derivatives by order: 0, 1, 2. A channel that is no motion has only the record itself, under order 0.
-    """
-
+    #: The derivatives by order: 0, 1, 2. A channel that is no motion has only the record itself, under order 0.
     orders: Mapping[int, FloatArray]
 
 

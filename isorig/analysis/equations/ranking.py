@@ -74,47 +74,24 @@ NEGLIGIBLE, MINOR = 0.03, 0.1
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Explanation:
-    """A kind of cause at a place, and the residuals that remain with it.
+    """A kind of cause at a place, and the residuals that remain with it."""
 
-    Parameters
-    ----------
-    kind, place
-        As in the findings.
-    what
-        The shape or fault, e.g. "force over deflection" or "gain".
-    score
-        How much it reduces the residuals (`score_of`).
-    residuals
-        Residual of each equation with it, by name.
-    values
-        What the regression gives: a gain, a frequency.
-    source
-        The other channel of a crosstalk.
-    """
-
+    #: As in the findings.
     kind: str
     place: str
-    what: str
-    score: float
-    residuals: Mapping[str, float]
-    values: Mapping[str, float]
-    source: str = ""
+    what: str  #: The shape or fault, e.g. "force over deflection" or "gain".
+    score: float  #: How much it reduces the residuals (`score_of`).
+    residuals: Mapping[str, float]  #: Residual of each equation with it, by name.
+    values: Mapping[str, float]  #: What the regression gives: a gain, a frequency.
+    source: str = ""  #: The other channel of a crosstalk.
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ranking:
-    """All explanations, best first, and the residuals of the equations without any.
+    """All explanations, best first, and the residuals of the equations without any."""
 
-    Parameters
-    ----------
-    residuals
-        Residual of each equation that counts over noise, by name: about one if it holds.
-    explanations
-        Best first.
-    """
-
-    residuals: Mapping[str, float]
-    explanations: tuple[Explanation, ...]
+    residuals: Mapping[str, float]  #: Residual of each equation that counts over noise, by name: about one if it holds.
+    explanations: tuple[Explanation, ...]  #: Best first.
 
     @property
     def worst(self) -> float:

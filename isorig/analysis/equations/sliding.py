@@ -67,38 +67,20 @@ Columns = Callable[[FloatArray, FloatArray, "SlidingRun", IntArray], FloatArray]
 
 @dataclass(kw_only=True)
 class SlidingRun:
-    """The equation's signals in one run, each shape (n,).
+    """The equation's signals in one run, each shape (n,)."""
 
-    Parameters
-    ----------
-    run
-        Index of the run.
-    force
-        The element's force as far as known, N.
-    deflection, velocity
-        Of the element, without the slow part, m and m/s.
-    fixed
-        Columns that do not depend on the element's motion: other elements, unknown masses; shape (n, columns).
-    time
-        Seconds since the campaign's start.
-    usable
-        Samples that may be used.
-    slow, slow_velocity
-        The slow part of the deflection, m, and its derivative.
-    memory
-        Signals computed once, by name.
-    """
-
-    run: int
-    force: FloatArray
+    run: int  #: Index of the run.
+    force: FloatArray  #: The element's force as far as known, N.
+    #: Of the element, without the slow part, m and m/s.
     deflection: FloatArray
     velocity: FloatArray
-    fixed: FloatArray
-    time: FloatArray
-    usable: BoolArray
+    fixed: FloatArray  #: Columns that do not depend on the element's motion: other elements, unknown masses; shape (n, columns).
+    time: FloatArray  #: Seconds since the campaign's start.
+    usable: BoolArray  #: Samples that may be used.
+    #: The slow part of the deflection, m, and its derivative.
     slow: FloatArray
     slow_velocity: FloatArray
-    memory: dict[str, FloatArray] = field(default_factory=dict)
+    memory: dict[str, FloatArray] = field(default_factory=dict)  #: Signals computed once, by name.
 
     def without_slow_part(self) -> SlidingRun:
         """The same signals with a slow part of their own, still zero."""
@@ -128,22 +110,14 @@ class _Reduced:
 
 @dataclass(frozen=True, kw_only=True)
 class SlidingFit:
-    """A fit of the equation.
+    """A fit of the equation."""
 
-    Parameters
-    ----------
-    values
-        Coefficients of the columns.
-    geometric, arithmetic
-        Mean square residual of the held-out blocks, N^2: geometric and arithmetic mean over blocks.
-    sound
-        Indices of the active blocks whose residual is not far above the median, or that a shape explains: in a few the slow part
-        may be wrong.
-    """
-
-    values: FloatArray
+    values: FloatArray  #: Coefficients of the columns.
+    #: Mean square residual of the held-out blocks, N^2: geometric and arithmetic mean over blocks.
     geometric: float
     arithmetic: float
+    #: Indices of the active blocks whose residual is not far above the median, or that a shape explains: in a few the slow part
+    #: may be wrong.
     sound: tuple[int, ...]
 
 

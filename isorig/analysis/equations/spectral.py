@@ -43,43 +43,22 @@ Row = Mapping[tuple[str, int], "complex | ComplexArray"]
 
 @dataclass(frozen=True, kw_only=True)
 class RunSpectra:
-    """Spectra of the signals of a run.
+    """Spectra of the signals of a run."""
 
-    Parameters
-    ----------
-    run
-        Index of the run.
-    segments
-        Shape (signals, segments, bins).
-    power
-        Cross-spectral matrices averaged over segments, shape (bins, signals, signals).
-    noise
-        Those of the sensors' noise, of the same shape.
-    bent
-        Those of errors by `ACCURACY` of each record's largest value in proportion to its square, of the same shape.
-    """
-
-    run: int
-    segments: ComplexArray
-    power: ComplexArray
-    noise: ComplexArray
+    run: int  #: Index of the run.
+    segments: ComplexArray  #: Shape (signals, segments, bins).
+    power: ComplexArray  #: Cross-spectral matrices averaged over segments, shape (bins, signals, signals).
+    noise: ComplexArray  #: Those of the sensors' noise, of the same shape.
+    #: Those of errors by `ACCURACY` of each record's largest value in proportion to its square, of the same shape.
     bent: ComplexArray
 
 
 @dataclass(frozen=True, kw_only=True)
 class Solved:
-    """An equation solved for its coefficients.
+    """An equation solved for its coefficients."""
 
-    Parameters
-    ----------
-    residual
-        Its weighted residual power: about one if it holds.
-    values
-        The coefficients, shape (unknown,).
-    """
-
-    residual: float
-    values: FloatArray
+    residual: float  #: Its weighted residual power: about one if it holds.
+    values: FloatArray  #: The coefficients, shape (unknown,).
 
 
 class Prepared:

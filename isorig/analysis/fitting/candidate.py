@@ -25,23 +25,14 @@ class Reported:
 
 @dataclass(frozen=True, kw_only=True)
 class Shape:
-    """Location of a free shape's curve in the model.
+    """Location of a free shape's curve in the model."""
 
-    Parameters
-    ----------
-    over, unit, value_unit
-        Abscissa of the curve, its unit, and the unit of the values.
-    path
-        Dotted path of the law.
-    tables
-        Names of its values; empty if the law is not a single curve.
-    """
-
+    #: Abscissa of the curve, its unit, and the unit of the values.
     over: str
     unit: str
     value_unit: str
-    path: str
-    tables: tuple[str, ...]
+    path: str  #: Dotted path of the law.
+    tables: tuple[str, ...]  #: Names of its values; empty if the law is not a single curve.
 
 
 def always(model: RigModel) -> bool:

@@ -16,24 +16,12 @@ BEGINNING = 5.0
 
 @dataclass(frozen=True, kw_only=True)
 class Division:
-    """Divided runs.
+    """Divided runs."""
 
-    Parameters
-    ----------
-    fits
-        Data for fits.
-    judged
-        Held-out data, on the finest grid: of each trial the part after `fitted` samples.
-    beginnings
-        Whether beginnings are held out.
-    how
-        Description of the held-out data.
-    """
-
-    fits: tuple[Trial, ...]
-    judged: tuple[Trial, ...]
-    how: str
-    beginnings: bool = False
+    fits: tuple[Trial, ...]  #: Data for fits.
+    judged: tuple[Trial, ...]  #: Held-out data, on the finest grid: of each trial the part after `fitted` samples.
+    how: str  #: Description of the held-out data.
+    beginnings: bool = False  #: Whether beginnings are held out.
 
 
 Divide = Callable[[Sequence[Trial]], Division]

@@ -41,17 +41,10 @@ REPRESENTS, SMALL = 0.75, 1.0
 
 @dataclass(frozen=True)
 class DriveNoise:
-    """Effect of the noise in the recorded drive on fitted values.
+    """Effect of the noise in the recorded drive on fitted values."""
 
-    Parameters
-    ----------
-    bias
-        In the values' units, shape (values,).
-    covariance
-        Of the values, due to noise in drive and responses, and to the uncertainty of the bias, shape (values, values).
-    """
-
-    bias: FloatArray
+    bias: FloatArray  #: In the values' units, shape (values,).
+    #: Of the values, due to noise in drive and responses, and to the uncertainty of the bias, shape (values, values).
     covariance: FloatArray
 
 

@@ -33,27 +33,15 @@ POOR = 0.01
 
 @dataclass(frozen=True, kw_only=True)
 class Identifiability:
-    """How well runs determine parameters.
+    """How well runs determine parameters."""
 
-    Parameters
-    ----------
-    paths
-        The parameters.
-    std
-        Standard uncertainty of each, shape (parameters,), relative to its value (absolute where the value is zero), for noise
-        of 1 % of its rms on every channel; infinite where it is not identifiable.
-    without_effect
-        Parameters that have no effect on any record.
-    indistinguishable
-        Groups of parameters of which a joint change has no effect on any record.
-    correlated
-        Other parameters whose uncertainty is above `POOR` and `INFLATED` times what it would be with all others known.
-    """
-
-    paths: tuple[str, ...]
+    paths: tuple[str, ...]  #: The parameters.
+    #: Standard uncertainty of each, shape (parameters,), relative to its value (absolute where the value is zero), for noise of 1
+    #: % of its rms on every channel; infinite where it is not identifiable.
     std: FloatArray
-    without_effect: tuple[str, ...]
-    indistinguishable: tuple[tuple[str, ...], ...]
+    without_effect: tuple[str, ...]  #: Parameters that have no effect on any record.
+    indistinguishable: tuple[tuple[str, ...], ...]  #: Groups of parameters of which a joint change has no effect on any record.
+    #: Other parameters whose uncertainty is above `POOR` and `INFLATED` times what it would be with all others known.
     correlated: tuple[str, ...]
 
 

@@ -58,58 +58,34 @@ DESCRIBED = 0.05
 
 @dataclass(frozen=True, kw_only=True)
 class PreparedRun:
-    """What decides whether a run begins in motion.
+    """What decides whether a run begins in motion."""
 
-    Parameters
-    ----------
-    configuration, start_time
-        Of the run; seconds since the start of the campaign.
-    excitation
-        The recorded drive.
-    measured
-        The responses, shape (channels, n).
-    noise
-        Standard deviation of each channel's sensor noise, shape (channels,).
-    """
-
+    #: Of the run; seconds since the start of the campaign.
     configuration: str
     start_time: float
-    excitation: Excitation
-    measured: FloatArray
-    noise: FloatArray
+    excitation: Excitation  #: The recorded drive.
+    measured: FloatArray  #: The responses, shape (channels, n).
+    noise: FloatArray  #: Standard deviation of each channel's sensor noise, shape (channels,).
 
 
 @dataclass(frozen=True, kw_only=True)
 class MovingStart:
-    """The start of a run that begins in motion.
+    """The start of a run that begins in motion."""
 
-    Parameters
-    ----------
-    configuration, start_time
-        Of the run; seconds since the start of the campaign.
-    measured
-        The first records, shape (channels, n); the first `TAPS` of them are not compared: they depend on the motion before.
-    sigma, offset
-        Allowed error of each channel and magnitude of its mean over the run, shape (channels,).
-    sizes
-        Rms of position and velocity of each body in this run; of a described state its standard deviations over `PRIOR`.
-    given
-        The described state; empty for rest.
-    near
-        The state with the linear part of the rig as described.
-    values, inverse
-        Coordinates and speeds at the start and offsets of the sensors with one model, and the inverse of their derivatives, for
-        models close to it; empty otherwise.
-    """
-
+    #: Of the run; seconds since the start of the campaign.
     configuration: str
     start_time: float
+    #: The first records, shape (channels, n); the first `TAPS` of them are not compared: they depend on the motion before.
     measured: FloatArray
+    #: Allowed error of each channel and magnitude of its mean over the run, shape (channels,).
     sigma: FloatArray
     offset: FloatArray
+    #: Rms of position and velocity of each body in this run; of a described state its standard deviations over `PRIOR`.
     sizes: State
-    given: State = field(default_factory=dict)
-    near: State = field(default_factory=dict)
+    given: State = field(default_factory=dict)  #: The described state; empty for rest.
+    near: State = field(default_factory=dict)  #: The state with the linear part of the rig as described.
+    #: Coordinates and speeds at the start and offsets of the sensors with one model, and the inverse of their derivatives, for
+    #: models close to it; empty otherwise.
     values: FloatArray = field(default_factory=lambda: np.zeros(0))
     inverse: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 

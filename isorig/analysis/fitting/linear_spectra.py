@@ -151,20 +151,14 @@ def spectrum_of(model: RigModel, run: Run, noise: Mapping[str, float]) -> Spectr
 
 @dataclass(frozen=True, kw_only=True)
 class FreeMotion:
-    """The motion of a rig's linear part without dampers in its contacts, for sets of parameters.
+    """The motion of a rig's linear part without dampers in its contacts, for sets of parameters."""
 
-    Parameters
-    ----------
-    x, velocity
-        Displacement of the bodies and velocity in the contacts per unit of each drive's channel, shapes (bodies, drives, sets,
-        frequencies) and (contacts, drives, sets, frequencies).
-    moved, mobility
-        The same per unit of a force in each contact, shapes (bodies, contacts, sets, frequencies), (contacts, contacts, sets,
-        frequencies).
-    """
-
+    #: Displacement of the bodies and velocity in the contacts per unit of each drive's channel, shapes (bodies, drives, sets,
+    #: frequencies) and (contacts, drives, sets, frequencies).
     x: ComplexArray
     velocity: ComplexArray
+    #: The same per unit of a force in each contact, shapes (bodies, contacts, sets, frequencies), (contacts, contacts, sets,
+    #: frequencies).
     moved: ComplexArray
     mobility: ComplexArray
 

@@ -39,22 +39,14 @@ BLOCK_NOISE = 0.003
 
 @dataclass(frozen=True)
 class Score:
-    """Errors of a model on held-out data.
+    """Errors of a model on held-out data."""
 
-    Parameters
-    ----------
-    error
-        rms(predicted - measured) / rms(measured) of each run and channel, shape (runs, channels); the measured motion relative to
-        an imposed one, where that is less.
-    blocks
-        Mean square error of each block of held-out data divided by the noise's, shape (runs, channels, blocks).
-    power
-        The same divided by the mean square of the whole record there, shape (runs, channels, blocks).
-    """
-
+    #: rms(predicted - measured) / rms(measured) of each run and channel, shape (runs, channels); the measured motion relative to
+    #: an imposed one, where that is less.
     error: FloatArray
+    #: Mean square error of each block of held-out data divided by the noise's, shape (runs, channels, blocks).
     blocks: FloatArray
-    power: FloatArray
+    power: FloatArray  #: The same divided by the mean square of the whole record there, shape (runs, channels, blocks).
 
     @property
     def figure(self) -> float:
@@ -235,18 +227,12 @@ def surely_removes(before: Score, after: Score, floors: FloatArray) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class Improvement:
-    """Improvement by an extension on held-out data, each with the 95 % interval of resampled blocks.
+    """Improvement by an extension on held-out data, each with the 95 % interval of resampled blocks."""
 
-    Parameters
-    ----------
-    before, after
-        The campaign's error without and with it: (low, high).
-    removed, removed_interval
-        Share of the error's excess above the floor that it removed.
-    """
-
+    #: The campaign's error without and with it: (low, high).
     before: tuple[float, float]
     after: tuple[float, float]
+    #: Share of the error's excess above the floor that it removed.
     removed: float
     removed_interval: tuple[float, float]
 

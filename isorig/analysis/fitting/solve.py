@@ -43,31 +43,17 @@ FINEST = 256
 
 @dataclass(frozen=True, kw_only=True)
 class Free:
-    """A free parameter of a fit.
+    """A free parameter of a fit."""
 
-    Parameters
-    ----------
-    path
-        Dotted path in the model.
-    low, high
-        Bounds of the value.
-    log
-        Whether it is searched on a logarithmic scale (it is positive).
-    step
-        Finite difference: relative if `log`, absolute otherwise.
-    turn
-        Period of an angle: its value is within half of one around zero.
-    follows, give
-        For a point of a curve: its expected value from its neighbours, as (path, weight), and the deviation from it that costs as
-        much as one residual of 1. It holds the points without data.
-    """
-
-    path: str
+    path: str  #: Dotted path in the model.
+    #: Bounds of the value.
     low: float = 0.0
     high: float = np.inf
-    log: bool = True
-    step: float = 1e-5
-    turn: float = np.inf
+    log: bool = True  #: Whether it is searched on a logarithmic scale (it is positive).
+    step: float = 1e-5  #: Finite difference: relative if `log`, absolute otherwise.
+    turn: float = np.inf  #: Period of an angle: its value is within half of one around zero.
+    #: For a point of a curve: its expected value from its neighbours, as (path, weight), and the deviation from it that costs as
+    #: much as one residual of 1. It holds the points without data.
     follows: tuple[tuple[str, float], ...] = ()
     give: float = np.inf
 
@@ -105,39 +91,21 @@ class Spread(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Fit:
-    """A fitted model.
+    """A fitted model."""
 
-    Parameters
-    ----------
-    model
-        The rig with the fitted values.
-    free
-        The fitted parameters.
-    covariance
-        Of the values in the order of `free`, shape (k, k), from the residuals with their autocorrelation.
-    cost
-        Mean square of the weighted residuals (1 if noise and `SIGNAL_SHARE` explain all).
-    evaluations
-        Number of simulated campaigns.
-    jacobian, residual, sizes
-        At the last step: derivatives of the weighted residual, shape (size, k), the residual, shape (size,), and the number of
-        its entries for each trial.
-    known
-        What determines the uncertainty of the values (`uncertainty`); None of a fit that is only compared with others.
-    converged
-        Whether it ended before its maximum number of steps.
-    """
-
-    model: RigModel
-    free: tuple[Free, ...]
-    covariance: FloatArray
-    cost: float
-    evaluations: int
+    model: RigModel  #: The rig with the fitted values.
+    free: tuple[Free, ...]  #: The fitted parameters.
+    covariance: FloatArray  #: Of the values in the order of `free`, shape (k, k), from the residuals with their autocorrelation.
+    cost: float  #: Mean square of the weighted residuals (1 if noise and `SIGNAL_SHARE` explain all).
+    evaluations: int  #: Number of simulated campaigns.
+    #: At the last step: derivatives of the weighted residual, shape (size, k), the residual, shape (size,), and the number of its
+    #: entries for each trial.
     jacobian: FloatArray = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     residual: FloatArray = field(default_factory=lambda: np.zeros(0), repr=False)
     sizes: tuple[int, ...] = ()
+    #: What determines the uncertainty of the values (`uncertainty`); None of a fit that is only compared with others.
     known: Spread | None = field(default=None, repr=False)
-    converged: bool = True
+    converged: bool = True  #: Whether it ended before its maximum number of steps.
 
     @property
     def values(self) -> dict[str, float]:

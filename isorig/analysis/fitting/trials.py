@@ -91,18 +91,10 @@ CACHED = 3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Disturbance:
-    """What shakes a run's records and does not repeat with its drive.
+    """What shakes a run's records and does not repeat with its drive."""
 
-    Parameters
-    ----------
-    frequency
-        Centres of frequency bands, Hz, shape (bands,).
-    level
-        Standard deviation of white noise that has the disturbance's density in a band, shape (channels, bands).
-    """
-
-    frequency: FloatArray
-    level: FloatArray
+    frequency: FloatArray  #: Centres of frequency bands, Hz, shape (bands,).
+    level: FloatArray  #: Standard deviation of white noise that has the disturbance's density in a band, shape (channels, bands).
 
     def at(self, frequency: FloatArray) -> FloatArray:
         """The level at frequencies in Hz, shape (channels, frequencies)."""
@@ -111,68 +103,31 @@ class Disturbance:
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """One prepared run.
+    """One prepared run."""
 
-    Parameters
-    ----------
-    run
-        The run it comes from.
-    start_time
-        Seconds since the start of the campaign.
-    excitation
-        The drive as recorded, interpolated.
-    channels
-        The responses' names, in the order of the model's sensors; one for each group of bodies if the drive judges the trial.
-    measured
-        Their records, shape (channels, n).
-    noise
-        Standard deviation of each channel's sensor noise up to half the sample rate, shape (channels,).
-    fitted
-        Number of leading samples for fits.
-    ceiling
-        Highest frequency in Hz of the residuals while a fit converges.
-    onset
-        First sample at which the drive acts: before it the rig is at rest.
-    motion
-        For a rig that no spring holds: the motion of its bodies. Such a trial is judged by its drive: `measured` is its channel,
-        decimated, and `shaken` the same motion with additional sensor noise.
-    usable
-        Highest frequency in Hz at which errors count.
-    moving
-        The start of a run that begins in motion; None of a run that begins at rest, or in a described state.
-    disturbance
-        What no fit can explain; None if repeated runs show none.
-    drive_noise
-        Standard deviation of the sensor noise in the recorded drive, in its unit.
-    lowest
-        Frequency in Hz below which errors of the channels `wandering` do not count: their zero wanders.
-    wandering
-        Their names.
-    without_zero
-        Names of channels whose mean says nothing of the rig: `without_zero`.
-    relative
-        The records relative to an imposed motion, shape (channels, n); None without one.
-    """
-
-    run: Run
-    start_time: float
-    excitation: Excitation
+    run: Run  #: The run it comes from.
+    start_time: float  #: Seconds since the start of the campaign.
+    excitation: Excitation  #: The drive as recorded, interpolated.
+    #: The responses' names, in the order of the model's sensors; one for each group of bodies if the drive judges the trial.
     channels: tuple[str, ...]
-    measured: FloatArray
-    noise: FloatArray
-    fitted: int
-    ceiling: float
-    onset: int = 0
+    measured: FloatArray  #: Their records, shape (channels, n).
+    noise: FloatArray  #: Standard deviation of each channel's sensor noise up to half the sample rate, shape (channels,).
+    fitted: int  #: Number of leading samples for fits.
+    ceiling: float  #: Highest frequency in Hz of the residuals while a fit converges.
+    onset: int = 0  #: First sample at which the drive acts: before it the rig is at rest.
+    #: For a rig that no spring holds: the motion of its bodies. Such a trial is judged by its drive: `measured` is its channel,
+    #: decimated, and `shaken` the same motion with additional sensor noise.
     motion: Motion | None = None
     shaken: Motion | None = None
-    usable: float = np.inf
+    usable: float = np.inf  #: Highest frequency in Hz at which errors count.
+    #: The start of a run that begins in motion; None of a run that begins at rest, or in a described state.
     moving: MovingStart | None = None
-    disturbance: Disturbance | None = None
-    drive_noise: float = 0.0
-    lowest: float = 0.0
-    wandering: frozenset[str] = frozenset()
-    without_zero: frozenset[str] = frozenset()
-    relative: FloatArray | None = None
+    disturbance: Disturbance | None = None  #: What no fit can explain; None if repeated runs show none.
+    drive_noise: float = 0.0  #: Standard deviation of the sensor noise in the recorded drive, in its unit.
+    lowest: float = 0.0  #: Frequency in Hz below which errors of the channels `wandering` do not count: their zero wanders.
+    wandering: frozenset[str] = frozenset()  #: Their names.
+    without_zero: frozenset[str] = frozenset()  #: Names of channels whose mean says nothing of the rig: `without_zero`.
+    relative: FloatArray | None = None  #: The records relative to an imposed motion, shape (channels, n); None without one.
 
     @property
     def signal(self) -> FloatArray:

@@ -54,30 +54,15 @@ CHANCE = 0.01
 
 @dataclass(frozen=True, kw_only=True)
 class Assessed:
-    """A fit at its minimum, without the bias by noise, and what is known of its errors.
+    """A fit at its minimum, without the bias by noise, and what is known of its errors."""
 
-    Parameters
-    ----------
-    fit
-        The fit with its complete covariance.
-    score
-        Its errors on held-out data.
-    floors
-        The error of a perfect model in each run and channel, shape (runs, channels).
-    explained
-        Whether noise explains the errors.
-    misfit
-        Error above the noise and the accuracy of the simulation, as a share of the signal; zero if it is not stated.
-    noise
-        A sentence on noise that is not white or differs between runs, or empty.
-    """
-
-    fit: Fit
-    score: Score
-    floors: FloatArray
-    explained: bool
+    fit: Fit  #: The fit with its complete covariance.
+    score: Score  #: Its errors on held-out data.
+    floors: FloatArray  #: The error of a perfect model in each run and channel, shape (runs, channels).
+    explained: bool  #: Whether noise explains the errors.
+    #: Error above the noise and the accuracy of the simulation, as a share of the signal; zero if it is not stated.
     misfit: float
-    noise: str
+    noise: str  #: A sentence on noise that is not white or differs between runs, or empty.
 
 
 def stated_floor(model: RigModel, trials: Sequence[Trial]) -> float:
@@ -189,37 +174,18 @@ def _noisy(done: Fit, judged: Score, trials: Sequence[Trial]) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class Known:
-    """What determines the uncertainty of fitted values, in their units.
+    """What determines the uncertainty of fitted values, in their units."""
 
-    Parameters
-    ----------
-    moves
-        Their changes without each frequency bin, shape (bins, k).
-    held
-        Covariance of the points of curves by what their smoothness allows, shape (k, k).
-    shaken, runs
-        Covariance by draws of the noise in drive and responses, and by the differences between runs, shape (k, k).
-    ratio
-        Ratio of the variance by the runs to that by the noise from which the differences between runs count.
-    step
-        Their changes with half the time step, shape (k,).
-    bias
-        Bound of the bias by a misfit, shape (k,).
-    given
-        Their changes with one standard uncertainty of each known value, shape (known values, k).
-    filters
-        Their uncertainties due to the instrument's sampling filter, shape (k,).
-    """
-
-    moves: FloatArray
-    held: FloatArray
+    moves: FloatArray  #: Their changes without each frequency bin, shape (bins, k).
+    held: FloatArray  #: Covariance of the points of curves by what their smoothness allows, shape (k, k).
+    #: Covariance by draws of the noise in drive and responses, and by the differences between runs, shape (k, k).
     shaken: FloatArray
     runs: FloatArray
-    ratio: float
-    step: FloatArray
-    bias: FloatArray
-    given: FloatArray
-    filters: FloatArray
+    ratio: float  #: Ratio of the variance by the runs to that by the noise from which the differences between runs count.
+    step: FloatArray  #: Their changes with half the time step, shape (k,).
+    bias: FloatArray  #: Bound of the bias by a misfit, shape (k,).
+    given: FloatArray  #: Their changes with one standard uncertainty of each known value, shape (known values, k).
+    filters: FloatArray  #: Their uncertainties due to the instrument's sampling filter, shape (k,).
 
     @property
     def std(self) -> FloatArray:

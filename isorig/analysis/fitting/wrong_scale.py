@@ -81,39 +81,28 @@ FITTED = 4
 
 @dataclass(frozen=True, kw_only=True)
 class WrongScale:
-    """What is wrong, and by which factor.
+    """What is wrong, and by which factor."""
 
-    Parameters
-    ----------
-    kind
-        "responses": all responses compared with the drive; "sensor"; "drive": one of several drives; "stiffness"; "mass";
-        "rate": the sample rate; "sign": inverted records; "derivative": records of another derivative of the motion;
-        "place": a sensor on another body, or two on each other's; "pushed": a drive that acts on another body; "exchange": the
-        masses of two bodies; "damping": given dampings are damping ratios; "reversed": the records run backwards in time.
-    names
-        The channels, links or bodies; all responses or the only drive for "responses", nothing for "rate" and "reversed".
-    ratio
-        Recorded over predicted level; given over likely value for "stiffness" and "mass"; given over likely sample rate; -1 for
-        inverted records, 1 for reversed ones and damping ratios. For another derivative 1, or the factor of a drive whose factor
-        is unknown.
-    derivative
-        Number of time derivatives of the records minus that of the given rig's sensors or drive.
-    bodies
-        The body on which a sensor is, followed by others for which that is hardly less likely; those of two sensors; the body on
-        which a drive acts.
-    left
-        Share of power that the rig does not explain, of the sensors' records as described and on the other bodies, or of all
-        records with a drive, or the masses, as given and otherwise; None for all other mistakes.
-    """
-
+    #: "responses": all responses compared with the drive; "sensor"; "drive": one of several drives; "stiffness"; "mass"; "rate":
+    #: the sample rate; "sign": inverted records; "derivative": records of another derivative of the motion; "place": a sensor on
+    #: another body, or two on each other's; "pushed": a drive that acts on another body; "exchange": the masses of two bodies;
+    #: "damping": given dampings are damping ratios; "reversed": the records run backwards in time.
     kind: Literal[
         "responses", "sensor", "drive", "stiffness", "mass", "rate", "sign", "derivative", "place", "pushed", "exchange",
         "damping", "reversed",
     ]  # fmt: skip
+    #: The channels, links or bodies; all responses or the only drive for "responses", nothing for "rate" and "reversed".
     names: tuple[str, ...]
+    #: Recorded over predicted level; given over likely value for "stiffness" and "mass"; given over likely sample rate; -1 for
+    #: inverted records, 1 for reversed ones and damping ratios. For another derivative 1, or the factor of a drive whose factor
+    #: is unknown.
     ratio: float
-    derivative: int = 0
+    derivative: int = 0  #: Number of time derivatives of the records minus that of the given rig's sensors or drive.
+    #: The body on which a sensor is, followed by others for which that is hardly less likely; those of two sensors; the body on
+    #: which a drive acts.
     bodies: tuple[str, ...] = ()
+    #: Share of power that the rig does not explain, of the sensors' records as described and on the other bodies, or of all
+    #: records with a drive, or the masses, as given and otherwise; None for all other mistakes.
     left: tuple[float, float] | None = None
 
 

@@ -41,32 +41,15 @@ _COMPILING = Lock()
 
 @dataclass(frozen=True, kw_only=True)
 class Compiled:
-    """A rig compiled for steps of h / `cuts`.
+    """A rig compiled for steps of h / `cuts`."""
 
-    Parameters
-    ----------
-    rig
-        The arrays for the kernel.
-    basis
-        Full coordinates from the free ones, shape (bodies, n).
-    cuts
-        Number of parts into which a fine step is divided.
-    resistance
-        Each element's resistance as a row on y, shape (modes, elements, M).
-    holds
-        Whether each element sticks, shape (modes, elements).
-    memories
-        Maximum number of state variables of a law.
-    elements, rubs, across
-        The elements' names, whether they are contacts, and their directions on the coordinates, shape (elements, n).
-    """
-
-    rig: Rig
-    basis: FloatArray
-    cuts: int
-    resistance: FloatArray
-    holds: IntArray
-    memories: int
+    rig: Rig  #: The arrays for the kernel.
+    basis: FloatArray  #: Full coordinates from the free ones, shape (bodies, n).
+    cuts: int  #: Number of parts into which a fine step is divided.
+    resistance: FloatArray  #: Each element's resistance as a row on y, shape (modes, elements, M).
+    holds: IntArray  #: Whether each element sticks, shape (modes, elements).
+    memories: int  #: Maximum number of state variables of a law.
+    #: The elements' names, whether they are contacts, and their directions on the coordinates, shape (elements, n).
     elements: tuple[str, ...]
     rubs: tuple[bool, ...]
     across: FloatArray

@@ -45,37 +45,20 @@ EDGE = 20
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """The recorded motion of a rig; arrays of shape (n,).
+    """The recorded motion of a rig; arrays of shape (n,)."""
 
-    Parameters
-    ----------
-    position, velocity, acceleration
-        Of each body by name, m, m/s, m/s^2.
-    sample_rate
-        Hz.
-    drive
-        The drive channel's record.
-    blur
-        Standard deviation of the noise of each body's velocity, m/s.
-    channels
-        The channel that records each body.
-    groups
-        Sets of bodies from whose momentum the drive is computed; empty for the pushed body alone.
-    decimation
-        Factor between the sample rates of the motion and of the computed drive.
-    unknown
-        By link between two bodies whose velocities are recorded: the frequency in Hz below which its deflection is unknown.
-    """
-
+    #: Of each body by name, m, m/s, m/s^2.
     position: Mapping[str, FloatArray]
     velocity: Mapping[str, FloatArray]
     acceleration: Mapping[str, FloatArray]
-    sample_rate: float
-    drive: FloatArray
-    blur: Mapping[str, float] = field(default_factory=dict)
-    channels: Mapping[str, str] = field(default_factory=dict)
+    sample_rate: float  #: Hz.
+    drive: FloatArray  #: The drive channel's record.
+    blur: Mapping[str, float] = field(default_factory=dict)  #: Standard deviation of the noise of each body's velocity, m/s.
+    channels: Mapping[str, str] = field(default_factory=dict)  #: The channel that records each body.
+    #: Sets of bodies from whose momentum the drive is computed; empty for the pushed body alone.
     groups: tuple[tuple[str, ...], ...] = ()
-    decimation: int = DECIMATIONS[0]
+    decimation: int = DECIMATIONS[0]  #: Factor between the sample rates of the motion and of the computed drive.
+    #: By link between two bodies whose velocities are recorded: the frequency in Hz below which its deflection is unknown.
     unknown: Mapping[str, float] = field(default_factory=dict)
 
 

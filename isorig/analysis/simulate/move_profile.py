@@ -18,28 +18,15 @@ SAMPLES, MOST = 4, 1000
 
 
 class Move(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A move from rest to rest, and the pause after it; both are repeated.
+    """A move from rest to rest, and the pause after it; both are repeated."""
 
-    Parameters
-    ----------
-    distance
-        Signed distance, m.
-    acceleration
-        Largest acceleration, m/s^2.
-    pause
-        Pause after the move, s.
-    shape
-        "sine": one period of a sine, lasting T = sqrt(2 pi |d| / a); "constant": forward for the first half, backward for the
-        second, lasting T = sqrt(4 |d| / a).
-    repeat
-        Number of such moves.
-    """
-
-    distance: float
-    acceleration: float
-    pause: float
+    distance: float  #: Signed distance, m.
+    acceleration: float  #: Largest acceleration, m/s^2.
+    pause: float  #: Pause after the move, s.
+    #: "sine": one period of a sine, lasting T = sqrt(2 pi |d| / a); "constant": forward for the first half, backward for the
+    #: second, lasting T = sqrt(4 |d| / a).
     shape: Shape = "sine"
-    repeat: int = 1
+    repeat: int = 1  #: Number of such moves.
 
     def __post_init__(self) -> None:
         if not (isfinite(self.distance) and self.distance != 0.0):

@@ -17,21 +17,11 @@ HELD = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class NaturalMode:
-    """A mode.
+    """A mode."""
 
-    Parameters
-    ----------
-    frequency
-        Undamped natural frequency |root| / 2 pi, Hz.
-    damping
-        Damping ratio, below 1.
-    shape
-        Motion of each body, shape (bodies,), the largest 1.
-    """
-
-    frequency: float
-    damping: float
-    shape: FloatArray
+    frequency: float  #: Undamped natural frequency |root| / 2 pi, Hz.
+    damping: float  #: Damping ratio, below 1.
+    shape: FloatArray  #: Motion of each body, shape (bodies,), the largest 1.
 
 
 def natural_modes(model: RigModel, configuration: str) -> tuple[NaturalMode, ...]:

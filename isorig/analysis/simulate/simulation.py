@@ -28,21 +28,11 @@ ROOM = 10_000
 
 @dataclass(frozen=True, kw_only=True)
 class Change:
-    """A change of state of a contact.
+    """A change of state of a contact."""
 
-    Parameters
-    ----------
-    time
-        Seconds from the drive's first sample, located to rounding error.
-    contact
-        Name of the contact.
-    slides
-        0 if it sticks from now on, 1 if it slides forward (a relative to b), -1 backward.
-    """
-
-    time: float
-    contact: str
-    slides: int
+    time: float  #: Seconds from the drive's first sample, located to rounding error.
+    contact: str  #: Name of the contact.
+    slides: int  #: 0 if it sticks from now on, 1 if it slides forward (a relative to b), -1 backward.
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,59 +22,35 @@ class Rig(NamedTuple):
     coordinates and their speeds, u the drives, linear within a step, f the curved forces, parabolas within a step; its length is
     M. For an imposed motion the drive is the acceleration of its coordinate, independent of the forces. Quantities are in units
     of a step: derivatives in y are multiplied by the step's length (and f'' by its square).
-
-    Parameters
-    ----------
-    step
-        Step length, s.
-    n
-        Number of coordinates.
-    whole
-        Matrix from y to the values after a step, in groups of eight rows by columns: for each curved element its elongation and
-        speed (m, m/s) in the middle and at the end, then z, then for each exit its margin and the margin's slope, (modes,
-        groups, M, 8).
-    blocks
-        Groups of eight rows of `whole` that a mode needs, shape (modes,).
-    leap
-        Matrix from (z, 1, then for every drive its values at the next `LEAP` + 1 steps) to z after `LEAP` steps, then z after
-        each step before, then for each exit its margin and the margin's slope after each step, in the same groups, (modes,
-        groups, columns, 8). Without groups if the rig has curved forces or its steps are parts of the drive's.
-    series
-        Taylor coefficients in time, in the same groups term by term: for each curved element its elongation and speed, then z,
-        then each exit's margin, (modes, terms * groups, M, 8).
-    terms
-        Number of terms.
-    exits
-        For each exit, the element whose state ends, the next mode, and the kind: 0 no contact, 1 a sliding contact changes state,
-        2 sticking contacts break away; shape (modes, exits, 3), element -1 if a mode has fewer exits.
-    limits
-        Reference of each exit's margin: the breakaway force, shape (modes, exits).
-    settle
-        Projection of the coordinates' speeds that sets the speeds of sticking contacts exactly to zero, shape (modes, n, n).
-    possible
-        Whether the contacts that slide in a mode are free to slide while the others stick, shape (modes,).
-    kinds
-        Role of each element when contacts change state at one instant, see `SETTLING` in `compiled`.
-    strides, states
-        mode = sum of stride * state; the states of each mode's elements, shape (modes, elements).
-    curve_of, codes, params, directions, gates
-        For the curved elements: index of the element, law, parameters, direction, sign by state (padded with 0).
     """
 
-    step: float
-    n: int
+    step: float  #: Step length, s.
+    n: int  #: Number of coordinates.
+    #: Matrix from y to the values after a step, in groups of eight rows by columns: for each curved element its elongation and
+    #: speed (m, m/s) in the middle and at the end, then z, then for each exit its margin and the margin's slope, (modes, groups,
+    #: M, 8).
     whole: FloatArray
-    blocks: IntArray
+    blocks: IntArray  #: Groups of eight rows of `whole` that a mode needs, shape (modes,).
+    #: Matrix from (z, 1, then for every drive its values at the next `LEAP` + 1 steps) to z after `LEAP` steps, then z after each
+    #: step before, then for each exit its margin and the margin's slope after each step, in the same groups, (modes, groups,
+    #: columns, 8). Without groups if the rig has curved forces or its steps are parts of the drive's.
     leap: FloatArray
+    #: Taylor coefficients in time, in the same groups term by term: for each curved element its elongation and speed, then z,
+    #: then each exit's margin, (modes, terms * groups, M, 8).
     series: FloatArray
-    terms: int
+    terms: int  #: Number of terms.
+    #: For each exit, the element whose state ends, the next mode, and the kind: 0 no contact, 1 a sliding contact changes state,
+    #: 2 sticking contacts break away; shape (modes, exits, 3), element -1 if a mode has fewer exits.
     exits: IntArray
-    limits: FloatArray
+    limits: FloatArray  #: Reference of each exit's margin: the breakaway force, shape (modes, exits).
+    #: Projection of the coordinates' speeds that sets the speeds of sticking contacts exactly to zero, shape (modes, n, n).
     settle: FloatArray
-    possible: IntArray
-    kinds: IntArray
+    possible: IntArray  #: Whether the contacts that slide in a mode are free to slide while the others stick, shape (modes,).
+    kinds: IntArray  #: Role of each element when contacts change state at one instant, see `SETTLING` in `compiled`.
+    #: mode = sum of stride * state; the states of each mode's elements, shape (modes, elements).
     strides: IntArray
     states: IntArray
+    #: For the curved elements: index of the element, law, parameters, direction, sign by state (padded with 0).
     curve_of: IntArray
     codes: IntArray
     params: FloatArray
@@ -83,80 +59,54 @@ class Rig(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """The state of the motion, and memory for the intermediate results of a step.
+    """The state of the motion, and memory for the intermediate results of a step."""
 
-    Parameters
-    ----------
-    y
-        The kernel's vector, see `Rig`.
-    gate, largest, floor
-        By curved element: sign in its present state, recent magnitude of its force, magnitude below which it need not be exact.
-    d0, v0, ends
-        By curved element: elongation (m) and speed (m/s) at the start of the step, force at its end.
-    inner, half, after, spare
-        State variables of the laws, shape (curves, memories): at the start of the step, in the middle for one law (memories,), at
-        its end, and at the end of trial parts.
-    ratio
-        Last observed convergence ratio of the passes for the curved forces; one number.
-    base, ahead, reached
-        Results of a whole step in groups of eight rows: the part without the curved forces, and the total; `reached` is the flat
-        view of `ahead`.
-    known_drives, leaped, landed, nothing
-        Input of `Rig.leap`, its results in groups of eight rows and their flat view, and zeros of that shape.
-    still, known, taylor, columns
-        Taylor coefficients in groups of eight rows: zeros, the part without the curved forces, the total; `columns` is the view
-        of `taylor` by term, shape (terms, rows).
-    points, end, middle, quarter
-        The rows at the end, the middle and a quarter of a part of a step in groups of eight, and the flat view of each.
-    p
-        Taylor coefficients of a margin.
-    speeds
-        Speeds of the coordinates.
-    rests
-        Contacts that may stick or slide from now on.
-    """
-
-    y: FloatArray
+    y: FloatArray  #: The kernel's vector, see `Rig`.
+    #: By curved element: sign in its present state, recent magnitude of its force, magnitude below which it need not be exact.
     gate: FloatArray
     largest: FloatArray
     floor: FloatArray
+    #: By curved element: elongation (m) and speed (m/s) at the start of the step, force at its end.
     d0: FloatArray
     v0: FloatArray
     ends: FloatArray
+    #: State variables of the laws, shape (curves, memories): at the start of the step, in the middle for one law (memories,), at
+    #: its end, and at the end of trial parts.
     inner: FloatArray
     half: FloatArray
     after: FloatArray
     spare: FloatArray
-    ratio: FloatArray
+    ratio: FloatArray  #: Last observed convergence ratio of the passes for the curved forces; one number.
+    #: Results of a whole step in groups of eight rows: the part without the curved forces, and the total; `reached` is the flat
+    #: view of `ahead`.
     base: FloatArray
     ahead: FloatArray
     reached: FloatArray
+    #: Input of `Rig.leap`, its results in groups of eight rows and their flat view, and zeros of that shape.
     known_drives: FloatArray
     leaped: FloatArray
     landed: FloatArray
     nothing: FloatArray
+    #: Taylor coefficients in groups of eight rows: zeros, the part without the curved forces, the total; `columns` is the view of
+    #: `taylor` by term, shape (terms, rows).
     still: FloatArray
     known: FloatArray
     taylor: FloatArray
     columns: FloatArray
+    #: The rows at the end, the middle and a quarter of a part of a step in groups of eight, and the flat view of each.
     points: FloatArray
     end: FloatArray
     middle: FloatArray
     quarter: FloatArray
-    p: FloatArray
-    speeds: FloatArray
-    rests: IntArray
+    p: FloatArray  #: Taylor coefficients of a margin.
+    speeds: FloatArray  #: Speeds of the coordinates.
+    rests: IntArray  #: Contacts that may stick or slide from now on.
 
 
 class Record(NamedTuple):
-    """The recorded part of the motion; see `run` for `out`, `curved`, `modes` and `log`.
+    """The recorded part of the motion; see `run` for `out`, `curved`, `modes` and `log`."""
 
-    Parameters
-    ----------
-    weights, places, filled
-        By sensor: its non-zero weights and their places in the vector, shape (sensors, m), and their number, shape (sensors,).
-    """
-
+    #: By sensor: its non-zero weights and their places in the vector, shape (sensors, m), and their number, shape (sensors,).
     weights: FloatArray
     places: IntArray
     filled: IntArray

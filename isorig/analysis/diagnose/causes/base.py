@@ -37,25 +37,15 @@ def beyond_calibration(path: str, given: float) -> Callable[[RigModel], bool]:
 
 @dataclass(frozen=True, kw_only=True)
 class Amplitudes:
-    """The largest motions of a rig in its runs: sizes of causes are relative to them.
+    """The largest motions of a rig in its runs: sizes of causes are relative to them."""
 
-    Parameters
-    ----------
-    deflection, speed
-        Largest relative displacement (m) and velocity (m/s) of each link, by link name.
-    peak
-        Largest magnitude of each channel, in its unit.
-    sample_rate
-        Hz.
-    end_time
-        Seconds from the campaign's first sample to its end, including the pause after the last run; 0 if the runs do not
-        tell (`session_end`).
-    """
-
+    #: Largest relative displacement (m) and velocity (m/s) of each link, by link name.
     deflection: Mapping[str, float]
     speed: Mapping[str, float]
-    peak: Mapping[str, float]
-    sample_rate: float
+    peak: Mapping[str, float]  #: Largest magnitude of each channel, in its unit.
+    sample_rate: float  #: Hz.
+    #: Seconds from the campaign's first sample to its end, including the pause after the last run; 0 if the runs do not tell
+    #: (`session_end`).
     end_time: float
 
 
@@ -112,21 +102,11 @@ def _known(link: Link, rig: RigModel) -> Link:
 
 @dataclass(frozen=True, kw_only=True)
 class RecordedRuns:
-    """What decides whether a cause is identifiable from the runs at all.
+    """What decides whether a cause is identifiable from the runs at all."""
 
-    Parameters
-    ----------
-    deflection
-        Largest relative displacement of each link, m.
-    configurations
-        The measured configurations.
-    start_times
-        Of the runs, s.
-    """
-
-    deflection: Mapping[str, float]
-    configurations: frozenset[str]
-    start_times: Sequence[float]
+    deflection: Mapping[str, float]  #: Largest relative displacement of each link, m.
+    configurations: frozenset[str]  #: The measured configurations.
+    start_times: Sequence[float]  #: Of the runs, s.
 
 
 class Sizes(Protocol):
@@ -176,20 +156,12 @@ class RandomSizes:
 
 @dataclass(frozen=True, kw_only=True)
 class RigWithCause:
-    """A rig with a cause of known size.
+    """A rig with a cause of known size."""
 
-    Parameters
-    ----------
-    model
-        The rig.
-    parameters
-        The values of the cause, by their names in the findings, in SI units.
-    hum
-        Hum on a channel: (channel, amplitude in its unit, frequency in Hz); None for no hum.
-    """
-
-    model: RigModel
+    model: RigModel  #: The rig.
+    #: The values of the cause, by their names in the findings, in SI units.
     parameters: Mapping[str, float] = field(default_factory=dict)
+    #: Hum on a channel: (channel, amplitude in its unit, frequency in Hz); None for no hum.
     hum: tuple[str, float, float] | None = None
 
 
