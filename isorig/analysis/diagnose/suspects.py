@@ -16,7 +16,7 @@ from isorig.analysis.diagnose.free_shapes import free_shapes
 from isorig.analysis.diagnose.kinds import OVER_VELOCITY, kind_of
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.equations.balances import Element
-from isorig.analysis.equations.columns import OVER_POSITION, PERIODIC, RARE_STOP
+from isorig.analysis.equations.columns import INTERVALS, OVER_POSITION, PERIODIC, RARE_STOP
 from isorig.analysis.equations.forms import ElementForce, element_force, fitted_form, shape_of, start_values
 from isorig.analysis.equations.ranking import HINTS, Explanation, Ranking, ranking, score_of, share_left
 from isorig.analysis.equations.system import CHANNEL_FAULTS, HOLDS, Equations
@@ -36,8 +36,9 @@ MOST = 3
 #: Residual from which an equation is broken, and the share of it that may remain once it is repaired. Chosen: twice the residual
 #: up to which sound rigs stay; half of the excess, as a further step must remove (`Policy.of_rest`).
 BROKEN, REPAIRED = 2.0 * HOLDS, 0.5
-#: Pitch in rad of a force that repeats once per turn.
-TURN = 2.0 * pi
+#: Pitch in rad of a force that repeats once per turn, and the number of turns up to which a curve over the deflection shows it:
+#: there it has four points per turn.
+TURN, MOST_TURNS = 2.0 * pi, INTERVALS / 4.0
 #: Starting points of a candidate, and the ratio of their remaining forces up to which they are alike.
 STARTS, SAME = 2, 1.3
 #: Share of a broken equation's excess residual that its own best explanation must remove to be suspected. Chosen: as a
@@ -396,7 +397,10 @@ class Suspects:
         if "pitch" in item.values or element is None or element.link is None:
             return item.values.get("pitch")
         turns = self.equations.model.body(element.link.a).motion == "rotation" and not element.link.arms
-        return TURN if turns and element.link.stiffness == 0.0 and item.what == "force over deflection" else None
+        _, force = self._solved(item)
+        if not turns or element.link.stiffness or item.what != "force over deflection" or force is None:
+            return None
+        return TURN if np.ptp(force.deflection) <= MOST_TURNS * TURN else None
 
     def started(self, candidate: Candidate, current: Sequence[Free]) -> list[RigModel]:
         """Starting points of a candidate: the rig's parameters and its own ones from the equations where these determine them.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import cast
 
 import msgspec
 import numpy as np
@@ -13,6 +14,10 @@ from scipy.integrate import cumulative_trapezoid, solve_ivp
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
 from isorig.analysis.diagnose.diagnosis import diagnose
 from isorig.analysis.diagnose.search import Job
+from isorig.analysis.diagnose.suspects import MOST_TURNS, TURN, Suspects
+from isorig.analysis.equations.forms import ElementForce
+from isorig.analysis.equations.ranking import Explanation, Ranking
+from isorig.analysis.equations.system import Equations
 from isorig.analysis.fitting import trials
 from isorig.analysis.fitting.plausible import doubts_of_records
 from isorig.analysis.fitting.trials import prepare
@@ -132,3 +137,20 @@ def test_a_drive_judges_no_body_without_a_record(by_drive: bool) -> None:
     more = msgspec.structs.replace(rig, bodies=(*rig.bodies, Body(name="rack_added", mass=0.1)), links=attached)
     candidates = [SimpleNamespace(starts=(model,)) for model in (rig, more)]
     assert [Job.judges(job, one) for one in candidates] == [True, not by_drive]  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("turns", "stiffness", "pitch"), [(0.99 * MOST_TURNS, 0.0, TURN), (1.01 * MOST_TURNS, 0.0, None), (1.0, 5.0, None)]
+)
+def test_a_turn_is_a_pitch_where_a_curve_over_the_angle_has_points_for_it(
+    turns: float, stiffness: float, pitch: float | None
+) -> None:
+    """Of a body that no spring holds."""
+    what = "force over deflection"
+    item = Explanation(kind="spring_shape", place="bearing", what=what, score=1.0, residuals={}, values={})
+    rig = msgspec.structs.replace(turned(0.02)[1], links=(Link(name="bearing", a="table", damping=0.04, stiffness=stiffness),))
+    element = SimpleNamespace(names={"bearing"}, link=rig.link("bearing"))
+    equations = SimpleNamespace(elements=lambda: [element], model=rig)
+    found = Suspects(ranking=cast("Ranking", None), chosen=(item,), places={}, equations=cast("Equations", equations))
+    found._values[item] = {}, cast("ElementForce", SimpleNamespace(deflection=np.array([0.0, turns * TURN])))
+    assert found._pitch(item) == pitch
