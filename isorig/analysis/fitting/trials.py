@@ -31,7 +31,6 @@ from isorig.analysis.simulate.free_run import NOWHERE, excitation_of, true_drive
 from isorig.analysis.simulate.inverse import (
     DECIMATIONS,
     EDGE,
-    RESOLVED,
     Motion,
     decimated,
     driven_groups,
@@ -64,8 +63,9 @@ QUIET, LOUD = 0.02, 0.15
 #: Noise of such a drive, as a share of the recorded one, from which on runs are simulated from a known rest instead. Chosen:
 #: single pulls and coarse encoders, of which the drive told nothing, had 0.1 to 0.8; thirteen rigs that it judges up to 0.06.
 HARDLY = 0.1
-#: Seconds at the start of a run in which a body at rest must not move.
-AT_REST = 0.1
+#: Seconds at the start of a run in which a body at rest must not move, and the number of standard deviations of its sensor's
+#: noise up to which it does not. Chosen: some tens of samples of white noise reach three.
+AT_REST, AWAY = 0.1, 5.0
 #: Misfit of the described rig, in multiples of that noise, from which such a group is used nonetheless. Chosen: five simulated
 #: rigs without play in the joint reached 1.5 at most, two with it 8 and 32.
 TOLD = 5.0
@@ -549,13 +549,15 @@ def _stop(run: Run) -> int:
 
 
 def _begins_at_rest(run: Run, sensors: Mapping[str, Sensor], noise: Mapping[str, float]) -> bool:
-    # Whether no body moves in the first moment of a run, and each is where a simulation begins.
+    # Whether no body moves in the first moment of a run, relative to the largest motion in such a time, and each is where a
+    # simulation begins.
     first = max(round(AT_REST * run.sample_rate), 1)
-    return all(
-        float(np.abs(values[:first]).max()) <= max(CALM * float(np.abs(values).max()), RESOLVED * noise.get(sensor.channel, 0.0))
-        for sensor in sensors.values()
-        for values in (run.channel(sensor.channel).read(0, _stop(run)),)
-    )
+    for sensor in sensors.values():
+        values = run.channel(sensor.channel).read(0, _stop(run))
+        most = float(np.abs(values[first:] - values[:-first] if MOTION[sensor.quantity] == 0 else values).max())
+        if float(np.abs(values[:first]).max()) > max(CALM * most, AWAY * noise.get(sensor.channel, 0.0)):
+            return False
+    return True
 
 
 def _by_drive(campaign: Campaign, model: RigModel, levels: Sequence[Mapping[str, float]]) -> tuple[Trial, ...]:

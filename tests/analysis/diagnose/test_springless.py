@@ -68,8 +68,11 @@ def test_a_heavy_side_is_a_force_that_repeats_with_each_turn() -> None:
     assert pitch == pytest.approx(2.0 * np.pi, rel=0.05)
 
 
-def pulled(friction: float, *, zero: float = 0.0, noise: float = 1.5e-4) -> tuple[Campaign, RigModel]:
-    """A rack that a winch pulls once, by scipy, and that coasts to rest; a noisy position, measured from `zero` in m."""
+def pulled(friction: float, *, zero: float = 0.0, speed: float = 0.0, noise: float = 1.5e-4) -> tuple[Campaign, RigModel]:
+    """A rack that a winch pulls once, by scipy, and that coasts to rest; a noisy position, measured from `zero` in m.
+
+    It moves with `speed` in m/s at the start.
+    """
     mass, drag, rate = 1.6, 1.1, 500.0
     t = np.arange(round(4.0 * rate)) / rate
 
@@ -79,7 +82,7 @@ def pulled(friction: float, *, zero: float = 0.0, noise: float = 1.5e-4) -> tupl
     def rates(time: float, y: FloatArray) -> list[float]:
         return [y[1], (float(force(time)) - drag * y[1] - friction * np.tanh(y[1] / 1e-4)) / mass]
 
-    moved = solve_ivp(rates, (0.0, t[-1]), (0.0, 0.0), t_eval=t, method="LSODA", rtol=1e-9, atol=1e-12, max_step=0.02).y[0]
+    moved = solve_ivp(rates, (0.0, t[-1]), (0.0, speed), t_eval=t, method="LSODA", rtol=1e-9, atol=1e-12, max_step=0.02).y[0]
     draw = np.random.default_rng(SEED)
     channels = {
         "winch": Channel(name="winch", samples=force(t) + draw.normal(0.0, 5e-3, len(t)), quantity="force", unit="N"),
@@ -108,6 +111,17 @@ def test_the_friction_of_a_rack_that_is_pulled_once_follows_from_its_course() ->
 @pytest.mark.parametrize(("zero", "by_drive"), [(0.0, False), (0.3, True)])
 def test_a_run_is_simulated_where_a_noisy_motion_begins_at_rest_at_zero(zero: float, by_drive: bool) -> None:
     (trial,) = prepare(*pulled(0.4, zero=zero))
+    assert (trial.motion is not None) is by_drive
+
+
+@pytest.mark.parametrize(("share", "by_drive"), [(0.8, False), (1.2, True)])
+def test_a_motion_of_a_hundredth_of_the_largest_is_rest(share: float, by_drive: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the largest motion in a tenth of a second."""
+    monkeypatch.setattr(trials, "HARDLY", 0.0)
+    (run,) = pulled(0.0)[0].runs
+    course, first = run.read("pos"), round(trials.AT_REST * run.sample_rate)
+    limit = trials.CALM * float(np.abs(course[first:] - course[:-first]).max()) / trials.AT_REST
+    (trial,) = prepare(*pulled(0.0, speed=share * limit, noise=1e-5))
     assert (trial.motion is not None) is by_drive
 
 
