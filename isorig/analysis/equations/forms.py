@@ -104,7 +104,7 @@ def element_force(equations: Equations, place: str, shape: Shape | None) -> Elem
             size = abs(next(s for e, s in balance.crossing if e.name == element.name))
             force = _sliding_force(equations, balance, element, shape, size, *found)
             hidden = float(np.mean(force.left**2)) > HIDDEN * float(np.mean(force.force**2))
-            if hidden and balance.name in equations.prepared and element.link is not None:
+            if hidden and balance.name in equations.prepared and element.link is not None and not law_columns(element):
                 return _spectral_force(equations, balance, element, shape, force)
             return force
     return None
@@ -121,19 +121,19 @@ def _spectral_force(
     unknown = [path for path, _, _ in equations.unknown_rows(balance)]
     place, sign = next((k, sign) for k, (other, sign) in enumerate(balance.crossing) if other.name == element.name)
     before = [other for other, _ in balance.crossing[:place] if other.link is not None]
-    first = len(unknown) + sum(2 + law_columns(other) for other in before)
+    own_values = slice(len(unknown) + sum(2 + law_columns(other) for other in before), None)
 
-    def force(half: int) -> FloatArray:
-        values = equations.shaped(balance, element, shape, half).values
-        damping, stiffness = values[first : first + 2]
+    def force(values: FloatArray) -> FloatArray:
+        damping, stiffness, *_ = values[own_values]
         scale = _scale(dict(zip(unknown, values.tolist(), strict=False)))
         own = (damping * c.velocity + stiffness * c.deflection + shape.columns(c) @ values[columns:] / sign for c in courses)
         found = np.concatenate(list(own)) / scale
         return np.asarray(found - found.mean())  # spectra tell no constant
 
-    if equations.shaped(balance, element, shape).residual >= HOLDS:
+    solved = [equations.shaped(balance, element, shape, half) for half in (0, 1)]
+    if solved[0].residual >= HOLDS:
         return in_time  # more than this shape is missing
-    halves = np.stack([force(0), force(1)])
+    halves = np.stack([force(each.values) for each in solved])
     d = np.concatenate([course.deflection for course in courses])
     samples = _thinned(d)
     runs = np.concatenate([np.full(len(course.place), k) for k, course in enumerate(courses)])[samples]

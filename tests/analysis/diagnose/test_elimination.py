@@ -16,6 +16,7 @@ from isorig.analysis.deadline import Deadline, time_left
 from isorig.analysis.diagnose import search
 from isorig.analysis.diagnose.causes import proposed
 from isorig.analysis.diagnose.observe import observe
+from isorig.analysis.diagnose.places import Places
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.diagnose.search import FOR_PAIRS, LEAST_FOR_PAIRS, PROMISING_LATER, contenders
 from isorig.analysis.diagnose.step import Entry
@@ -33,6 +34,7 @@ from isorig.analysis.fitting.ladder import (
     FAR_WORSE,
     LEAVES,
     PROMISING,
+    STAYS,
     TELLING,
     UNDECIDED,
     Rung,
@@ -42,7 +44,7 @@ from isorig.analysis.fitting.ladder import (
 )
 from isorig.analysis.fitting.score import Score
 from isorig.analysis.fitting.solve import Fit, Free, Problem, base_parameters, positive
-from isorig.analysis.fitting.trials import prepare
+from isorig.analysis.fitting.trials import SIGNAL_SHARE, prepare
 from isorig.analysis.laws import Asymmetric, Stribeck
 from isorig.analysis.model.rig_model import Link, RigModel
 
@@ -402,3 +404,29 @@ def test_dry_friction_leads_to_the_laws_that_contain_it(
         law = model.contact("rail").law
         assert isinstance(law, Stribeck | Asymmetric)
         assert (law.friction_force if isinstance(law, Stribeck) else law.forward_force) == pytest.approx(3.0, rel=0.35)
+
+
+@pytest.mark.parametrize(
+    ("cost", "few", "follows", "lengths"),
+    [
+        (0.99 * (STAYS / SIGNAL_SHARE) ** 2, True, True, "whole"), (1.01 * (STAYS / SIGNAL_SHARE) ** 2, True, True, "growing"),
+        (1.0, True, False, "growing"), (1.0, False, True, "growing"),
+    ],
+)  # fmt: skip
+def test_where_nothing_drifts_apart_candidates_are_fitted_to_the_whole_at_once(
+    cost: float, few: bool, follows: bool, lengths: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of few places, as long as the best fit follows the records."""
+    candidate = Candidate(cause="end_stop", location="rail", family="spring", starts=(stage(),), free=(), reported=())
+    item = SimpleNamespace(candidate=candidate, models=[stage()])
+    monkeypatch.setattr(search.Screened, "_screened", [item])
+    monkeypatch.setattr(search, "diverse", list)
+    monkeypatch.setattr(search, "misfit", lambda model, problem: cost)
+    monkeypatch.setattr(search, "verified", lambda starts, rung, progress: "whole")
+    monkeypatch.setattr(search, "followed", lambda starts, *others: "growing")
+    job = SimpleNamespace(
+        progress=print, left=0.5, current=fitted(stage(), cost), rungs=[SimpleNamespace(problem=None)], promising=0.1,
+        follows=lambda run: bool(run) and follows,
+    )  # fmt: skip
+    places = cast("Places", object()) if few else None
+    assert search.Screened(job=cast("search.Job", job), places=places).forms == lengths
