@@ -61,7 +61,7 @@ ACTS = 1.0
 #: equation of more noise shows no parameter.
 QUIET, LOUD = 0.02, 0.15
 #: Noise of such a drive, as a share of the recorded one, from which on runs are simulated from a known rest instead. Chosen:
-#: single pulls and coarse encoders, of which the drive told nothing, had 0.1 to 0.8; thirteen rigs that it judges up to 0.06.
+#: single pulls and coarse encoders, of which the drive showed nothing, had 0.1 to 0.8; thirteen rigs that it judges up to 0.06.
 HARDLY = 0.1
 #: Seconds at the start of a run in which a body at rest must not move, and the number of standard deviations of its sensor's
 #: noise up to which it does not. Chosen: some tens of samples of white noise reach three.
