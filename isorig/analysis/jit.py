@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dis import EXTENDED_ARG, hasconst
 from functools import cache, cached_property, partial
+from threading import RLock
 from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
 from typing import Any, ParamSpec, TypeVar, cast
 
@@ -27,6 +28,7 @@ UNCOUNTED: dict[str, Any] = {"_nrt": False, **OPTIONS}
 #: Of the compiler. Vectorize straight-line arithmetic too, which numba does not by default: it halves the kernels' time.
 SETTINGS = {"SLP_VECTORIZE": 1}
 PACKAGE = __name__.partition(".")[0]
+LINKING = RLock()
 
 
 class Kernel:
@@ -96,15 +98,20 @@ class SeparateKernel(Kernel):
         super().__init__(function, **options)
         self._signature = signature
         self._symbol, self._loaded = f"{function.__module__}.{function.__qualname__}", False
+        self._place: Any = None
 
-    @cached_property
+    @property
     def type(self) -> Any:
         """Numba's type of it, for the kernels that call it; afterwards these can be loaded."""
         return self._called_by_name[0]
 
-    @cached_property
+    @property
     def _called_by_name(self) -> Any:
-        return _compiler().called_by_name(self._symbol, self._signature)
+        # The linker knows one place of its address, whichever thread asks first.
+        with LINKING:
+            if self._place is None:
+                self._place = _compiler().called_by_name(self._symbol, self._signature)
+            return self._place
 
     def load(self) -> None:
         """Compile it and those that it calls, or load them from the cache, before a kernel is called that may call it."""

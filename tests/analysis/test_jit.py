@@ -7,8 +7,11 @@ import re
 import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
@@ -223,3 +226,18 @@ def test_digests_differ_by_the_type_of_a_constant() -> None:
     )
     assert len({scaled(each) for each in constants}) == len(constants)
     assert scaled(np.array([2.0])) == scaled(np.array([2.0]))
+
+
+def test_a_separate_kernel_has_one_place_whichever_thread_asks_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    places: list[object] = []
+
+    def called_by_name(symbol: str, signature: str) -> tuple[object, object]:
+        time.sleep(0.05)
+        places.append(object())
+        return symbol, places[-1]
+
+    monkeypatch.setattr(jit, "_compiler", lambda: SimpleNamespace(called_by_name=called_by_name))
+    law = jit.SeparateKernel(abs, signature="float64(float64)", cached=True)
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(lambda _: law.type, range(2)))
+    assert len(places) == 1
