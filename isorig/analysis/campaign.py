@@ -323,6 +323,11 @@ class Run(Viewed):
         return self.channel(name).read()
 
 
+def usable_stop(run: Run) -> int:
+    """Number of samples before a run's first gap: the motion across a gap is unknown."""
+    return min((gap.first_tick for gap in run.gaps), default=len(run))
+
+
 @dataclass(frozen=True, kw_only=True)
 class Campaign(Viewed):
     """All runs measured on one rig, and known values of the rig.

@@ -532,8 +532,8 @@ class Suspected:
         """Fitted forms that contain the best suspected ones, started from the values of these, best first."""
         starts: Starts = []
         for simple, free, model in unlike(self._started):
-            if not self.found.blamed(*simple.key) or len(model.links) > len(self.job.current.model.links):
-                continue  # nothing contains an attached body
+            if not self.found.blamed(*simple.key):
+                continue
             for form, own in containing(simple, model, free, self.job.evidence):
                 starts += [(form, own, start) for start in form.starts]
         return followed(starts, self.job.rungs, self.job.current, self.job.progress, self.job.promising)

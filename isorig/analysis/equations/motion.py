@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from isorig.analysis.campaign import MOTION, FloatArray, Run
+from isorig.analysis.campaign import MOTION, FloatArray
 from isorig.analysis.lowpass import about_line, lowpass_gain, mirrored
 from isorig.analysis.model.rig_model import RigModel, direction
 from isorig.analysis.simulate.inverse import position_from
@@ -211,8 +211,3 @@ def _combined(chosen: Sequence[tuple[str, FloatArray]], weights: FloatArray) -> 
 def estimate_of(body: str) -> str:
     """Name of the channel with a body's estimated acceleration."""
     return f"estimate of {body}"
-
-
-def usable_stop(run: Run) -> int:
-    """Number of samples before a run's first gap: the motion across a gap is unknown."""
-    return min((gap.first_tick for gap in run.gaps), default=len(run))

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from isorig.analysis.campaign import BROAD, Campaign, ComplexArray, FloatArray, IntArray, Run
+from isorig.analysis.campaign import BROAD, Campaign, ComplexArray, FloatArray, IntArray, Run, usable_stop
 from isorig.analysis.equations.balances import Balance, Element, Lock, balances, elements, is_measured, locks
 from isorig.analysis.equations.columns import Course, Shape, direction_of
 from isorig.analysis.equations.hidden import adjacent, estimable, estimated, fitted, transfer
@@ -17,7 +17,6 @@ from isorig.analysis.equations.motion import (
     Combinations,
     derivatives,
     estimate_of,
-    usable_stop,
     without_slow_part,
 )
 from isorig.analysis.equations.sliding import ROUNDS, TAPS, Columns, Sliding, SlidingFit, SlidingRun

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from isorig.analysis.campaign import MOTION, Campaign, ComplexArray, FloatArray, IntArray, Run
+from isorig.analysis.campaign import MOTION, Campaign, ComplexArray, FloatArray, IntArray, Run, usable_stop
 from isorig.analysis.derivative import derivative
 from isorig.analysis.model.linear import floats, imposed_coordinates, linear_part
 from isorig.analysis.model.rig_model import GROUND, RigModel, Sensor, direction
@@ -95,7 +95,7 @@ def spectrum_of(model: RigModel, run: Run, noise: Mapping[str, float]) -> Spectr
     noise
         Standard deviation of the channels' sensor noise.
     """
-    samples = min((gap.first_tick for gap in run.gaps), default=len(run))
+    samples = usable_stop(run)
     if samples < SHORTEST:
         return None
     frequency = np.fft.rfftfreq(samples, 1.0 / run.sample_rate)

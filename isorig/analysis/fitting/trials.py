@@ -11,7 +11,7 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from isorig.analysis.campaign import MOTION, BoolArray, Campaign, FloatArray, IntArray, Run
+from isorig.analysis.campaign import MOTION, BoolArray, Campaign, FloatArray, IntArray, Run, usable_stop
 from isorig.analysis.errors import DataError
 from isorig.analysis.fitting.initial_state import (
     MovingStart,
@@ -413,7 +413,7 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
     if drifting and (judged := _by_drive(campaign, model, noises)):
         return judged
     for run, noise, of_drive in zip(campaign.runs, noises, drive_noises(campaign, model.drive.channel), strict=True):
-        stop = _stop(run)
+        stop = usable_stop(run)
         if stop < SHORTEST:
             continue
         drive = run.channel(model.drive.channel).read(0, stop)
@@ -509,9 +509,9 @@ def fit_samples(measured: FloatArray) -> int:
     measured
         The responses, shape (channels, n).
     """
-    course = _course(measured)
-    if not _comes_to_rest(course):
-        return round(FIT_SHARE * int(measured.shape[1]))
+    samples = int(measured.shape[1])
+    if samples < BLOCKS or not _comes_to_rest(course := _course(measured)):
+        return round(FIT_SHARE * samples)
     moving, between = np.diff(course, prepend=0.0), _between_moves(course)
     if len(between):
         last = between[moving[between] <= moving[between].min()][-1]
@@ -543,17 +543,12 @@ def onset_of(drive: FloatArray) -> int:
     return int(np.argmax(away > ACTS * np.sqrt(np.mean(away**2)))) if away.any() else 0
 
 
-def _stop(run: Run) -> int:
-    # The state after a gap is unknown.
-    return min((gap.first_tick for gap in run.gaps), default=len(run))
-
-
 def _begins_at_rest(run: Run, sensors: Mapping[str, Sensor], noise: Mapping[str, float]) -> bool:
     # Whether no body moves in the first moment of a run, relative to the largest motion in such a time, and each is where a
     # simulation begins.
-    first = max(round(AT_REST * run.sample_rate), 1)
+    first = min(max(round(AT_REST * run.sample_rate), 1), usable_stop(run) // 2)
     for sensor in sensors.values():
-        values = run.channel(sensor.channel).read(0, _stop(run))
+        values = run.channel(sensor.channel).read(0, usable_stop(run))
         most = float(np.abs(values[first:] - values[:-first] if MOTION[sensor.quantity] == 0 else values).max())
         if float(np.abs(values[:first]).max()) > max(CALM * most, AWAY * noise.get(sensor.channel, 0.0)):
             return False
@@ -570,7 +565,7 @@ def _by_drive(campaign: Campaign, model: RigModel, levels: Sequence[Mapping[str,
             "those or add the spring to the description"
         )
     runs = [
-        (run, _stop(run), noise) for run, noise in zip(campaign.runs, levels, strict=True) if _stop(run) >= SHORTEST
+        (run, usable_stop(run), noise) for run, noise in zip(campaign.runs, levels, strict=True) if usable_stop(run) >= SHORTEST
     ]  # fmt: skip
     if not runs:
         return ()

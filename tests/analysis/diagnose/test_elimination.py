@@ -7,7 +7,6 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
-import msgspec
 import numpy as np
 import pytest
 from small_rigs import played, rubbing, stage
@@ -46,7 +45,7 @@ from isorig.analysis.fitting.score import Score
 from isorig.analysis.fitting.solve import Fit, Free, Problem, base_parameters, positive
 from isorig.analysis.fitting.trials import SIGNAL_SHARE, prepare
 from isorig.analysis.laws import Asymmetric, Stribeck
-from isorig.analysis.model.rig_model import Link, RigModel
+from isorig.analysis.model.rig_model import RigModel
 
 CAUSES = ("wrong_mass", "hardening_stiffness")
 
@@ -389,10 +388,11 @@ def test_dry_friction_leads_to_the_laws_that_contain_it(
     evidence = observe(campaign, stage(), prepare(campaign, stage()), stage(), stage())
     dry = next(c for c in proposed(stage(), evidence) if c.key == ("coulomb_friction", "rail"))
     free = (*base_parameters(stage()), *dry.free)
-    start = rubbing(stage(), "rail", 3.0)
+    start = dry, free, rubbing(stage(), "rail", 3.0)
     if attached:
-        start = msgspec.structs.replace(start, links=(*start.links, Link(name="table_added", a="table", stiffness=1.0)))
-    monkeypatch.setattr(search.Suspected, "_started", [(dry, free, start)])
+        resonator = next(c for c in proposed(stage(), evidence) if c.cause == "extra_mode")
+        start = resonator, resonator.parameters(stage(), base_parameters(stage())), resonator.starts[0]
+    monkeypatch.setattr(search.Suspected, "_started", [start])
     monkeypatch.setattr(search, "followed", lambda starts, *others: starts)
     job = SimpleNamespace(evidence=evidence, rungs=(), current=SimpleNamespace(model=stage()), progress=print, promising=0.5)
     suspects = SimpleNamespace(blamed=lambda *_: blamed)

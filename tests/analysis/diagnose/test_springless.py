@@ -168,3 +168,19 @@ def test_a_turn_is_a_pitch_where_a_curve_over_the_angle_has_points_for_it(
     found = Suspects(ranking=cast("Ranking", None), chosen=(item,), places={}, equations=cast("Equations", equations))
     found._values[item] = {}, cast("ElementForce", SimpleNamespace(deflection=np.array([0.0, turns * TURN])))
     assert found._pitch(item) == pitch
+
+
+def test_a_short_pull_is_prepared(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its drive has fewer samples than a run has blocks, and a body at rest must not move for longer than the record."""
+    monkeypatch.setattr(trials, "HARDLY", np.inf)
+    campaign, rig = pulled(0.4)
+    (run,) = campaign.runs
+    cut = {name: replace(one, samples=one.read()[: round(run.sample_rate)]) for name, one in run.channels.items()}
+    short = replace(campaign, runs=(replace(run, channels=cut),))
+    (trial,) = prepare(short, rig)
+    assert trial.motion is not None
+    assert trial.fitted == round(trials.FIT_SHARE * trial.samples)
+    monkeypatch.setattr(trials, "HARDLY", 0.0)
+    monkeypatch.setattr(trials, "AT_REST", 2.0)
+    (trial,) = prepare(short, rig)
+    assert trial.motion is None

@@ -57,9 +57,10 @@ def containing(
         What the records show.
     """
     model = msgspec.structs.replace(start, free=tuple(each.path for each in free))
-    for form in proposed(model, evidence):
-        if contains(form.key, simple.key):
-            yield form, form.parameters(model, free)
+    for cause in CATALOGUE:
+        if simple.cause in cause.generalizes:
+            forms = (form for form in cause.candidates(model, evidence) if form.location == simple.location)
+            yield from ((form, form.parameters(model, free)) for form in forms)
 
 
 def same_form(candidate: Candidate, model: RigModel, evidence: Evidence) -> Iterator[Candidate]:
