@@ -48,6 +48,7 @@ from isorig.analysis.fitting.ladder import (
     calibrated,
     finished,
     ladder,
+    misfit,
     not_fitted,
     tried,
     widened,
@@ -67,7 +68,7 @@ from isorig.analysis.fitting.score import (
     worst,
 )
 from isorig.analysis.fitting.screen import Progress
-from isorig.analysis.fitting.solve import Fit
+from isorig.analysis.fitting.solve import Fit, Problem
 from isorig.analysis.fitting.trials import Trial, prepare, zero_errors
 from isorig.analysis.fitting.uncertainty import assessed
 from isorig.analysis.model.rig_model import RigModel
@@ -596,10 +597,12 @@ class _Search:
         self, step: Step, better: Fit, now: SearchStage, division: Division, floors: FloatArray
     ) -> tuple[SearchStage, float]:
         # The model without a step, refitted from the parameters after it: the stage from now on if it improved by more than
-        # `Policy.refitted`; and the improvement. The parameters as they are or the first seconds of the runs tell whether there
-        # may be one.
+        # `Policy.refitted`; and the improvement. The parameters as they are, where they fit no worse, or the first seconds of the
+        # runs tell whether there may be one.
         model = without_step(better, now.fit)
-        if log_excess(now.score.error, floors) - log_excess(score(model, division.judged).error, floors) <= POLICY.refitted:
+        predicts = log_excess(now.score.error, floors) - log_excess(score(model, division.judged).error, floors) > POLICY.refitted
+        whole = Problem(division.fits)
+        if not (predicts and misfit(model, whole) <= misfit(now.fit.model, whole)):
             rung = ladder(division.fits)[-1]
             glance = tried(model, now.fit.free, rung)
             before = bare_cost(now.fit, rung)

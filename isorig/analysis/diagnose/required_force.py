@@ -92,7 +92,8 @@ def shown_by_force(job: Job, *, searched: bool) -> ShownByForce | None:
     if chosen is None or recorded is None:
         return None
     (element, force), start = recorded, suspects.started(chosen, job.current.free)[0]
-    sensitive = float(np.median(job.floors)) < SENSITIVE <= float(np.median(job.allowed(start)))
+    stays = score(start, job.fine).figure < SENSITIVE  # a simulation that follows the records can follow them
+    sensitive = not stays and float(np.median(job.floors)) < SENSITIVE <= float(np.median(job.allowed(start)))
     early = force.until(FIT_SHARE)
     one_sided = early.all() or not early.any()  # samples near reversals of a sliding contact do not count
     if one_sided or not (sensitive or searched):

@@ -1,4 +1,4 @@
-"""Errors of a sensor's record that are no linear functions of any record: a bent curve, a limit, hum.
+"""Errors of a record that are no linear functions of any record: a bent curve, a limit, hum; a drive that is limited.
 
 Each is a sum of signals with unknown factors, computed from the record alone.
 """
@@ -18,6 +18,8 @@ POWERS = (2, 3)
 #: Samples within this share of a record's extreme, or as far below a limit as noise scatters, are at a limit if there are at
 #: least so many in a row, so many times.
 NEAR, ROW, TIMES = 0.005, 3, 3
+#: Limits of a drive, as shares of the largest value of its record.
+LIMITS = (0.3, 0.5, 0.7, 0.9)
 
 
 def bent(values: FloatArray, peak: float, rate: float) -> list[FloatArray]:
@@ -61,7 +63,14 @@ def humming(values: FloatArray, peak: float, rate: float) -> list[FloatArray]:
     return [] if frequency is None else [hum(values, rate, frequency)]
 
 
-#: The errors by name: functions of a record, shape (n,), the largest value of all runs, and the sample rate in Hz.
+def saturated(values: FloatArray, peak: float, rate: float) -> list[FloatArray]:
+    """What does not act of a drive's record beyond limits; their sum with any factors is a curve that bends at each."""
+    return [np.clip(values, -share * peak, share * peak) - values for share in LIMITS]
+
+
+#: The errors of a drive by name, as `ERRORS`.
+DRIVE_ERRORS: Mapping[str, Callable[[FloatArray, float, float], list[FloatArray]]] = {"saturation": saturated}
+#: The errors of a sensor by name: functions of a record, shape (n,), the largest value of all runs, and the sample rate in Hz.
 ERRORS: Mapping[str, Callable[[FloatArray, float, float], list[FloatArray]]] = {
     "static curve": bent, "clipping": clipped, "hum": humming,
 }  # fmt: skip

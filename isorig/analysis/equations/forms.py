@@ -386,7 +386,8 @@ def _values_of(equations: Equations, balance: Balance, explanation: Explanation 
             found[f"links.{element.link.name}.damping"] = float(values[1]) / size
         if element.contact is not None:
             found[f"contacts.{element.contact.name}.law.friction_force"] = float(values[2]) / size
-        found |= zip(equations.fixed_paths(balance, element), values[3 + law_columns(element) :].tolist(), strict=False)
+        paths = [path for path, _ in equations.fixed_rows(balance, element)]
+        found |= zip(paths, values[3 + law_columns(element) :].tolist(), strict=False)
         found.pop("-", None)
     scale = _scale(found)
     if found.pop("", None) is None:

@@ -14,6 +14,7 @@ from isorig.analysis.equations.sliding import SlidingRun
 from isorig.analysis.equations.slip import slip_operator
 from isorig.analysis.laws import ElastoSlip, Maxwell
 from isorig.analysis.model.rig_model import Chain, RigModel
+from isorig.analysis.simulate.free_run import delivered
 from isorig.analysis.simulate.sampling import recharged
 
 
@@ -68,7 +69,7 @@ def law_forces(
 def true_records(model: RigModel, recorded: Mapping[str, FloatArray], rate: float) -> dict[str, FloatArray]:
     """Records without the faults of the measurement chain that a rig describes.
 
-    These are offset, gain, delay, crosstalk, high-pass, low-pass, and static curve.
+    These are offset, gain, delay, crosstalk, high-pass, low-pass, and static curve; a drive's record is as it acts.
     """
     chains = {drive.channel: drive.chain for drive in model.drives} | {sensor.channel: sensor.chain for sensor in model.sensors}
     found = {name: np.asarray(values) for name, values in recorded.items()}
@@ -91,4 +92,5 @@ def true_records(model: RigModel, recorded: Mapping[str, FloatArray], rate: floa
             frequency = np.fft.rfftfreq(len(values), 1.0 / rate)
             values = np.fft.irfft(np.fft.rfft(values) * np.exp(2j * np.pi * frequency * chain.delay), len(values))
         found[name] = values
-    return found
+    acting = {d.channel: delivered(d, found[d.channel], rate) for d in model.drives if d.channel in found}
+    return found | acting

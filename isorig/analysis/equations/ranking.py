@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Protocol
 from weakref import WeakKeyDictionary
@@ -26,8 +26,9 @@ from isorig.analysis.equations.columns import (
     periodic,
     relaxing,
 )
-from isorig.analysis.equations.errors import ERRORS
+from isorig.analysis.equations.errors import DRIVE_ERRORS, ERRORS
 from isorig.analysis.equations.filters import filtered, resonator, rocked, rocker
+from isorig.analysis.equations.known import law_columns
 from isorig.analysis.equations.motion import derivatives
 from isorig.analysis.equations.repeats import pitch_of
 from isorig.analysis.equations.sliding import Sliding, SlidingFit, SlidingRun
@@ -52,6 +53,8 @@ GAINS = np.linspace(0.6, 1.6, 41)
 DELAYS = np.linspace(0.1, 6.0, 60)
 LATE = np.linspace(-30.0, 6.0, 73)
 SHARES = np.linspace(-0.4, 0.4, 33)
+#: Time constants of a drive's lag, in samples.
+LAGS = np.linspace(0.2, 40.2, 41)
 #: Corner frequencies of a sensor's high-pass, in multiples of the rig's lowest mode.
 CORNERS_BELOW = np.linspace(0.01, 1.21, 41)
 #: Those of a sensor's low-pass, as shares of the sample rate; refinements stay above zero.
@@ -70,6 +73,23 @@ HINTS = 1.3
 #: Share of the excess residuals below which nothing is left to explain, and weight of each equation's own ratio (see `score_of`).
 #: Chosen: disturbances of a few per cent of the signal are in every rig.
 NEGLIGIBLE, MINOR = 0.03, 0.1
+
+
+def _late(force: FloatArray, samples: float) -> FloatArray:
+    time = np.arange(len(force))
+    return np.asarray(np.interp(time + samples, time, force))
+
+
+def _lagging(force: FloatArray, samples: float) -> FloatArray:
+    # First-order, by the bilinear transform, from its first value.
+    from scipy.signal import lfilter
+
+    fed, own = 1.0 + 2.0 * samples, 1.0 - 2.0 * samples
+    return np.asarray(lfilter([1.0, 1.0], [fed, own], force - force[0]) + force[0])
+
+
+#: How a drive acts otherwise than its record tells, by samples: the values of a search, and the force.
+ACTING = {"delay": (LATE, _late), "lag": (LAGS, _lagging)}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -411,18 +431,23 @@ class Regressions:
     ) -> tuple[float, float]:
         # Residual with further known signals with unknown factors, and the first factor; as before where less than the share
         # `own` of the element's own force would remain.
+        fitted = self._with_signals(element, sliding, base, signals)
+        if own and sliding.share_kept(self.on.base_columns(element), base.values, fitted.values[: len(base.values)]) < own:
+            return sliding.residual(base), 0.0
+        return sliding.residual(fitted, base), float(fitted.values[len(base.values)])
+
+    def _with_signals(
+        self, element: Element, sliding: Sliding, base: SlidingFit, signals: Sequence[Mapping[int, FloatArray]]
+    ) -> SlidingFit:  # fmt: skip
+        # A sliding equation with further known signals, whose factors follow its own coefficients.
         state, plain = sliding.state(), self.on.base_columns(element)
 
         def columns(d: FloatArray, v: FloatArray, run: SlidingRun, place: IntArray) -> FloatArray:
             return np.column_stack([plain(d, v, run, place), *(signal[run.run][place] for signal in signals)])
 
-        values = np.concatenate([base.values, np.zeros(len(signals))])
-        fitted = sliding.fit(columns, values, 1)
-        remains = sliding.share_kept(plain, base.values, fitted.values[: len(base.values)]) if own else 1.0
+        fitted = sliding.fit(columns, np.concatenate([base.values, np.zeros(len(signals))]), 1)
         sliding.restore(state)
-        if remains < own:
-            return sliding.residual(base), 0.0
-        return sliding.residual(fitted, base), float(fitted.values[len(base.values)])
+        return fitted
 
     def _rocking(self, add: _Add) -> None:
         # A body that the drive pushes and that a lock can hold rocks while it is free, and not while it is locked.
@@ -538,14 +563,15 @@ class Regressions:
             if all(value < self.least for value in seen):
                 continue
             yield partial(self._linear_faults, add, channel, inside, slid, before)
-            if channel in orders:
-                yield from (partial(self._nonlinear_fault, add, channel, what, inside, slid) for what in ERRORS)
+            errors = ERRORS if channel in orders else DRIVE_ERRORS if channel == self.on.model.drive.channel else {}
+            for what, error in errors.items():
+                yield partial(self._nonlinear_fault, add, channel, what, error, inside, slid)
 
     def _nonlinear_fault(
-        self, add: _Add, channel: str, what: str, inside: Mapping[str, Prepared],
-        slid: Mapping[str, tuple[Sliding, SlidingFit]],
+        self, add: _Add, channel: str, what: str, error: Callable[[FloatArray, float, float], list[FloatArray]],
+        inside: Mapping[str, Prepared], slid: Mapping[str, tuple[Sliding, SlidingFit]],
     ) -> None:  # fmt: skip
-        of_runs = self._errors(channel, ERRORS[what])
+        of_runs = self._errors(channel, error)
         if count := max(map(len, of_runs)):
             add("sensor", channel, what, self._erring(channel, of_runs, inside, slid), count)
 
@@ -562,6 +588,8 @@ class Regressions:
         faults: list[tuple[str, FloatArray, str | None]] = [("gain", GAINS, None), ("delay", delays, None)]
         if channel == self.on.model.drive.channel and "drive.factor" in self.on.model.free:
             faults = faults[1:]
+        if drives and channel not in orders:
+            faults.append(("lag", LAGS / self.on.rate, None))
         if channel in orders:
             faults.append(("high-pass", CORNERS_BELOW * self.on.lowest, None))
             if inside:  # moment by moment it acts as a delay
@@ -594,29 +622,37 @@ class Regressions:
     def _sliding_fault(self, name: str, what: str, channel: str, source: str | None, *, alone: bool) -> tuple[float, float]:
         # Residual of a sliding equation with a fault of a channel, and its value; `alone` if no other equation contains it.
         sliding, base = self._sliding[name]
-        if what == "delay" and channel not in self.on.combos.orders and alone and not sliding.integrated:
-            return self._late(name, channel)
-        signals = [self._faulty(name, what, channel, source, base)]
-        residual, factor = self._linear(self.on.primary(self.on.balance_of(name)), sliding, base, signals)
-        # The record is true (1 + error), so the true signal is less by the error.
-        return residual, 1.0 / (1.0 + factor) if what == "gain" else factor
+        if what in ACTING and channel not in self.on.combos.orders and alone and not sliding.integrated:
+            return self._acting(name, channel, *ACTING[what])
+        element = self.on.primary(self.on.balance_of(name))
+        fitted = self._with_signals(element, sliding, base, [self._faulty(name, what, channel, source, base)])
+        count = len(base.values)
+        residual, value = sliding.residual(fitted, base), float(fitted.values[count])
+        for _ in range(ROUNDS):
+            if not (what == "delay" or (what == "lag" and value > 0.0)):
+                break
+            # It turns phases, and biases the other coefficients: the error of this size with these, not that of a small one.
+            known = replace(base, values=fitted.values[:count])
+            fitted = self._with_signals(element, sliding, known, [self._faulty(name, what, channel, source, known, value)])
+            residual, value = min((residual, value), (sliding.residual(fitted, base), value * float(fitted.values[count])))
+        # A record that is true (1 + error) has true values that are less by the error.
+        return residual, 1.0 / (1.0 + value) if what == "gain" else value
 
-    def _late(self, name: str, channel: str) -> tuple[float, float]:
-        # Residual of a sliding equation with a drive that acts later or earlier than its record tells, and by how much in s: a
-        # command changes at once, so its derivative does not tell.
+    def _acting(self, name: str, channel: str, samples: FloatArray, acts: Callable[..., FloatArray]) -> tuple[float, float]:
+        # Residual of a sliding equation with a drive that acts otherwise than its record tells, and by how much in s: a command
+        # changes at once, so its derivative does not tell.
         sliding, base = self._sliding[name]
         balance = self.on.balance_of(name)
         element, sign = next((e, s) for e, s in balance.crossing if e.contact is not None)
         weight = float(np.sign(sign) * np.real(self.on.force_row(balance)[channel, -1]))
         best = (np.inf, 0.0)
-        grid, step = LATE / self.on.rate, float(LATE[1] - LATE[0]) / self.on.rate
+        grid, step = samples / self.on.rate, float(samples[1] - samples[0]) / self.on.rate
         for _ in range(ROUNDS + 1):
             for value in grid:
                 shifts = {}
                 for record, signals in zip(self.on.records, self.on.signals, strict=True):
                     force = weight * signals[channel, -1]
-                    time = np.arange(len(force)) / self.on.rate
-                    shifts[record.index] = self.on.thinned(np.interp(time + value, time, force) - force)
+                    shifts[record.index] = self.on.thinned(acts(force, value * self.on.rate) - force)
                 best = min(best, (self._loaded(element, sliding, base, shifts, -1.0), float(value)))
             grid, step = np.linspace(best[1] - step, best[1] + step, FINER), step / 4.0
         return best
@@ -625,15 +661,17 @@ class Regressions:
         self, channel: str, errors: Callable[[FloatArray, float, float], list[FloatArray]]
     ) -> list[list[Mapping[int, FloatArray]]]:  # fmt: skip
         # The errors of a channel's record in each run, by derivative; zero where a run has none.
-        order = self.on.combos.orders[channel]
+        order = self.on.combos.orders.get(channel, -1)
         peak = max(float(np.abs(signals[channel, order]).max()) for signals in self.on.signals) or 1.0
         found = [errors(signals[channel, order], peak, self.on.rate) for signals in self.on.signals]
         count = max(map(len, found))
+
+        def by_order(values: FloatArray) -> Mapping[int, FloatArray]:
+            moves = order >= 0
+            return derivatives(values, order, self.on.rate, CUT * self.on.lowest, np.inf).orders if moves else {order: values}
+
         return [
-            [
-                derivatives(values, order, self.on.rate, CUT * self.on.lowest, np.inf).orders
-                for values in own or [np.zeros(len(signals[channel, order]))] * count
-            ]
+            [by_order(values) for values in own or [np.zeros(len(signals[channel, order]))] * count]
             for own, signals in zip(found, self.on.signals, strict=True)
         ]
 
@@ -684,15 +722,20 @@ class Regressions:
         return any(key[0] == channel for row in rows for key in row)
 
     def _signed_rows(self, name: str, base: SlidingFit) -> tuple[list[Row], FloatArray, float]:
-        # The known row of a sliding equation, its element's motions with their coefficients, and the sign of the force.
+        # The known row of a sliding equation, its other rows with their coefficients, and the sign of the force.
         balance = self.on.balance_of(name)
         element, sign = next((e, s) for e, s in balance.crossing if e.contact is not None)
         way = float(np.sign(sign))
-        rows = [self.on.force_row(balance), self.on.motion_row(element.weights, 0), self.on.motion_row(element.weights, 1)]
-        return rows, way * base.values[:2], way
+        fixed = [row for _, row in self.on.fixed_rows(balance, element)]
+        rows = [self.on.force_row(balance), *(self.on.motion_row(element.weights, order) for order in (0, 1)), *fixed]
+        own = 3 + law_columns(element)
+        return rows, np.concatenate([way * base.values[:2], base.values[own : own + len(fixed)]]), way
 
-    def _faulty(self, name: str, what: str, channel: str, source: str | None, base: SlidingFit) -> dict[int, FloatArray]:
-        # The derivative of a sliding equation with respect to a fault of a channel, as a signal of each run.
+    def _faulty(
+        self, name: str, what: str, channel: str, source: str | None, base: SlidingFit, value: float = 0.0
+    ) -> dict[int, FloatArray]:  # fmt: skip
+        # The change of a sliding equation by a fault of a channel, as a signal of each run: by one of a `value`, or its
+        # derivative with respect to the fault.
         rows, values, way = self._signed_rows(name, base)
         found = {}
         for record, signals in zip(self.on.records, self.on.signals, strict=True):
@@ -704,8 +747,10 @@ class Regressions:
                 if own is None:
                     continue
                 error = signals[source, order] if source is not None and order >= 0 else own
-                if what in ("delay", "low-pass"):
-                    error = derivative(error, self.on.rate)
+                if value:
+                    error = error - ACTING[what][1](error, value * self.on.rate)
+                elif what in ("delay", "low-pass", "lag"):
+                    error = derivative(error, self.on.rate) * (-1.0 if what == "delay" else 1.0)
                 elif what == "high-pass":
                     error = derivatives(error, 1, self.on.rate, CUT * self.on.lowest, np.inf).orders[0]
                 errors[order] = error

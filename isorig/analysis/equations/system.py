@@ -68,7 +68,7 @@ STUCK = 0.06
 #: Quantile of the force's magnitude in such a run that must stay below the friction.
 HELD = 0.999
 #: Faults of a channel that `Equations.fault` takes out.
-CHANNEL_FAULTS = ("gain", "delay", "crosstalk", "high-pass", "low-pass")
+CHANNEL_FAULTS = ("gain", "delay", "crosstalk", "high-pass", "low-pass", "lag")
 #: Frequency bins from which the values behind estimated motions are fitted. Chosen: enough for ten times as many values.
 FITTED_BINS = 100
 #: Residual up to which an equation holds. Chosen: sound rigs with descriptions a quarter off stay below it.
@@ -554,18 +554,21 @@ class Equations:
             )  # fmt: skip
         return runs, float(np.sqrt(np.mean(np.square(noise)))) if noise else 0.0, max(velocity_noise, default=0.0)
 
-    def fixed_paths(self, balance: Balance, element: Element) -> list[str]:
-        """Parameters whose values are the coefficients of `SlidingRun.fixed`, by path.
+    def fixed_rows(self, balance: Balance, element: Element) -> list[tuple[str, Row]]:
+        """The rows of `SlidingRun.fixed` with the parameters whose values are their coefficients, by path.
 
-        "-" where the equation does not give one: for an integrated deflection, whose slow part is unknown.
+        The path is "-" where the equation does not give one: for an integrated deflection, whose slow part is unknown. The row is
+        empty for a direction of sliding.
         """
-        found = [path for path, _, _ in self.unknown_rows(balance)]
-        for other, _ in balance.others(element):
+        found: list[tuple[str, Row]] = [(path, row) for path, row, _ in self.unknown_rows(balance)]
+        for other, sign in balance.others(element):
             if other.link is not None and not element.has_ends_of(other):
                 known = not self.integrated(other)
-                found += [f"links.{other.link.name}.{name}" if known else "-" for name in ("stiffness", "damping")]
+                for order, name in enumerate(("stiffness", "damping")):
+                    row = {key: sign * weight for key, weight in self.motion_row(other.weights, order).items()}
+                    found.append((f"links.{other.link.name}.{name}" if known else "-", row))
             if other.contact is not None:
-                found.append("-")
+                found.append(("-", {}))
         return found
 
     def thinned(self, values: FloatArray) -> FloatArray:
@@ -792,6 +795,8 @@ class Equations:
         omega, each = spectra.omega, values[:, None]
         if what == "delay":
             return added, np.asarray(np.exp(1j * omega * each) - 1.0)
+        if what == "lag":
+            return added, np.asarray(1.0 / (1.0 + 1j * omega * each) - 1.0)
         if what == "high-pass":
             return added, np.asarray(2.0 * np.pi * each / (1j * omega))
         if what == "low-pass":

@@ -11,7 +11,7 @@ from isorig.analysis.model.rig_model import GROUND, Drive, RigModel
 #: Of the parts of a rig other than laws, and of every law's parameters.
 UNITS = {
     "mass": "kg", "factor": "kg", "stiffness": "N/m", "damping": "N s/m", "lock_stiffness": "N/m", "lock_damping": "N s/m",
-    "delay": "s", "limit": "m/s^2", **{name: p.unit for law in LAWS for name, p in law.parameters.items()},
+    "delay": "s", "lag": "s", "limit": "m/s^2", **{name: p.unit for law in LAWS for name, p in law.parameters.items()},
 }  # fmt: skip
 #: The same for a rotating part, factor by factor: moment of inertia, torque, angle.
 ROTATIONAL = {"kg": "kg m^2", "N": "N m", "m": "rad"}
@@ -30,6 +30,8 @@ def unit_of(path: str, model: RigModel | None = None) -> str:
         return unit
     if path == "drive.factor":
         return factor_unit(model, model.drive)
+    if path == "drive.limit":
+        return SI_UNIT[model.drive.quantity]
     if last in ("offset", "limit", "gain", "bend") and "chain" in way:
         channel = model.drive if way[0] == "drive" else model.sensor(way[1])
         return "1" if last == "gain" else SI_UNIT[channel.quantity]

@@ -109,6 +109,10 @@ class Drive(Part, frozen=True, kw_only=True):
     acceleration is recorded, `factor` is m (kg) and `pushes` is {"motor": -1.0}. With `imposes` the channel is the motion of that
     body, with any force: a shaken base, the ground, an actuator under displacement control. `factor_std` is the standard
     uncertainty of a given factor; 0 if it is not stated.
+
+    Where the channel records a command, the force may differ from it: `limit` is the largest magnitude that acts, in the
+    channel's unit (None for no limit), and `lag` the time constant in s of the first-order lag with which the limited command
+    acts (an amplifier, a coil); 0 for none.
     """
 
     channel: str
@@ -118,6 +122,13 @@ class Drive(Part, frozen=True, kw_only=True):
     imposes: str | None = None
     quantity: Quantity = "acceleration"
     chain: Chain = Chain()
+    limit: float | None = None
+    lag: float = 0.0
+
+    @property
+    def acts_as_recorded(self) -> bool:
+        """Whether its force follows its record without a limit and without a lag."""
+        return self.limit is None and self.lag == 0.0
 
 
 class Sensor(Part, frozen=True, kw_only=True):
@@ -682,14 +693,18 @@ def _driven(model: RigModel, names: list[str], drive: Drive) -> None:
     _known(names, tuple(drive.pushes), here)
     if drive.factor == 0.0:
         raise ModelError(f"{here} has factor 0, so it drives nothing; give the force per unit of its channel")
+    if drive.limit is not None and drive.limit <= 0.0:
+        raise ModelError(f"{here} has limit {drive.limit:g}, so it drives nothing; give one above zero, or leave it out for none")
+    if drive.lag < 0.0:
+        raise ModelError(f"{here} has lag {drive.lag:g} s; give a time constant above zero, or zero for none")
     if drive.imposes is None:
         if not drive.pushes:
             raise ModelError(f"{here} pushes nothing; give pushes with a body, or imposes for a motion that is imposed")
         return
     if drive.imposes not in names:
         raise ModelError(f"{here} imposes the motion of body {drive.imposes!r}, which does not exist; the rig has {names}")
-    if drive.pushes or drive.factor != 1.0:
-        raise ModelError(f"{here} imposes a motion and has pushes or a factor as well; leave those out")
+    if drive.pushes or drive.factor != 1.0 or not drive.acts_as_recorded:
+        raise ModelError(f"{here} imposes a motion and has pushes, a factor, a limit or a lag as well; leave those out")
     if drive.quantity not in MOTION:
         raise ModelError(f"{here} imposes a motion, but its quantity is {drive.quantity}; give one of {', '.join(MOTION)}")
     if model.imposed.count(drive.imposes) > 1:

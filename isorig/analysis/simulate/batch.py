@@ -138,6 +138,7 @@ def _steppable(model: RigModel, configuration: str) -> bool:
     setup = model.configurations[configuration]
     return (
         model.drive.chain.delay == model.drive.chain.offset == 0.0
+        and model.drive.acts_as_recorded
         and not (model.more_drives or model.imposed or setup.initial_position or setup.initial_velocity)
         and all(sensor.force_in is None for sensor in model.sensors)
         and all(not link.laws or link.name in blocked for link in model.links)

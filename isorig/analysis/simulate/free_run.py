@@ -13,7 +13,7 @@ from isorig.analysis.campaign import MOTION, SI_UNIT, FloatArray, IntArray, Run
 from isorig.analysis.errors import SimulationError
 from isorig.analysis.laws.tables import read
 from isorig.analysis.lowpass import velocity_corner
-from isorig.analysis.model.rig_model import Chain, Drive, RigModel, direction
+from isorig.analysis.model.rig_model import Drive, RigModel, direction
 from isorig.analysis.rounding import is_command
 from isorig.analysis.simulate.compiled import SETTLING, Compiled, compile_rig
 from isorig.analysis.simulate.curves import load_laws
@@ -72,17 +72,25 @@ def record(model: RigModel, motion: Mapping[str, FloatArray], rate: float) -> di
 
 
 def true_drives(model: RigModel, excitation: Excitation) -> dict[str, FloatArray]:
-    """True values of every drive by channel: its record with its chain's offset, gain and delay corrected."""
+    """True values of every drive by channel: its record with its chain's offset, gain and delay corrected, as it acts."""
     return {
-        drive.channel: _true(drive.chain, each.recorded, each.sample_rate)
+        drive.channel: acting(drive, each.recorded, each.sample_rate)
         for drive, each in zip(model.drives, (excitation, *excitation.others), strict=True)
     }
 
 
-def _true(chain: Chain, values: FloatArray, rate: float) -> FloatArray:
-    if chain.delay == 0.0 and chain.offset == 0.0 and chain.gain == 1.0:
-        return values
-    return (shift(values, -chain.delay, rate) - chain.offset) / chain.gain
+def acting(drive: Drive, values: FloatArray, rate: float) -> FloatArray:
+    """What acts of a drive's record, shape (n,): its chain's offset, gain and delay corrected, limited, and lagging."""
+    chain = drive.chain
+    if not (chain.delay == 0.0 and chain.offset == 0.0 and chain.gain == 1.0):
+        values = (shift(values, -chain.delay, rate) - chain.offset) / chain.gain
+    return delivered(drive, values, rate)
+
+
+def delivered(drive: Drive, command: FloatArray, rate: float) -> FloatArray:
+    """A drive's command, shape (n,), limited and lagging."""
+    limited = command if drive.limit is None else np.clip(command, -drive.limit, drive.limit)
+    return lagging(limited, 1.0 / (2.0 * np.pi * drive.lag), rate) if drive.lag else limited
 
 
 def excitation_of(model: RigModel, run: Run, *, oversample: int = 8, stop: int | None = None) -> Excitation:
@@ -198,7 +206,7 @@ def run_rig(
 
 
 def true_fine(model: RigModel, excitation: Excitation) -> FloatArray:
-    """The drives' true values on the fine grid, each chain's offset, gain and delay corrected, shape (drives, steps).
+    """The drives' true values on the fine grid, shape (drives, steps).
 
     For an imposed motion its acceleration: linear between the grid points, it integrates to the recorded motion at them (the
     second derivative of a cubic spline is piecewise linear).
@@ -206,7 +214,7 @@ def true_fine(model: RigModel, excitation: Excitation) -> FloatArray:
     rows = []
     for drive, each in zip(model.drives, (excitation, *excitation.others), strict=True):
         if drive.imposes is None or MOTION[drive.quantity] == 2:
-            rows.append(_true(drive.chain, each.fine, each.sample_rate * each.oversample))
+            rows.append(acting(drive, each.fine, each.sample_rate * each.oversample))
         else:
             rows.append(_imposed(drive, each)[2])
     return np.stack(rows) if len(rows) > 1 else rows[0][None]
@@ -243,7 +251,7 @@ def _imposed(drive: Drive, excitation: Excitation) -> tuple[FloatArray, FloatArr
     if order == 2:
         zero = np.zeros(1)
         return zero, zero, zero
-    true = _true(drive.chain, excitation.recorded, excitation.sample_rate)
+    true = acting(drive, excitation.recorded, excitation.sample_rate)
     return _splined(true.tobytes(), order, excitation.sample_rate, excitation.oversample)
 
 

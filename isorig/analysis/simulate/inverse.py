@@ -27,6 +27,7 @@ from isorig.analysis.laws.base import NO_LINK
 from isorig.analysis.lowpass import low_passed
 from isorig.analysis.model.linear import ROUNDED, moving_together
 from isorig.analysis.model.rig_model import Chain, Contact, Link, RigModel, direction, single_drive, weights_of
+from isorig.analysis.simulate.free_run import delivered
 from isorig.analysis.simulate.sampling import shift
 
 #: Corner frequency of the low-pass in multiples of the sample rate after decimation, its order, and the decimation factors, of
@@ -134,9 +135,11 @@ def required_drive(model: RigModel, motion: Motion) -> FloatArray:
         raise SimulationError(f"the rig {model.name!r} cannot be judged by its drive; every body must be measured, one be pushed")
     motion = _without_faults(motion, {sensor.channel: sensor.chain for sensor in model.sensors})
     scale, rate = chain.gain / (model.drive.factor * model.drive.pushes[pushed[0]]), motion.sample_rate
-    acting = shift((motion.drive - chain.offset) / scale, -chain.delay, rate)
+    command = shift((motion.drive - chain.offset) / chain.gain, -chain.delay, rate)
+    acting = delivered(model.drive, command, rate) * chain.gain / scale
+    beyond = command * chain.gain / scale - acting  # of the command, what no motion shows
     needed = [_balanced(model, motion, group, acting) for group in motion.groups or (tuple(pushed),)]
-    drives = [shift(scale * np.clip(acting, *ends), chain.delay, rate) + chain.offset for ends in needed]
+    drives = [shift(scale * (np.clip(acting, *ends) + beyond), chain.delay, rate) + chain.offset for ends in needed]
     return decimated(np.stack(drives), motion.decimation)
 
 

@@ -24,6 +24,7 @@ from isorig.analysis.diagnose.causes.base import (
     Sizes,
     WeakestSizes,
 )  # fmt: skip
+from isorig.analysis.diagnose.causes.measurement_chain import DriveCause
 from isorig.analysis.fitting.solve import Free
 from isorig.analysis.laws import QuadraticDamping
 from isorig.analysis.model.rig_model import RigModel
@@ -48,8 +49,10 @@ def name_of(cause: Cause) -> str:
 
 
 def rig_without(cause: Cause) -> RigModel:
-    """A wire bonder that has a place for it."""
+    """A wire bonder that has a place for it; for a drive that differs from its command, driven by a recorded current."""
     bonder = wire_bonder(friction=cause.name != "coulomb_friction")
+    if isinstance(cause, DriveCause):
+        bonder = msgspec.structs.replace(bonder, drive=msgspec.structs.replace(bonder.drive, quantity="current"))
     given = ("links.table.stiffness",) if cause.name == "wrong_stiffness" else ()
     return msgspec.structs.replace(bonder, free=tuple(path for path in bonder.free if path not in given))
 

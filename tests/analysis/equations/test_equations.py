@@ -508,6 +508,18 @@ def test_a_contact_with_the_name_of_a_link_and_other_arms_is_an_element_of_its_o
     assert ranking(equations).explanations
 
 
+@pytest.mark.parametrize("delay", [0.006, -0.006])
+def test_a_late_record_shows_in_an_equation_with_friction_and_an_unknown_mass(delay: float) -> None:
+    """Sensor and drive are the only ones: a late sensor is an early drive."""
+    rig = rubbing(replace(stage(), sensors=stage().sensors[1:]), "rail", 3.0)
+    ranked = ranking(equations_of(played(replace(rig, drive=replace(rig.drive, chain=Chain(delay=delay))), seed=5), rig))
+    first = {item.place: item for item in ranked.explanations[:2]}
+    assert {item.what for item in first.values()} == {"delay"}
+    assert first["f"].values["value"] == pytest.approx(delay, rel=0.02)
+    assert first["a"].values["value"] * delay < 0.0
+    assert all(item.residuals["table"] < 0.01 * ranked.residuals["table"] for item in first.values())
+
+
 @pytest.mark.parametrize(("what", "value"), [("gain", 1.3), ("delay", 0.002), ("high-pass", 0.4), ("crosstalk", 0.2)])
 def test_an_equation_without_a_fault_is_that_of_the_corrected_signals(what: str, value: float) -> None:
     equations = equations_of(played(chain(), seed=SEED), guessed(chain(), SEED))

@@ -6,6 +6,7 @@ from typing import Any
 
 import msgspec
 
+from isorig.analysis.campaign import MOTION
 from isorig.analysis.diagnose.causes.base import Cause, Evidence, exchange
 from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.model.rig_model import Chain, RigModel
@@ -22,13 +23,29 @@ def with_chain(model: RigModel, channel: str, **changes: Any) -> RigModel:
     """The rig with changes of a channel's chain."""
     chain = msgspec.structs.replace(chain_of(model, channel)[0], **changes)
     if channel == model.drive.channel:
-        return msgspec.structs.replace(model, drive=msgspec.structs.replace(model.drive, chain=chain))
+        return with_drive(model, chain=chain)
     return msgspec.structs.replace(model, sensors=exchange(model.sensors, channel, chain=chain))
+
+
+def with_drive(model: RigModel, **changes: Any) -> RigModel:
+    """The rig with changes of its drive."""
+    return msgspec.structs.replace(model, drive=msgspec.structs.replace(model.drive, **changes))
 
 
 def sensor_channels(model: RigModel) -> tuple[str, ...]:
     """The sensors' channels."""
     return tuple(sensor.channel for sensor in model.sensors)
+
+
+class DriveCause(Cause):
+    """A drive whose force differs from the command that its channel records."""
+
+    rank = 0
+
+    def places(self, model: RigModel) -> tuple[str, ...]:
+        """The channel of a drive that pushes as it is recorded; a recorded motion is no command."""
+        drive = model.drive
+        return (drive.channel,) if drive.quantity not in MOTION and drive.acts_as_recorded else ()
 
 
 class ChannelCause(Cause):
