@@ -1,4 +1,4 @@
-"""Records that are no continuous signal: commands of few levels, and signals rounded to counts."""
+"""Records that are no continuous signal, commands of few levels and signals rounded to counts, and the white noise of one."""
 
 from __future__ import annotations
 
@@ -24,6 +24,18 @@ SAME = 1e-6
 IS_ROUNDING = 1.3
 #: Samples of a long record from which the step of its counts is determined, and those whose values are counted first.
 SOME, FIRST = 20_000, 256
+
+#: Median magnitude of a normal variable with zero mean over its standard deviation.
+MEDIAN_MAGNITUDE = 0.6745
+
+
+def deviation_by_median(values: FloatArray, differences: int = 0) -> float:
+    """Standard deviation of the white noise of a record that is mostly noise, or whose differences of an order up to 2 are.
+
+    From the median magnitude, to which a motion in a minority of the samples does not matter; 0 without any.
+    """
+    steps = np.diff(values, differences)
+    return float(np.median(np.abs(steps))) / (MEDIAN_MAGNITUDE * sqrt((1, 2, 6)[differences])) if len(steps) else 0.0
 
 
 def is_command(values: FloatArray) -> bool:

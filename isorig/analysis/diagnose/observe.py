@@ -14,6 +14,7 @@ from isorig.analysis.diagnose.causes.base import Evidence
 from isorig.analysis.diagnose.link_force import LinkForce, link_force
 from isorig.analysis.fitting.trials import Trial, expected, true_motion
 from isorig.analysis.model.rig_model import GROUND, Link, RigModel, Sensor, weights_of
+from isorig.analysis.rounding import deviation_by_median
 from isorig.analysis.simulate import simulate
 from isorig.analysis.spectra.hum import hum, mains_in
 from isorig.analysis.spectra.motion import motion_of
@@ -208,7 +209,8 @@ def flat_tops(campaign: Campaign, peaks: dict[str, float]) -> dict[str, float]:
             continue
         records = [run.read(name) for run in campaign.runs if name in run.channels]
         magnitudes = np.abs(np.concatenate(records))
-        limit, scatter = noisy_limit(magnitudes) or (peak * (1 - FLAT_SHARE / 2), 0.0)
+        noise = deviation_by_median(max(records, key=lambda values: float(np.abs(values).max())), 2)
+        limit, scatter = noisy_limit(magnitudes) or noisy_limit(magnitudes, noise) or (peak * (1 - FLAT_SHARE / 2), 0.0)
         least = min((1 - FLAT_SHARE) * peak, limit - scatter)
         above, below = (np.count_nonzero(magnitudes > edge) for edge in (least, 2.0 * least - peak))
         rows = np.concatenate([cut_off(values, np.abs(values) > least) for values in records])

@@ -25,7 +25,7 @@ from isorig.analysis.fitting.linear_spectra import SHORTEST
 from isorig.analysis.lowpass import fast_length
 from isorig.analysis.model.linear import drifts, floats
 from isorig.analysis.model.rig_model import GROUND, RigModel, Sensor, direction
-from isorig.analysis.rounding import is_command, sensor_noise
+from isorig.analysis.rounding import deviation_by_median, is_command, sensor_noise
 from isorig.analysis.simulate import Excitation, record, simulate
 from isorig.analysis.simulate.free_run import NOWHERE, excitation_of, true_drives
 from isorig.analysis.simulate.inverse import (
@@ -365,14 +365,10 @@ def drive_noises(campaign: Campaign, channel: str) -> list[float]:
 
     The spectrum of a drive with steps has no quiet part, but between its steps only noise changes: the level is that of
     `noise_of_runs`, or the white noise level from the median difference of neighbouring samples of any run if that is smaller
-    than the least of these (0.6745 times the standard deviation is the median magnitude of a normal variable).
+    than the least of these.
     """
     least = noise_levels(campaign, (channel,)).get(channel, np.inf)
-    steps = [
-        float(np.median(np.abs(np.diff(run.read(channel))))) / (0.6745 * np.sqrt(2.0))
-        for run in campaign.runs
-        if channel in run.channels and len(run) > 1
-    ]
+    steps = [deviation_by_median(run.read(channel), 1) for run in campaign.runs if channel in run.channels and len(run) > 1]
     level = min([least, *steps])
     level = level if np.isfinite(level) else 0.0
     own = (noise.get(channel, 0.0) for noise in noise_of_runs(campaign, (channel,)))

@@ -16,6 +16,7 @@ import numpy as np
 
 from isorig.analysis.campaign import Channel, FloatArray, IntArray, Run, once
 from isorig.analysis.errors import DataError
+from isorig.analysis.rounding import deviation_by_median
 from isorig.analysis.spectra.overload import FULL, ROW, blocks, cut_off, extremes, plateaus
 from isorig.analysis.spectra.pauses import FIRST, drives_in_pauses
 from isorig.analysis.spectra.welch import stretches
@@ -85,8 +86,7 @@ def pulses(run: Run, reference: str) -> Pulses | None:
     values = run.read(reference)
     offset = float(np.median(values))
     values = values - offset
-    # The median of a normal variable's magnitude is 0.6745 of its deviation.
-    noise = float(np.median(np.abs(values))) / 0.6745
+    noise = deviation_by_median(values)
     top = float(np.abs(values).max())
     level = max(TRIGGER * top, ABOVE_NOISE * noise)
     if top == 0.0 or top <= level:

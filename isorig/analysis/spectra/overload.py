@@ -33,6 +33,9 @@ NEAR, STEEP = 3, 0.3
 #: times as far. Chosen: of values spread evenly over that share, the distance is 0.008; of normal noise it is 1.28 standard
 #: deviations.
 WIDE, SCATTER, REACH = 0.02, 0.0025, 3.0
+#: The same two in standard deviations of the sensor's noise, where that is larger, and the largest share of the value to search
+#: within. Chosen: crests of a sine have a distance of 2.4, those at a limit one of 1.3 and what their flanks add.
+WIDE_NOISE, SCATTER_NOISE, WIDEST = 10.0, 1.8, 0.2
 #: Number of consecutive equal samples that no acceleration has, and the factor by which they must exceed the usual number (the
 #: longest of a hundred rows) with a coarse converter.
 STUCK, LONGER = 8, 8.0
@@ -45,16 +48,18 @@ def blocks(channel: Channel) -> Iterator[FloatArray]:
     return (channel.read(start, start + LONGEST) for start in range(0, len(channel), LONGEST))
 
 
-def noisy_limit(magnitudes: FloatArray) -> tuple[float, float] | None:
+def noisy_limit(magnitudes: FloatArray, noise: float = 0.0) -> tuple[float, float] | None:
     """The limit at which most of the largest magnitudes are, and how far noise scatters them; None if they have no such limit.
 
-    `magnitudes` has shape (n,).
+    `magnitudes` has shape (n,), and `noise` is the standard deviation of the sensor's noise.
     """
-    top = magnitudes[magnitudes >= (1.0 - WIDE) * magnitudes.max(initial=0.0)]
+    most = magnitudes.max(initial=0.0)
+    noise = noise if WIDE_NOISE * noise <= WIDEST * most else 0.0
+    top = magnitudes[magnitudes >= most - max(WIDE * most, WIDE_NOISE * noise)]
     if not len(top):
         return None
     limit, high = np.quantile(top, [0.5, 0.9])
-    return (float(limit), REACH * float(high - limit)) if high - limit <= SCATTER * limit else None
+    return (float(limit), REACH * float(high - limit)) if high - limit <= max(SCATTER * limit, SCATTER_NOISE * noise) else None
 
 
 def cut_off(values: FloatArray, at: BoolArray, shortest: int = 1) -> IntArray:

@@ -27,11 +27,11 @@ def test_a_clipped_record_has_flat_tops() -> None:
     assert found(np.clip(np.sin(2 * np.pi * 3.1 * TIME), -0.8, 0.8)) == {"motor": pytest.approx(0.8, rel=2e-3)}
 
 
-@pytest.mark.parametrize(("noise", "flat"), [(0.0008, True), (0.0014, True), (0.01, False)])
+@pytest.mark.parametrize(("noise", "flat"), [(0.0008, True), (0.0014, True), (0.01, True), (0.03, False)])
 def test_noise_after_a_limit_does_not_hide_it(noise: float, flat: bool) -> None:
     noisy = np.random.default_rng(5).normal(0.0, 0.8 * noise, len(TIME))
     samples = np.clip(np.sin(2 * np.pi * 3.1 * TIME), -0.8, 0.8) + noisy
-    assert found(samples) == ({"motor": pytest.approx(0.8, rel=1e-3)} if flat else {})
+    assert found(samples) == ({"motor": pytest.approx(0.8, rel=max(1e-3, 0.3 * noise))} if flat else {})
 
 
 @pytest.mark.parametrize("noise", [0.0008, 0.0014])
@@ -71,7 +71,7 @@ def test_a_limit_cuts_off_several_times(rows: int) -> None:
     assert bool(found(samples)) is (rows >= FLAT_ROWS)
 
 
-@pytest.mark.parametrize("noise", [0.0, 1e-3, 5e-3])
+@pytest.mark.parametrize("noise", [0.0, 1e-3, 5e-3, 0.01, 0.02])
 def test_crests_of_a_sweep_are_no_flat_tops(noise: float) -> None:
     """Many of them are equally high, and a few samples are at each."""
     sweep = np.sin(2.0 * np.pi * (9.0 + 0.3 * TIME) * TIME)
