@@ -35,7 +35,7 @@ class Budget:
     repeated: bool  #: Whether runs with one drive measure the disturbance; otherwise it is part of what is unassigned.
 
 
-def budget(model: RigModel, trials: Sequence[Trial], noise: FloatArray) -> Budget:
+def budget(model: RigModel, trials: Sequence[Trial], noise: FloatArray, *, unrelated: bool = False) -> Budget:
     """The budget of a model's held-out error.
 
     Parameters
@@ -46,6 +46,8 @@ def budget(model: RigModel, trials: Sequence[Trial], noise: FloatArray) -> Budge
         What judges it: the held-out samples of each.
     noise
         Error that the sensors' noise makes, as a share of the signal, shape (runs, channels).
+    unrelated
+        Whether what the model leaves was found to be related to neither the drive nor the motion.
     """
     left = [(trial.measured - expected(model, trial))[:, trial.held_out] for trial in trials]
     signal = np.stack([np.mean(trial.measured[:, trial.held_out] ** 2, axis=1) for trial in trials])
@@ -53,6 +55,9 @@ def budget(model: RigModel, trials: Sequence[Trial], noise: FloatArray) -> Budge
     measured = bool(pairs) or any(trial.disturbance is not None for trial in trials)
     shaken = disturbance(model, trials) ** 2 * signal if measured else None
     parts = _powers(trials, left, noise**2 * signal, shaken) / np.maximum(signal, 1e-300)[:, :, None]
+    if unrelated:
+        parts[..., NATURES.index("disturbance")] += parts[..., NATURES.index("unassigned")]
+        parts[..., NATURES.index("unassigned")] = 0.0
     played = ", ".join(f"{trials[a].run.id} and {trials[b].run.id}" for a, b in pairs)
     return Budget(
         shares=_intervals(parts), repeated=measured,
@@ -71,6 +76,8 @@ def budget(model: RigModel, trials: Sequence[Trial], noise: FloatArray) -> Budge
             if pairs
             else "what the repeated runs do not share, limited to the part that is not related to the drive. "
             if measured
+            else "what is related to neither the drive nor the motion; not measured, because no drive was repeated. "
+            if unrelated
             else "not measured, because no drive was repeated; at most the unassigned part. "
         )
         + "Linear: the part removed by one transfer function from the drive, the same at all gains of a configuration (modes "

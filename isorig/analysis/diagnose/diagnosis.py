@@ -36,8 +36,9 @@ from isorig.analysis.diagnose.required_force import ShownByForce, shown_by_force
 from isorig.analysis.diagnose.revise import Revision, SearchStage, merged, stage_of
 from isorig.analysis.diagnose.search import Job, best_fits, next_step
 from isorig.analysis.diagnose.step import Entry, Found, Step, updated, vanishes, with_evidence, without_form
-from isorig.analysis.diagnose.suspects import BROKEN, Suspects, suspects
+from isorig.analysis.diagnose.suspects import BROKEN, SHOWN, Suspects, suspects
 from isorig.analysis.equations.forms import fit_start, start_values
+from isorig.analysis.equations.ranking import ranking
 from isorig.analysis.equations.system import Equations, equations_of
 from isorig.analysis.errors import FitError, OutOfTimeError, SimulationError
 from isorig.analysis.fitting.division import Divide, Division, beginnings, ends, refined
@@ -56,6 +57,7 @@ from isorig.analysis.fitting.ladder import (
     without_step,
 )
 from isorig.analysis.fitting.plausible import Doubt, doubts, doubts_of_records, explains_as_given, is_near
+from isorig.analysis.fitting.related import related
 from isorig.analysis.fitting.repeats import disturbance, with_disturbance
 from isorig.analysis.fitting.score import (
     Improvement,
@@ -70,7 +72,7 @@ from isorig.analysis.fitting.score import (
 from isorig.analysis.fitting.screen import Progress
 from isorig.analysis.fitting.solve import Fit, Problem
 from isorig.analysis.fitting.trials import Trial, prepare, zero_errors
-from isorig.analysis.fitting.uncertainty import assessed
+from isorig.analysis.fitting.uncertainty import MOST_NOISE, assessed
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate.natural import lowest_mode
 from isorig.analysis.spectra.quality import faults
@@ -93,6 +95,11 @@ KEPT = 0.5
 #: Seconds that a ranking of the equations may take if the search did not come to it, even if the limit is shorter. Chosen: short
 #: records are ranked in this time, and without it there is no answer at all.
 LEAST_RANKING = 2.0
+#: What the evidence says of a remainder that counts as a disturbance.
+DISTURBED = (
+    "Disturbance: what the model leaves, {} of the signal, is related to neither the drive nor the motion, so it counts as noise "
+    "or as a disturbance from outside. Play one drive twice (repeat_of) to measure it."
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -263,7 +270,8 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
     found = search.causes(baseline, ends)
     # A search may have led the baseline to a better fit.
     baseline = found.stages[0].fit
-    if found.verdict == "adequate" and not search.cut_short and search.begins_otherwise(baseline, found.enough):
+    settled = search.cut_short or found.disturbed  # a disturbance is at the beginnings, too
+    if found.verdict == "adequate" and not settled and search.begins_otherwise(baseline, found.enough):
         progress("the ends of the runs fit, but not their beginnings: the beginnings of some are held out from the fits")
         searched, search.entries = search.entries, []
         with search.until_the_time_ends():
@@ -278,21 +286,9 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
     stages, first, last = found.stages, found.stages[0], found.stages[found.kept]
     fine = tuple(refined(trial) for trial in trials)
     compared = [doubles(stage.fit.model, fine) for stage in stages[: max(found.kept, 1)]]
-    if found.verdict == "adequate":  # nothing differs from the simulation
-        said = [record_signs(campaign, last.fit.model, fine)]
-    else:
-        said = [signs(campaign, stage.fit.model, fine, each) for stage, each in zip(stages, compared, strict=False)]
     shown_by_equations, blamed = search.shown_by_equations(found, contradicted=bool(contradicted))
-    if blamed is not None and blamed.clearly:
-        followed = (
-            "The time ended before a simulation confirmed it."
-            if search.cut_short
-            else "No simulation with it follows the records."
-        )
-        said[0] = (*said[0], Sign(text=f"Equations of motion: {blamed.clearly} {followed}"))
+    said = _said(found, campaign, fine, compared, blamed, cut_short=search.cut_short)
     by_force = found.required_force
-    if by_force is not None:
-        said[0] = (*said[0], Sign(text=by_force.sentence))
     steps = (stage.step for stage in stages[1 : found.kept + 1])
     floor = search.stated_floor(last.fit.model, found.division.judged)
     considered = all_considered(
@@ -312,7 +308,10 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
             share_interval(first.score, before.score, after.score, _allowed(found.quiet))
             for before, after in pairwise(stages[: found.kept + 1])
         ),
-        budgets=(search.budget(first.fit.model, found.division), search.budget(last.fit.model, found.division)),
+        budgets=(
+            search.budget(first.fit.model, found.division, unrelated=found.disturbed and first is last),
+            search.budget(last.fit.model, found.division, unrelated=found.disturbed),
+        ),
         considered=by_force.considered(considered) if by_force is not None else considered,
         searched=tuple((before, tuple(_lean(entry) for entry in entries)) for before, entries in search.entries),
         tolerance=tolerance, cut_short=search.cut_short,
@@ -320,6 +319,28 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
         doubts=contradicted or _standing(_doubted(found, model, campaign), campaign, model, equations),
         zero_errors=wandering_in_words(zero_errors(campaign, model), lowest_mode(model)), required_force=by_force,
     )  # fmt: skip
+
+
+def _said(
+    found: _Found, campaign: Campaign, fine: Sequence[Trial], compared: Sequence[Doubles], blamed: Suspects | None, *,
+    cut_short: bool,
+) -> list[tuple[Sign, ...]]:  # fmt: skip
+    # The evidence that each model leaves, that of the whole search with the first.
+    last = found.stages[found.kept]
+    if found.verdict == "adequate":  # nothing differs from the simulation
+        said = [record_signs(campaign, last.fit.model, fine)]
+    else:
+        said = [signs(campaign, stage.fit.model, fine, each) for stage, each in zip(found.stages, compared, strict=False)]
+    whole: list[str] = []
+    if blamed is not None and blamed.clearly:
+        ended, lost = "The time ended before a simulation confirmed it.", "No simulation with it follows the records."
+        whole.append(f"Equations of motion: {blamed.clearly} {ended if cut_short else lost}")
+    if found.disturbed:
+        whole.append(DISTURBED.format(in_per_cent(last.score.figure)))
+    if found.required_force is not None:
+        whole.append(found.required_force.sentence)
+    said[0] = (*said[0], *(Sign(text=text) for text in whole))
+    return said
 
 
 def _surely_misfits(equations: Equations, residuals: Mapping[str, float]) -> bool:
@@ -400,6 +421,7 @@ class _Found:
     replaced: frozenset[tuple[str, str]]
     exchanged: Mapping[tuple[str, str], tuple[str, str]]
     required_force: ShownByForce | None = None
+    disturbed: bool = False  #: Whether what the last model leaves counts as a disturbance (`_Search._only_disturbed`).
 
 
 #: Errors by model and held-out data, which are kept so that their identity stays theirs.
@@ -435,7 +457,25 @@ class _Search:
             begun = self._job(stages, division, _allowed(quiet), 1.0, forms_only=False)
             if (shown := self._by_required_force(begun, stages, division, enough, searched=False)) is not None:
                 return shown
-        tries, repeated = 0, False
+        stages, quiet, disturbed = self._searched(stages, division, quiet, enough, begun)
+        if len(stages) > 1 and self._adequate(stages[0].score, _allowed(quiet), enough):
+            # Where a cause makes the rig sensitive, noise on the drive may be as large as the baseline's error: that is no noise
+            # of the baseline.
+            quiet = self.floors([stages[0].fit.model], judged)
+        quiet = np.maximum(quiet, stages[-1].score.error if disturbed else 0.0)
+        word, named, replaced, exchanged = self._concluded(stages, division, _allowed(quiet), enough)
+        return _Found(
+            division=division, stages=named, verdict=word, kept=len(named) - 1, quiet=quiet, enough=enough,
+            calibration=calibration, replaced=replaced, exchanged=exchanged, disturbed=disturbed,
+        )  # fmt: skip
+
+    def _searched(
+        self, stages: list[SearchStage], division: Division, quiet: FloatArray, enough: float, begun: Job | None
+    ) -> tuple[list[SearchStage], FloatArray, bool]:  # fmt: skip
+        # The stages with a cause each, their floors, and whether the last one leaves a disturbance only; the search may have
+        # begun with a job for the first.
+        judged = division.judged
+        tries, repeated, disturbed = 0, False, False
         while len(stages) <= self._most_steps and not self._ends(stages, quiet, enough):
             now, floors = stages[-1], _allowed(quiet)
             self._progress(
@@ -444,8 +484,10 @@ class _Search:
             )
             # The first search goes on with what the required force took from the equations.
             job = begun or self._job(stages, division, floors, self._left(stages, quiet), forms_only=repeated)
-            begun, found = None, self._next_step(job)
+            disturbed = self._only_disturbed(job, searched=False)
+            begun, found = None, None if disturbed else self._next_step(job)
             if found is None:
+                disturbed = disturbed or (not self.cut_short and self._only_disturbed(job, searched=True))
                 break
             if found.then is not None and self._adequate(found.entry.score, floors, enough):
                 found = replace(found, then=None)  # the first of two suffices, once it starts from both
@@ -482,15 +524,19 @@ class _Search:
             # A cause may make the rig sensitive: then noise on the drive has a larger effect.
             stages.append(stage)
             quiet = self._quiet(stages, judged)
-        if len(stages) > 1 and self._adequate(stages[0].score, _allowed(quiet), enough):
-            # Where a cause makes the rig sensitive, noise on the drive may be as large as the baseline's error: that is no noise
-            # of the baseline.
-            quiet = self.floors([stages[0].fit.model], judged)
-        word, named, replaced, exchanged = self._concluded(stages, division, _allowed(quiet), enough)
-        return _Found(
-            division=division, stages=named, verdict=word, kept=len(named) - 1, quiet=quiet, enough=enough,
-            calibration=calibration, replaced=replaced, exchanged=exchanged,
-        )  # fmt: skip
+        return stages, quiet, disturbed
+
+    def _only_disturbed(self, job: Job, *, searched: bool) -> bool:
+        # Whether what a model leaves is a disturbance from outside, or noise: related to neither the drive nor the motion, and no
+        # explanation removes it from the equations of motion. Hum is one cause only in one channel, or if no search confirmed it.
+        if job.now.figure >= MOST_NOISE:
+            return False
+        several, disturbed = searched or len(job.evidence.mains) > 1, False
+        with self.until_the_time_ends():
+            explained = [item for item in ranking(job.equations).explanations if not (several and item.what == "hum")]
+            if not explained or explained[0].score < SHOWN:
+                disturbed = not related(job.current.model, [refined(trial) for trial in self._trials])
+        return disturbed
 
     def _by_required_force(
         self, job: Job, stages: Sequence[SearchStage], division: Division, enough: float, *, searched: bool
@@ -697,9 +743,9 @@ class _Search:
         bad = {f.run for f in faults(self._campaign, reference=fitted.model.drive.channel) if f.kind == "not at rest"}
         return all(trial.run.id not in bad for trial in judged)
 
-    def budget(self, model: RigModel, division: Division) -> Budget:
-        """Composition of a model's error."""
-        return budget(model, division.judged, self._noise_floors_of(model, division.judged)[0])
+    def budget(self, model: RigModel, division: Division, *, unrelated: bool) -> Budget:
+        """Composition of a model's error, of which the part that is not assigned may be `unrelated` to the drive."""
+        return budget(model, division.judged, self._noise_floors_of(model, division.judged)[0], unrelated=unrelated)
 
     def _calibration(self, stage: SearchStage, divide: Divide, quiet: FloatArray) -> float | None:
         # Only needed near the noise; a rig judged by its drive has no simulated motion.

@@ -81,8 +81,10 @@ def _late(force: FloatArray, samples: float) -> FloatArray:
 
 
 def _lagging(force: FloatArray, samples: float) -> FloatArray:
-    # First-order, by the bilinear transform, from its first value.
+    # First-order, by the bilinear transform, from its first value; a search may look below zero, where nothing lags.
     from scipy.signal import lfilter
+
+    samples = max(samples, 0.0)
 
     fed, own = 1.0 + 2.0 * samples, 1.0 - 2.0 * samples
     return np.asarray(lfilter([1.0, 1.0], [fed, own], force - force[0]) + force[0])

@@ -30,13 +30,17 @@ TIED = 2.0
 #: Probability of a chance coherence, over all runs, responses and functions, below which the rest is related to the motion, if
 #: the coherent share of its power is above `SHARE` and above the simulation's own error.
 CHANCE, SHARE = 1e-3, 0.1
+#: Coherence that must show if it is there, for what is left to count as unrelated. Chosen: half of it.
+DETECTABLE = 0.5
 #: Motions for which functions are tested, and the prefix of their channels.
 MOTIONS: tuple[Literal["displacement", "velocity"], ...] = ("displacement", "velocity")
 PREFIX = "link "
 
 
 def related(model: RigModel, trials: Sequence[Trial]) -> bool:
-    """Whether the difference between measurement and model is coherent with the drive or with functions of the motion.
+    """Whether the difference between measurement and model is coherent with the drives or with functions of the motion.
+
+    Also where the records are too short to exclude it: a share of `DETECTABLE` of its power would not show.
 
     Parameters
     ----------
@@ -47,58 +51,74 @@ def related(model: RigModel, trials: Sequence[Trial]) -> bool:
     """
     if any(trial.motion is not None for trial in trials):
         return True
+    found: list[tuple[float, bool, float]] = []
+    for each in side_by_side(lambda trial: _coherences(model, trial), trials):
+        if each is None:
+            return True
+        found += each
+    least = min((detectable for *_, detectable in found), default=1.0)
+    return least * len(found) >= CHANCE or any(large and chance * len(found) < CHANCE for chance, large, _ in found)
+
+
+def _coherences(model: RigModel, trial: Trial) -> list[tuple[float, bool, float]] | None:
+    # `_chance` of what the model leaves in each channel with each drive and function of the motion; None without a simulation.
+    try:
+        left = trial.measured - expected(model, trial)
+        inputs = _drives_and_motions(model, trial)
+    except (SimulationError, ModelError):
+        return None
+    drive = inputs[0]
+    n = min(len(rows) for rows in (*left, *inputs))
+    length = 2 * (n // (SEGMENTS + 1))
+    driven = _power(_segments(drive[:n], length))
+    kept = driven >= WELL_DRIVEN * driven.max()
+    seen = [_segments(values[:n], length)[:, kept] for values in inputs]
+    averages = effective_averages(HANN.samples(length), len(seen[0]), length // 2)
+    found: list[tuple[float, bool, float]] = []
+    for rows, signal in zip(left, trial.measured, strict=True):
+        rest, size = _segments(rows[:n], length)[:, kept], _power(_segments(signal[:n], length)[:, kept])
+        found += [_chance(rest, values, float(size.sum()), averages) for values in seen]
+    return found
+
+
+def _drives_and_motions(model: RigModel, trial: Trial) -> list[FloatArray]:
+    # The drives, and functions of each link's simulated deflection and velocity.
     sensors = tuple(
         Sensor(channel=f"{PREFIX}{motion} {link.name}", body=link.a, relative_to=link.b, arms=link.arms, quantity=motion)
         for link in model.links
         for motion in MOTIONS
     )
     watched = msgspec.structs.replace(model, sensors=(*model.sensors, *sensors))
-
-    def one(trial: Trial) -> list[tuple[float, bool]]:
-        try:
-            left = trial.measured - expected(model, trial)
-            motion = simulate(
-                watched, trial.excitation, configuration=trial.run.configuration, start_time=trial.start_time,
-                start=trial.start_of(model),
-            ).channels  # fmt: skip
-        except (SimulationError, ModelError):
-            return [(0.0, True)]
-        drive = trial.excitation.recorded
-        inputs = [drive]
-        for sensor in sensors:
-            x = motion[sensor.channel] / max(float(np.std(motion[sensor.channel])), 1e-300)
-            inputs += [x, np.abs(x), np.sign(x) if sensor.quantity == "velocity" else x**3]
-        n = min(len(rows) for rows in (*left, *inputs))
-        length = 2 * (n // (SEGMENTS + 1))
-        driven = _power(_segments(drive[:n], length))
-        kept = driven >= WELL_DRIVEN * driven.max()
-        seen = [_segments(values[:n], length)[:, kept] for values in inputs]
-        averages = effective_averages(HANN.samples(length), len(seen[0]), length // 2)
-        found: list[tuple[float, bool]] = []
-        for rows, signal in zip(left, trial.measured, strict=True):
-            rest, size = _segments(rows[:n], length)[:, kept], _power(_segments(signal[:n], length)[:, kept])
-            found += [_chance(rest, values, float(size.sum()), averages) for values in seen]
-        return found
-
-    found = [pair for pairs in side_by_side(one, trials) for pair in pairs]
-    return any(large and chance * len(found) < CHANCE for chance, large in found)
+    seen = simulate(
+        watched, trial.excitation, configuration=trial.run.configuration, start_time=trial.start_time, start=trial.start_of(model)
+    ).channels
+    inputs = [trial.excitation.recorded, *(other.recorded for other in trial.excitation.others)]
+    for sensor in sensors:
+        inputs += _functions(seen[sensor.channel], sensor.quantity)
+    return inputs
 
 
-def _chance(left: ComplexArray, values: ComplexArray, size: float, averages: float) -> tuple[float, bool]:
-    # Probability that unrelated records are as coherent as these two, the bins weighted by the power of what is left, and
-    # whether the coherent power matters relative to the signal's.
+def _functions(values: FloatArray, quantity: str) -> list[FloatArray]:
+    x = values / max(float(np.std(values)), 1e-300)
+    return [x, np.abs(x), np.sign(x) if quantity == "velocity" else x**3]
+
+
+def _chance(left: ComplexArray, values: ComplexArray, size: float, averages: float) -> tuple[float, bool, float]:
+    # Probability that unrelated records are as coherent as these two, the bins weighted by the power of what is left, whether the
+    # coherent power matters relative to the signal's, and the probability of a coherence of `DETECTABLE`.
     from scipy.special import gammaincc
 
     cross = np.abs((np.conj(left) * values).sum(axis=0)) ** 2
     power, input_power = _power(left), _power(values)
     if power.sum() == 0.0 or input_power.sum() == 0.0:
-        return 1.0, False
+        return 1.0, False, 0.0
     coherence = float((power / power.sum()) @ (cross / np.maximum(power * input_power, 1e-300)))
     # Without a relation coherence times averages has an exponential distribution, a weighted sum nearly a gamma distribution.
     shape = 1.0 / (TIED * float(((power / power.sum()) ** 2).sum()))
     share = max(coherence - 1.0 / averages, 0.0) / (1.0 - 1.0 / averages)
     large = share > SHARE and share * power.sum() > (2.0 * SIMULATION_LIMIT) ** 2 * size
-    return float(gammaincc(shape, shape * averages * coherence)), bool(large)
+    chance, detectable = (float(gammaincc(shape, shape * averages * each)) for each in (coherence, DETECTABLE))
+    return chance, bool(large), detectable
 
 
 def _power(segments: ComplexArray) -> FloatArray:
