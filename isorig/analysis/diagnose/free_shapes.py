@@ -13,10 +13,10 @@ import msgspec
 import numpy as np
 
 from isorig.analysis import laws
-from isorig.analysis.campaign import SI_UNIT, FloatArray
+from isorig.analysis.campaign import MOTION, SI_UNIT, FloatArray
 from isorig.analysis.diagnose.causes.base import Evidence, Kind, exchange
 from isorig.analysis.diagnose.causes.coulomb_friction import SHARE_OF_PUSH
-from isorig.analysis.diagnose.causes.measurement_chain import with_chain
+from isorig.analysis.diagnose.causes.measurement_chain import with_chain, with_drive
 from isorig.analysis.fitting.candidate import Candidate, Shape
 from isorig.analysis.fitting.solve import Free
 from isorig.analysis.laws.base import NO_LINK
@@ -54,6 +54,7 @@ def free_shapes(model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
     jobs = [(make, place) for kind, makers in AT_LINKS.items() for make in makers for place in _places(model, kind)]
     found = [make(model, evidence, place) for make, place in jobs]
     found += [make(model, evidence, sensor.channel) for make in (_bend, _taps) for sensor in model.sensors]
+    found.append(_drive_curve(model, evidence))
     return tuple(shape for shape in found if shape is not None)
 
 
@@ -325,20 +326,32 @@ def _drift_of(
 
 
 def _bend(model: RigModel, evidence: Evidence, channel: str) -> Candidate | None:
-    chain, peak = model.sensor(channel).chain, evidence.peak.get(channel, 0.0)
-    if chain.bend or peak <= 0.0:
+    sensor, peak = model.sensor(channel), evidence.peak.get(channel, 0.0)
+    if sensor.chain.bend or peak <= 0.0:
         return None
-    at = _two_sided(peak, BENDS)
-    start = with_chain(model, channel, bend=tuple((float(x), 0.0) for x in at))
-    path = f"sensors.{channel}.chain.bend"
-    free = tuple(
-        Free(path=f"{path}.{k}.1", low=-np.inf, log=False, step=1e-3 * peak) for k in range(len(at)) if k != len(at) // 2
-    )
-    unit = SI_UNIT[model.sensor(channel).quantity]
-    shape = Shape(over="value", unit=unit, value_unit=unit, path=path, tables=())
+    start, path = with_chain(model, channel, bend=_flat(peak)), f"sensors.{channel}.chain"
+    return _static_curve(start, channel, f"{path}.bend", peak, SI_UNIT[sensor.quantity], dropped=f"{path}.gain")
+
+
+def _drive_curve(model: RigModel, evidence: Evidence) -> Candidate | None:
+    drive, peak = model.drive, evidence.peak.get(model.drive.channel, 0.0)
+    if drive.quantity in MOTION or not drive.acts_as_recorded or peak <= 0.0:
+        return None
+    start = with_drive(model, curve=_flat(peak))
+    return _static_curve(start, drive.channel, "drive.curve", peak, SI_UNIT[drive.quantity], dropped="drive.factor")
+
+
+def _flat(peak: float) -> tuple[tuple[float, float], ...]:
+    return tuple((float(x), 0.0) for x in _two_sided(peak, BENDS))
+
+
+def _static_curve(start: RigModel, channel: str, path: str, peak: float, unit: str, dropped: str) -> Candidate:
+    # What is added to a channel's value; zero in the middle.
+    points = (k for k in range(BENDS) if k != BENDS // 2)
     return Candidate(
-        cause="sensor", location=channel, family="sensor curve", starts=(start,), free=free, reported=(), rank=9, shape=shape,
-        dropped=(f"sensors.{channel}.chain.gain",),
+        cause="sensor", location=channel, family="sensor curve", starts=(start,), reported=(), rank=9, dropped=(dropped,),
+        free=tuple(Free(path=f"{path}.{k}.1", low=-np.inf, log=False, step=1e-3 * peak) for k in points),
+        shape=Shape(over="value", unit=unit, value_unit=unit, path=path, tables=()),
     )  # fmt: skip
 
 

@@ -30,7 +30,7 @@ def unit_of(path: str, model: RigModel | None = None) -> str:
         return unit
     if path == "drive.factor":
         return factor_unit(model, model.drive)
-    if path == "drive.limit":
+    if path.startswith(("drive.limit", "drive.curve")):
         return SI_UNIT[model.drive.quantity]
     if last in ("offset", "limit", "gain", "bend") and "chain" in way:
         channel = model.drive if way[0] == "drive" else model.sensor(way[1])

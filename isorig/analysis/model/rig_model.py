@@ -110,9 +110,9 @@ class Drive(Part, frozen=True, kw_only=True):
     body, with any force: a shaken base, the ground, an actuator under displacement control. `factor_std` is the standard
     uncertainty of a given factor; 0 if it is not stated.
 
-    Where the channel records a command, the force may differ from it: `limit` is the largest magnitude that acts, in the
-    channel's unit (None for no limit), and `lag` the time constant in s of the first-order lag with which the limited command
-    acts (an amplifier, a coil); 0 for none.
+    Where the channel records a command, the force may differ from it: `curve` is a static curve added to the command, as a
+    chain's `bend`, `limit` the largest magnitude that acts, in the channel's unit (None for no limit), and `lag` the time
+    constant in s of the first-order lag with which all this acts (an amplifier, a coil); 0 for none.
     """
 
     channel: str
@@ -122,13 +122,14 @@ class Drive(Part, frozen=True, kw_only=True):
     imposes: str | None = None
     quantity: Quantity = "acceleration"
     chain: Chain = Chain()
+    curve: tuple[tuple[float, float], ...] = ()
     limit: float | None = None
     lag: float = 0.0
 
     @property
     def acts_as_recorded(self) -> bool:
-        """Whether its force follows its record without a limit and without a lag."""
-        return self.limit is None and self.lag == 0.0
+        """Whether its force follows its record without a curve, a limit and a lag."""
+        return not self.curve and self.limit is None and self.lag == 0.0
 
 
 class Sensor(Part, frozen=True, kw_only=True):
@@ -695,6 +696,7 @@ def _driven(model: RigModel, names: list[str], drive: Drive) -> None:
         raise ModelError(f"{here} has factor 0, so it drives nothing; give the force per unit of its channel")
     if drive.limit is not None and drive.limit <= 0.0:
         raise ModelError(f"{here} has limit {drive.limit:g}, so it drives nothing; give one above zero, or leave it out for none")
+    _curved(f"the curve of {here}", drive.curve)
     if drive.lag < 0.0:
         raise ModelError(f"{here} has lag {drive.lag:g} s; give a time constant above zero, or zero for none")
     if drive.imposes is None:
@@ -704,7 +706,7 @@ def _driven(model: RigModel, names: list[str], drive: Drive) -> None:
     if drive.imposes not in names:
         raise ModelError(f"{here} imposes the motion of body {drive.imposes!r}, which does not exist; the rig has {names}")
     if drive.pushes or drive.factor != 1.0 or not drive.acts_as_recorded:
-        raise ModelError(f"{here} imposes a motion and has pushes, a factor, a limit or a lag as well; leave those out")
+        raise ModelError(f"{here} imposes a motion and has pushes, a factor, a curve, a limit or a lag as well; leave those out")
     if drive.quantity not in MOTION:
         raise ModelError(f"{here} imposes a motion, but its quantity is {drive.quantity}; give one of {', '.join(MOTION)}")
     if model.imposed.count(drive.imposes) > 1:
@@ -719,6 +721,11 @@ def _uncertain(where: str, key: str, value: float, std: float) -> None:
         )
 
 
+def _curved(where: str, points: Sequence[tuple[float, float]]) -> None:
+    if len(points) == 1 or not all(one[0] < other[0] for one, other in pairwise(points)):
+        raise ModelError(f"{where} is not a curve; give at least two points with increasing true values")
+
+
 def _chained(model: RigModel) -> None:
     for chain in (*(drive.chain for drive in model.drives), *(sensor.chain for sensor in model.sensors)):
         for key in ("corner", "cutoff"):
@@ -726,8 +733,7 @@ def _chained(model: RigModel) -> None:
                 raise ModelError(f"a chain's {key} is {value:g} Hz; give a frequency above zero, or zero for none")
         if len(chain.taps) % 2 == 0 and chain.taps:
             raise ModelError(f"a chain has {len(chain.taps)} taps; give an odd number, the middle one for the present sample")
-        if len(chain.bend) == 1 or not all(one[0] < other[0] for one, other in pairwise(chain.bend)):
-            raise ModelError("a chain's bend is not a curve; give at least two points with increasing true values")
+        _curved("a chain's bend", chain.bend)
     if any(c.bend or c.taps or c.corner or c.cutoff for c in (drive.chain for drive in model.drives)):
         raise ModelError("the drive's chain has a bend, taps, a corner or a cutoff, which only a sensor's may have; remove them")
     for name, chain in (*((d.channel, d.chain) for d in model.drives), *((s.channel, s.chain) for s in model.sensors)):

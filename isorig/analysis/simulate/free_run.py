@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from types import MappingProxyType
@@ -57,9 +57,7 @@ def record(model: RigModel, motion: Mapping[str, FloatArray], rate: float) -> di
             y = lagging(y, chain.cutoff, rate)
         if chain.taps:
             y = np.convolve(y, chain.taps, mode="same")
-        if chain.bend:
-            at, added = zip(*chain.bend, strict=True)
-            y = y + read(at, added, y, straight=True)
+        y = _bent(y, chain.bend)
         if chain.offset:
             y = y + chain.offset
         for source, fraction in chain.crosstalk.items():
@@ -69,6 +67,14 @@ def record(model: RigModel, motion: Mapping[str, FloatArray], rate: float) -> di
             y = np.clip(y, -chain.limit, chain.limit)
         out[name] = y
     return out
+
+
+def _bent(values: FloatArray, curve: Sequence[tuple[float, float]]) -> FloatArray:
+    # Values with a static curve added.
+    if not curve:
+        return values
+    at, added = zip(*curve, strict=True)
+    return values + read(at, added, values, straight=True)
 
 
 def true_drives(model: RigModel, excitation: Excitation) -> dict[str, FloatArray]:
@@ -88,8 +94,9 @@ def acting(drive: Drive, values: FloatArray, rate: float) -> FloatArray:
 
 
 def delivered(drive: Drive, command: FloatArray, rate: float) -> FloatArray:
-    """A drive's command, shape (n,), limited and lagging."""
-    limited = command if drive.limit is None else np.clip(command, -drive.limit, drive.limit)
+    """A drive's command, shape (n,), by its curve, limited and lagging."""
+    bent = _bent(command, drive.curve)
+    limited = bent if drive.limit is None else np.clip(bent, -drive.limit, drive.limit)
     return lagging(limited, 1.0 / (2.0 * np.pi * drive.lag), rate) if drive.lag else limited
 
 

@@ -29,7 +29,7 @@ KINDS: Mapping[Kind, str] = {
     "drift": "a value that changes during the session",
     "added_motion": "an additional degree of freedom",
     "known_value": "a wrong given value",
-    "sensor": "a sensor's static curve or transfer function",
+    "sensor": "a channel's static curve or transfer function",
 }
 #: What a part of an unexplained error is, by its name in the budget.
 NATURES: Mapping[str, str] = {

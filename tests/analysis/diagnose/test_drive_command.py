@@ -27,6 +27,7 @@ class Amplifier:
 
     limit: float = np.inf
     lag: float = 0.0
+    gradual: bool = False  #: Whether it comes near its limit gradually.
 
 
 def pushed(amplifier: Amplifier, *, springs: bool = True) -> tuple[Campaign, RigModel]:
@@ -35,7 +36,9 @@ def pushed(amplifier: Amplifier, *, springs: bool = True) -> tuple[Campaign, Rig
     for number, level in enumerate((1.0, 2.0)):
         n = round(20.0 * RATE)
         command = level * 5.0 * sosfilt(butter(2, [0.6, 30.0], "band", fs=RATE, output="sos"), draw.normal(0.0, 1.0, n))
-        fine = np.clip(resample(command, FINER * n), -amplifier.limit, amplifier.limit)
+        fine = resample(command, FINER * n)
+        limit = amplifier.limit
+        fine = limit * np.tanh(fine / limit) if amplifier.gradual else np.clip(fine, -limit, limit)
         time = np.arange(len(fine)) / (FINER * RATE)
         if amplifier.lag:
             fine = lsim(([1.0], [amplifier.lag, 1.0]), fine, time)[1]
@@ -93,6 +96,19 @@ def test_a_drive_that_does_not_follow_its_command_is_named(
     fitted = found.steps[0].parameters[name]
     assert fitted[0] == pytest.approx(size, rel=0.02)
     assert fitted[2] == unit
+
+
+def test_a_drive_that_saturates_gradually_has_a_static_curve() -> None:
+    """No form of the catalogue explains it; the curve does, and the hard limit is the closest form."""
+    found = diagnose(*pushed(Amplifier(limit=9.0, gradual=True)))
+    (step,) = found.steps
+    assert (found.verdict, step.cause, step.location) == ("explained", "sensor", "f")
+    assert step.closest is not None
+    assert step.closest[0] == "drive_saturation"
+    at, added = np.array(found.extended.model.drive.curve).T
+    inside = np.abs(at) <= 9.0
+    acting = (at + added)[inside]
+    np.testing.assert_allclose(acting, 9.0 * np.tanh(at[inside] / 9.0), atol=0.2)
 
 
 def test_with_one_sensor_a_lag_of_the_drive_is_that_of_the_sensor() -> None:
