@@ -101,7 +101,7 @@ def test_spectra_do_not_tell_the_force_where_more_than_a_curve_is_missing(monkey
 def test_the_curve_of_a_stiff_link_is_read_from_where_noise_is_small() -> None:
     """From the lowest frequencies on, noise would be half of the heatblock's integrated deflection."""
     rig = wire_bonder({**THESIS, "friction_force": 9.0})
-    takes = [changed(take, seconds=25.0) for take in SESSION]
+    takes = [changed(take, seconds=15.0) for take in SESSION]
     campaign = virtual_campaign(with_law(rig, "heatblock", laws.Cubic(cubic_stiffness=3e18)), takes, seed=SEED)
     equations = equations_of(campaign, rig)
     best, second, *_ = ranking(equations).explanations
