@@ -37,6 +37,7 @@ def swept(amplitude: float) -> tuple[FloatArray, FloatArray]:
     return x, MASS * a + DAMPING * v + STIFFNESS * x + CUBIC * x**3
 
 
+@pytest.mark.study
 def test_a_spring_is_named_where_the_equations_show_a_drift_as_well() -> None:
     """In sweeps a damping that drifts removes more of the residual; no simulation confirms it, so the next suspects are tried."""
     draw = np.random.default_rng(1)

@@ -158,6 +158,7 @@ def test_refusals(
     assert not out.exists()
 
 
+@pytest.mark.study
 def test_without_a_head_mass_the_table_has_it_fitted(folder: Path, tmp_path: Path) -> None:
     campaign = read(folder / "campaign.h5")
     known = {name: value for name, value in campaign.known.items() if name != "head_mass"}

@@ -137,6 +137,7 @@ def test_a_hidden_cogging_is_named(tmp_path: Path) -> None:
     assert step["parameters"]["periodic_force"]["value"] == pytest.approx(0.02, rel=0.05)
 
 
+@pytest.mark.study
 def test_a_hidden_friction_is_named(tmp_path: Path) -> None:
     answer = diagnosed(campaign(6, lambda angle, speed: 0.05 * np.tanh(speed / 1e-3)), tmp_path)
     assert answer["verdict"] in ("explained", "partly explained")
