@@ -27,7 +27,7 @@ from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 TAKES = [replace(take, seconds=0.5 * take.seconds) for take in LONGER]
 
 
-@pytest.mark.parametrize("seconds", [8.0, pytest.param(100.0, marks=pytest.mark.study)])
+@pytest.mark.parametrize("seconds", [15.0, pytest.param(100.0, marks=pytest.mark.study)])
 def test_campaign_a(seconds: float, shared: Path, tmp_path: Path) -> None:
     truth = json.loads((shared / "campaigns" / "answers.json").read_text())["campaign-a"]["rig"]
     write(tmp_path / "campaign.h5", shortened(read(shared / "campaigns" / "campaign-a.h5"), seconds))

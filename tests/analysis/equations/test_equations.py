@@ -490,7 +490,7 @@ def test_an_equation_of_which_nothing_remains_to_be_tested_is_left_out() -> None
 def test_rocking_does_not_stand_for_the_force_that_makes_it_rock(fault: Chain, what: str) -> None:
     """The torque contains the isolation's force: without its resonance it is that force, which then fits any record."""
     rig = wire_bonder()
-    takes = [changed(take, seconds=15.0) for take in SESSION] if what == "high-pass" else SESSION
+    takes = [changed(take, seconds=20.0) for take in SESSION] if what == "high-pass" else SESSION
     equations = equations_of(virtual_campaign(with_chain(rig, "motor", fault), takes, seed=SEED + 13), rig)
     best = ranking(equations).explanations[0]
     assert (best.kind, best.place, best.what) == ("sensor", "motor", what)
