@@ -29,6 +29,9 @@ PYTEST := $(BIN)/python -m pytest -q -m "not study" --dist loadfile --no-loadsco
 test: setup
 	@$(MAKE) --jobs=2 --output-sync=target test-wire test-work
 
+# Two processes on two cores: threads of the linear algebra library in each of them would wait for each other.
+test-wire test-work: export OPENBLAS_NUM_THREADS = 1
+
 # Compiled tests are kept, also where the environment forbids it: else each of the processes compiles them again.
 test-wire test-work: export PYTHONDONTWRITEBYTECODE =
 

@@ -13,6 +13,8 @@ from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.model.rig_model import Body, Chain, Contact, Drive, Link, RigModel, Sensor
 from isorig.analysis.simulate import Excitation, simulate
 
+#: Cubic stiffness in N/m^3 of the spring that the fixture `hardened` hides between two carts.
+HARDENING = 4e5
 UNITS = {"displacement": "m", "acceleration": "m/s^2", "force": "N", "voltage": "V"}
 
 

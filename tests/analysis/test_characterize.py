@@ -116,8 +116,8 @@ def test_an_error_above_the_limit_is_a_misfit_whatever_its_relation(share: float
 
 def test_a_spoilt_run_takes_no_part_and_is_named(tmp_path: Path) -> None:
     model = wire_bonder({**THESIS, "friction_force": 9.0})
-    again = VirtualRun(id="again", configuration="unlocked", gain=70.0, seconds=20.0, start=200.0)
-    campaign = virtual_campaign(model, (*TAKES, again), seed=2)
+    again = VirtualRun(id="again", configuration="unlocked", gain=70.0, seconds=12.0, start=200.0)
+    campaign = virtual_campaign(model, [replace(take, seconds=12.0) for take in (*SHORT, again)], seed=2)
     last = campaign.runs[-1]
     clipped = Channel(name="motor", samples=np.clip(last.read("motor"), -1.0, 1.0))
     hurt = replace(campaign, runs=(*campaign.runs[:-1], replace(last, channels={**last.channels, "motor": clipped})))

@@ -11,7 +11,7 @@ from isorig.analysis import laws
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose.causes.at_link import added
 from isorig.analysis.diagnose.causes.base import exchange
-from isorig.analysis.diagnose.estimate_pairs import doubles
+from isorig.analysis.diagnose.estimate_pairs import Doubles, doubles
 from isorig.analysis.diagnose.evidence import Sign, signs, surfaces
 from isorig.analysis.diagnose.misfit import Discrepancy, discrepancies
 from isorig.analysis.fitting.division import refined
@@ -42,24 +42,27 @@ def linked(law: laws.LinkLaw) -> RigModel:
     return added(SOUND, SOUND.link("isolation"), law)
 
 
-def played(model: RigModel) -> Campaign:
-    return virtual_campaign(model, TAKES, seed=5)
+Seen = tuple[Campaign, tuple[Trial, ...], Doubles]
+SEEN: dict[bytes, Seen] = {}
 
 
-def trials_of(campaign: Campaign) -> tuple[Trial, ...]:
-    return tuple(refined(trial) for trial in prepare(campaign, SOUND))
+def seen(model: RigModel) -> Seen:
+    """The records of a rig, its runs, and the sound rig's simulation next to them; simulated once."""
+    if model.encoded not in SEEN:
+        campaign = virtual_campaign(model, TAKES, seed=5)
+        trials = tuple(refined(trial) for trial in prepare(campaign, SOUND))
+        SEEN[model.encoded] = campaign, trials, doubles(SOUND, trials)
+    return SEEN[model.encoded]
 
 
 def said(model: RigModel) -> tuple[Sign, ...]:
-    campaign = played(model)
-    trials = trials_of(campaign)
-    return signs(campaign, SOUND, trials, doubles(SOUND, trials))
+    campaign, trials, pairs = seen(model)
+    return signs(campaign, SOUND, trials, pairs)
 
 
 def wrong(model: RigModel) -> tuple[Discrepancy, ...]:
-    campaign = played(model)
-    trials = trials_of(campaign)
-    return discrepancies(campaign, SOUND, trials, doubles(SOUND, trials))
+    campaign, trials, pairs = seen(model)
+    return discrepancies(campaign, SOUND, trials, pairs)
 
 
 HIDDEN = {
@@ -100,8 +103,7 @@ def test_a_discrepancy_names_its_run_first() -> None:
 
 
 def test_released_runs_have_no_period_to_miss() -> None:
-    campaign = played(SOUND)
-    trials = trials_of(campaign)
+    campaign, trials, _ = seen(SOUND)
     released = tuple(replace(trial, run=replace(trial.run, excitation="free")) for trial in trials)
     mixed = (*released[1:], trials[0])
     for some, expected in ((released, False), (mixed, True)):
@@ -111,8 +113,8 @@ def test_released_runs_have_no_period_to_miss() -> None:
 def test_the_surface_gives_the_stiffness_over_deflection() -> None:
     """Secant stiffness of k d + k3 d^3 is k + k3 E[d^4] / E[d^2] in each bin: it lies between k and k + k3 d^2."""
     k3 = 2e9
-    campaign = played(linked(laws.Cubic(cubic_stiffness=k3)))
-    (surface,) = (s for s in surfaces(SOUND, doubles(SOUND, trials_of(campaign))) if s.link == "isolation")
+    _, _, pairs = seen(linked(laws.Cubic(cubic_stiffness=k3)))
+    (surface,) = (s for s in surfaces(SOUND, pairs) if s.link == "isolation")
     edges = surface.swing * np.arange(1, 7) / 6.0
     k = SOUND.link("isolation").stiffness
     middle = k + k3 * ((edges + edges - edges[0]) / 2.0) ** 2

@@ -79,7 +79,7 @@ def test_noise_with_a_transient_is_no_hammer_test() -> None:
 
 @pytest.mark.parametrize(("hits", "double"), [(1, False), (3, False), (10, False), (1, True), (10, True)])
 def test_hammer_tests_are_recognized(hits: int, double: bool) -> None:
-    for seed in range(50):
+    for seed in range(20):
         draw = np.random.default_rng(seed)
         measured = seen(hammer(draw, hits, double=double), draw, noise=float(draw.choice([0.0, 0.02, 0.6])))
         assert looks_hit(measured, "force"), seed

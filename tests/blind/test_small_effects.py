@@ -21,6 +21,7 @@ def findings_of(recording: Path, folder: Path) -> dict[str, object]:
     return json.loads((folder / "findings.json").read_text())  # type: ignore[no-any-return]
 
 
+@pytest.mark.study
 @pytest.mark.timeout(300)
 def test_a_whole_motion_shows_what_its_moments_do_not(tmp_path: Path) -> None:
     """Drag in a chain of three masses: every equation holds within its noise, and the simulation misfits."""

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from small_rigs import with_law
+from small_rigs import HARDENING, with_law
 
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose.estimate_pairs import doubles
@@ -193,25 +193,28 @@ def test_intervals_cover_the_truth(name: str) -> None:
 
 @pytest.mark.parametrize("hidden", ["hardening", "extra mode"])
 def test_an_extended_model_is_characterized_as_it_was_diagnosed(
-    hidden: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    hidden: str, hardened: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     given = read_rig("two-carts")
     rig = given.model
     if hidden == "hardening":
-        truth = with_law(rig, "between", Cubic(cubic_stiffness=4e5))
-        own = {"links.between.laws.0.cubic_stiffness": (4e5, "N/m^3")}
+        truth = with_law(rig, "between", Cubic(cubic_stiffness=HARDENING))
+        folder, own = hardened, {"links.between.laws.0.cubic_stiffness": (HARDENING, "N/m^3")}
     else:
         load = Body(name="load", mass=0.12), Link(name="load", a="load", b="second", stiffness=90.0, damping=0.1)
         truth = replace(rig, bodies=(*rig.bodies, load[0]), links=(*rig.links, load[1]))
-        own = {
-            "bodies.second_added.mass": (0.12, "kg"),
-            "links.second_added.stiffness": (90.0, "N/m"),
-            "links.second_added.damping": (0.1, "N s/m"),
-        }
-    write(tmp_path / "c.h5", described_campaign(given, seed=3, seconds=10.0, truth=truth))
-    called(capsys, "diagnose", tmp_path / "c.h5", "-o", tmp_path / "d")
-    model = tmp_path / "d" / "model.json"
-    said = called(capsys, "characterize", tmp_path / "c.h5", "--model", model, "-o", tmp_path / "p")
+        folder, own = (
+            tmp_path,
+            {
+                "bodies.second_added.mass": (0.12, "kg"),
+                "links.second_added.stiffness": (90.0, "N/m"),
+                "links.second_added.damping": (0.1, "N s/m"),
+            },
+        )
+        write(folder / "c.h5", described_campaign(given, seed=3, seconds=10.0, truth=truth))
+        called(capsys, "diagnose", folder / "c.h5", "-o", folder / "d")
+    model = folder / "d" / "model.json"
+    said = called(capsys, "characterize", folder / "c.h5", "--model", model, "-o", tmp_path / "p")
     table = json.loads((tmp_path / "p" / "parameters.json").read_text())["parameters"]
     expected = {path: (rig.get(path), table[path]["unit"]) for path in rig.free} | own
     for path, (value, unit) in expected.items():
@@ -222,7 +225,7 @@ def test_an_extended_model_is_characterized_as_it_was_diagnosed(
         assert abs(row["value"] - value) < 4.0 * row["std"], path
         assert row["std"] < 5e-3 * value, path
     # Both commands fit the same model to the same runs.
-    findings = json.loads((tmp_path / "d" / "findings.json").read_text())
+    findings = json.loads((folder / "d" / "findings.json").read_text())
     found = {row["unit"]: row for row in findings["steps"][0]["parameters"].values()}
     for path, (_, unit) in own.items():
         if unit in found:
@@ -235,7 +238,7 @@ def test_an_extended_model_is_characterized_as_it_was_diagnosed(
         row = table[f"mode{k + 1}.frequency"]
         assert abs(row["value"] - mode.frequency) < 4.0 * row["std"]
     # The baseline alone leaves the error that the diagnosis reports.
-    called(capsys, "characterize", tmp_path / "c.h5", "--model", tmp_path / "d" / "baseline.json", "-o", tmp_path / "b")
+    called(capsys, "characterize", folder / "c.h5", "--model", folder / "d" / "baseline.json", "-o", tmp_path / "b")
     table = json.loads((tmp_path / "b" / "parameters.json").read_text())["parameters"]
     assert "of the signal unexplained; see rig diagnose" in table["drive.factor"]["note"]
 

@@ -102,13 +102,11 @@ def test_refusals(recording: Path, tmp_path: Path, call: list[str], named: str, 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the shared campaigns are not on this machine")
 @pytest.mark.timeout(300)
-# Part of one with a hidden effect is always tried; the parameters of the first are also those of
-# tests/analysis/test_characterize.py.
-@pytest.mark.parametrize(
-    ("letter", "seconds"), [("b", 12.0), *(pytest.param(letter, 100.0, marks=pytest.mark.study) for letter in "abcdefg")]
-)
-def test_report_on_recordings_of_another_program(letter: str, seconds: float, tmp_path: Path) -> None:
-    write(tmp_path / "campaign.h5", shortened(read(SHARED / f"campaign-{letter}.h5"), seconds))
+# The parameters of the first are also those of tests/analysis/test_characterize.py, with every test.
+@pytest.mark.study
+@pytest.mark.parametrize("letter", "abcdefg")
+def test_report_on_recordings_of_another_program(letter: str, tmp_path: Path) -> None:
+    write(tmp_path / "campaign.h5", shortened(read(SHARED / f"campaign-{letter}.h5"), 100.0))
     assert main(["report", str(tmp_path / "campaign.h5"), "-o", str(tmp_path)]) == 0
     table = json.loads((tmp_path / "parameters.json").read_text())["parameters"]
     truth = json.loads((SHARED / "answers.json").read_text())[f"campaign-{letter}"]["rig"]

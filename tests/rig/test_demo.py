@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal, which Windows has not")
 
 
-@pytest.fixture(scope="module", params=[0.2, pytest.param(1.0, marks=pytest.mark.study)], ids=["a fifth as long", "whole"])
+@pytest.fixture(scope="module", params=[0.15, pytest.param(1.0, marks=pytest.mark.study)], ids=["a part of its length", "whole"])
 def demo(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The demo's folder, with runs of this share of their length."""
     folder = tmp_path_factory.mktemp("demo")

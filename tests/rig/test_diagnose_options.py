@@ -1,10 +1,13 @@
 """The time limit and the tolerance of a diagnosis, through the command line."""
 
 import json
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, redirect_stdout
+from dataclasses import dataclass, replace
+from io import StringIO
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -39,43 +42,68 @@ def rubbing(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return file
 
 
-@pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> None:
+@contextmanager
+def ticking() -> Iterator[list[float]]:
+    """A clock that goes on by a second with each stage of a diagnosis; gives the times that its search keeps."""
     stages: list[str] = []
-    monkeypatch.setattr(deadline, "time", SimpleNamespace(process_time=lambda: float(len(stages))))
-    monkeypatch.setattr(
-        diagnosis, "diagnose", lambda *given, progress, **options: diagnose(*given, progress=stages.append, **options)
-    )
+    kept: list[float] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(deadline, "time", SimpleNamespace(process_time=lambda: float(len(stages))))
+        patch.setattr(
+            diagnosis, "diagnose", lambda *given, progress, **options: diagnose(*given, progress=stages.append, **options)
+        )
+        patch.setattr(diagnosis, "keep_time", lambda seconds: (kept.append(seconds), deadline.keep_time(seconds)))
+        yield kept
+
+
+@pytest.fixture
+def clock() -> Iterator[None]:
+    with ticking():
+        yield
 
 
 def diagnosed(given: Path, output: Path, *more: object) -> int:
     return main(["diagnose", str(given), "--baseline", "linear", "-o", str(output), *map(str, more)])
 
 
-@pytest.mark.usefixtures("clock")
+@dataclass(frozen=True)
+class Cut:
+    """What a folder's diagnosis within a time limit said and wrote, when, and the times that its search kept."""
+
+    said: str
+    findings: dict[str, Any]
+    page: str
+    written: int
+    kept: list[float]
+
+
+@pytest.fixture(scope="module")
+def cut(rubbing: Path) -> tuple[Path, dict[float, Cut]]:
+    """The folder of answers, and each of them, within a shorter limit and then within a longer one."""
+    output = rubbing.parent / "out"
+    place, found = output / "rubbing", {}
+    for seconds in (BASELINE_ONLY, ONE_LOOK):
+        with ticking() as kept, redirect_stdout(StringIO()) as said:
+            assert diagnosed(rubbing.parent, output, "--seconds", seconds) == 0
+        text, page = (place / "findings.json").read_text(), (place / "report.html").read_text()
+        written = (place / "findings.json").stat().st_mtime_ns
+        found[seconds] = Cut(said.getvalue(), json.loads(text), page, written, kept)
+    return output, found
+
+
 @pytest.mark.parametrize("seconds", [BASELINE_ONLY, ONE_LOOK])
-def test_a_search_cut_short_leaves_a_partial_answer(
-    seconds: float, rubbing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert diagnosed(rubbing, tmp_path / "out", "--seconds", seconds) == 0
-    assert "the time limit ended the search for causes before all were tried" in capsys.readouterr().out
-    found = json.loads((tmp_path / "out" / "findings.json").read_text())
-    assert found["cut_short"] is True
-    assert found["verdict"] == "unexplained"
-    assert found["baseline"]["parameters"]
-    page = (tmp_path / "out" / "report.html").read_text()
-    assert "the time limit ended the search for causes before all were tried" in page
-    assert "no cause in the catalogue earns its name" not in page
+def test_a_search_cut_short_leaves_a_partial_answer(seconds: float, cut: tuple[Path, dict[float, Cut]]) -> None:
+    answer = cut[1][seconds]
+    assert "the time limit ended the search for causes before all were tried" in answer.said
+    assert answer.findings["cut_short"] is True
+    assert answer.findings["verdict"] == "unexplained"
+    assert answer.findings["baseline"]["parameters"]
+    assert "the time limit ended the search for causes before all were tried" in answer.page
+    assert "no cause in the catalogue earns its name" not in answer.page
 
 
-@pytest.mark.usefixtures("clock")
-def test_a_search_that_takes_all_its_time_leaves_that_of_the_evidence(
-    rubbing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    kept: list[float] = []
-    monkeypatch.setattr(diagnosis, "keep_time", lambda seconds: (kept.append(seconds), deadline.keep_time(seconds)))
-    assert diagnosed(rubbing, tmp_path / "out", "--seconds", BASELINE_ONLY) == 0
-    of_search, of_evidence = kept
+def test_a_search_that_takes_all_its_time_leaves_that_of_the_evidence(cut: tuple[Path, dict[float, Cut]]) -> None:
+    of_search, of_evidence = cut[1][BASELINE_ONLY].kept
     assert of_evidence == pytest.approx(AFTER_FITS / AFTER_SEARCH * of_search)
     assert of_search == pytest.approx(KEPT * (BASELINE_ONLY - 1.0))
 
@@ -111,18 +139,19 @@ def test_a_limit_holds_within_the_fits(rubbing: Path, tmp_path: Path, monkeypatc
 
 
 @pytest.mark.usefixtures("clock")
-def test_what_counts_as_answered(rubbing: Path, tmp_path: Path) -> None:
+def test_what_counts_as_answered(rubbing: Path, cut: tuple[Path, dict[float, Cut]]) -> None:
     """An answer counts for its tolerance; one cut short, for no more time than it had."""
-    findings = tmp_path / "out" / "rubbing" / "findings.json"
+    output, answers = cut
+    findings = output / "rubbing" / "findings.json"
 
     def stamp(*more: object) -> int:
-        assert diagnosed(rubbing.parent, tmp_path / "out", *more) == 0
+        assert diagnosed(rubbing.parent, output, *more) == 0
         return findings.stat().st_mtime_ns
 
-    first = stamp("--seconds", BASELINE_ONLY)
-    assert stamp("--seconds", BASELINE_ONLY) == first
-    longer = stamp("--seconds", ONE_LOOK)
-    assert longer != first
+    longer = answers[ONE_LOOK].written
+    assert longer != answers[BASELINE_ONLY].written
+    assert stamp("--seconds", ONE_LOOK) == longer
+    assert stamp("--seconds", BASELINE_ONLY) == longer
     tolerant = stamp("--seconds", ONE_LOOK, "--tolerance", 10.0)
     assert tolerant != longer
     found = json.loads(findings.read_text())

@@ -12,21 +12,16 @@ from typing import Any
 import numpy as np
 import pytest
 from headless_page import CHROMIUM, told_by
-from small_rigs import with_law
+from small_rigs import HARDENING
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.diagnose.step import Curve
-from isorig.analysis.laws import Cubic
-from isorig.rig.diagnose.many import diagnose_file
-from isorig.rig.files.recording import write
 from isorig.rig.files.rigfile import read_rig
 from isorig.rig.report.diagnosis import curve_chart
 from isorig.rig.report.misfit import BASELINE, EXTENDED, HeldOutRecord, residual_chart, second_chart, worst_of
 from isorig.rig.report.page import First, Report, Section, build_report
 from isorig.rig.report.place import Force, PlaceForce, force_chart, mean_over
-from isorig.rig.virtual.described import described_campaign
 
-CUBIC = 4e5
 #: Opens every folded section, then tells what is drawn and how wide it is.
 PROBE = """<script>
 addEventListener("load", () => setTimeout(async () => {
@@ -50,15 +45,10 @@ addEventListener("load", () => setTimeout(async () => {
 </script>"""
 
 
-@pytest.fixture(scope="module")
-def answered(tmp_path_factory: pytest.TempPathFactory) -> Path:
+@pytest.fixture
+def answered(hardened: Path) -> Path:
     """The folder of a diagnosis of two carts with a hidden hardening spring."""
-    folder = tmp_path_factory.mktemp("carts")
-    given = read_rig("two-carts")
-    truth = with_law(given.model, "between", Cubic(cubic_stiffness=CUBIC))
-    write(folder / "c.h5", described_campaign(given, seed=3, seconds=10.0, truth=truth))
-    diagnose_file(folder / "c.h5", folder / "out", "coulomb")
-    return folder / "out"
+    return hardened / "d"
 
 
 def test_what_the_uncertainties_take_as_exact_is_said_once(answered: Path) -> None:
@@ -108,7 +98,7 @@ def test_the_force_of_the_place_is_the_hidden_law(answered: Path) -> None:
         d, mean = curves[name]
         # The mean over a bin of a cubic differs from its value in the middle: the inner bins only.
         inner = slice(5, -5)
-        law = stiffness * 1e-3 * d + CUBIC * (1e-3 * d) ** 3
+        law = stiffness * 1e-3 * d + HARDENING * (1e-3 * d) ** 3
         return float(np.sqrt(np.mean((mean - law)[inner] ** 2) / np.mean(law[inner] ** 2)))
 
     assert off("measured, mean") < 0.05

@@ -37,6 +37,7 @@ def swept(amplitude: float) -> tuple[FloatArray, FloatArray]:
     return x, MASS * a + DAMPING * v + STIFFNESS * x + CUBIC * x**3
 
 
+@pytest.mark.study
 def test_a_spring_is_named_where_the_equations_show_a_drift_as_well() -> None:
     """In sweeps a damping that drifts removes more of the residual; no simulation confirms it, so the next suspects are tried."""
     draw = np.random.default_rng(1)
@@ -81,6 +82,7 @@ def test_the_end_of_an_imposed_motion_has_no_error() -> None:
     assert dataclasses.replace(trial, excitation=exact).uncertain_end == TAPS
 
 
+@pytest.mark.study
 def test_damping_that_grows_with_the_velocity_in_short_fast_runs() -> None:
     """Oil beside a gas spring; a slow run shows only the spring, and the fast one is shorter than twenty periods of the slow one.
 
@@ -123,6 +125,7 @@ def test_equations_keep_the_band_of_the_measured_force(friction: float, wider: b
     assert (equations_of(Campaign(runs=(run,), source="damper"), RIG).edge > 6.0 * SWEEP[1]) is wider
 
 
+@pytest.mark.study
 def test_a_relaxation_beside_hysteresis_is_named_too() -> None:
     """A rubber hose: both forces have a memory, and the equations show them as one.
 

@@ -419,6 +419,7 @@ def test_a_single_release_with_dry_friction(tmp_path: Path) -> None:
     assert near(step, "friction_force", DRY, 0.02)
 
 
+@pytest.mark.study
 def test_a_cart_with_dry_friction_that_is_released(tmp_path: Path) -> None:
     found = diagnosed(cart(0.0, 6, start=0.03), tmp_path)
     (step,) = found["steps"]
@@ -444,6 +445,8 @@ def test_noisy_releases_from_several_places(
         assert near(steps[second, "x"], name, size, 0.02)
 
 
+# With positions such a stop is also diagnosed in tests/analysis/diagnose/test_other_forms.py.
+@pytest.mark.study
 def test_a_stop_at_one_end(tmp_path: Path) -> None:
     found = diagnosed(floor(7), tmp_path)
     (step,) = found["steps"]
@@ -458,7 +461,7 @@ def smooth_sine(time: FloatArray, size: float, frequency: float) -> FloatArray:
     return np.asarray(size * np.sin(2.0 * np.pi * frequency * time) * (0.5 - 0.5 * np.cos(np.pi * np.minimum(2.0 * time, 1.0))))
 
 
-@pytest.mark.parametrize("curved", [True, False])
+@pytest.mark.parametrize("curved", [pytest.param(True, marks=pytest.mark.study), False])
 def test_a_damper_whose_stroke_is_recorded_with_noise(curved: bool, tmp_path: Path) -> None:
     """Noise of the stroke becomes 8 % of the damping force when it is differentiated; the curve bends the force by 1 %."""
     draw, rate, runs = np.random.default_rng(6), 1024.0, []

@@ -115,7 +115,7 @@ def test_design_draws_from_the_table(table: Path, tmp_path: Path) -> None:
     profile = tmp_path / "moves.toml"
     text = MOVES.read_text()
     profile.write_text(text[: text.index("[head]")] + text[text.index("[[moves]]") :])
-    call = ["design", str(profile), "--parameters", str(table), "--points", "8", "--draws", "4", "-o", str(tmp_path / "out")]
+    call = ["design", str(profile), "--parameters", str(table), "--points", "5", "--draws", "2", "-o", str(tmp_path / "out")]
     assert main(call) == 0
     told = json.loads((tmp_path / "out" / "design.json").read_text())
     assert told["present_frequency_hz"] == pytest.approx(OTHER["motor_frequency"], rel=0.01)
@@ -158,6 +158,7 @@ def test_refusals(
     assert not out.exists()
 
 
+@pytest.mark.study
 def test_without_a_head_mass_the_table_has_it_fitted(folder: Path, tmp_path: Path) -> None:
     campaign = read(folder / "campaign.h5")
     known = {name: value for name, value in campaign.known.items() if name != "head_mass"}

@@ -91,6 +91,8 @@ def test_the_drive_is_as_strong_as_the_spring_at_the_given_motion(campaign: Camp
     assert seen.push > 0.8 * FRICTION
 
 
+# Its force and place, with one that falls with velocity, are also named below.
+@pytest.mark.study
 def test_dry_friction_is_named_with_its_value(campaign: Campaign) -> None:
     found = diagnose(campaign, RIG)
     (step,) = found.steps

@@ -137,6 +137,7 @@ def test_a_hidden_cogging_is_named(tmp_path: Path) -> None:
     assert step["parameters"]["periodic_force"]["value"] == pytest.approx(0.02, rel=0.05)
 
 
+@pytest.mark.study
 def test_a_hidden_friction_is_named(tmp_path: Path) -> None:
     answer = diagnosed(campaign(6, lambda angle, speed: 0.05 * np.tanh(speed / 1e-3)), tmp_path)
     assert answer["verdict"] in ("explained", "partly explained")
@@ -146,6 +147,7 @@ def test_a_hidden_friction_is_named(tmp_path: Path) -> None:
     assert answer["steps"][0]["location"] in ("motor_bearing", "load_bearing")
 
 
+@pytest.mark.study
 def test_friction_and_cogging_are_both_named(tmp_path: Path) -> None:
     """Beside friction the cogging is the only further cause that the equations show, and no doubt about the drive's unit."""
     answer = diagnosed(campaign(4, lambda angle, speed: 0.05 * np.tanh(speed / 1e-3) + 0.03 * np.sin(9.0 * angle)), tmp_path)

@@ -104,7 +104,11 @@ def test_levels_of_friction_that_fall_with_the_velocity_give_stribeck_friction_i
     ("law", "named"),
     [
         (laws.Asymmetric(forward_force=FORWARD, backward_force=BACKWARD), "asymmetric_friction"),
-        (laws.FrictionCurve(over="speed", at=(0.0, 0.03, 0.08, 0.2), levels=(0.5, 3.0, 0.5, 3.0)), None),
+        pytest.param(
+            laws.FrictionCurve(over="speed", at=(0.0, 0.03, 0.08, 0.2), levels=(0.5, 3.0, 0.5, 3.0)),
+            None,
+            marks=pytest.mark.study,
+        ),
     ],
 )
 def test_a_free_shape_that_is_named_gets_the_form_that_its_search_did_not_fit(law: laws.ContactLaw, named: str | None) -> None:

@@ -25,7 +25,7 @@ from isorig.analysis.equations.system import HOLDS, equations_of
 from isorig.analysis.fitting.ladder import ladder, tried
 from isorig.analysis.fitting.solve import Fit, base_parameters
 from isorig.analysis.fitting.trials import prepare
-from isorig.analysis.model.rig_model import Body, Chain, Drive, Link, RigModel, Sensor
+from isorig.analysis.model.rig_model import Body, Chain, Contact, Drive, Link, RigModel, Sensor
 
 SEED = 20311
 #: A drive, the same again, and a larger one.
@@ -66,6 +66,19 @@ def test_friction_that_holds_a_body_most_of_the_time_is_found() -> None:
     assert diagnosis.baseline_error > 0.9
     assert named(diagnosis) == {("coulomb_friction", "friction_shape", "rail")}
     assert diagnosis.steps[0].parameters["friction_force"][0] == pytest.approx(12.3, rel=0.01)
+
+
+@pytest.mark.parametrize("cause", ["relaxation", "hysteresis"])
+def test_a_force_with_a_memory_is_named_with_its_values(cause: str) -> None:
+    values = {"relaxation_stiffness": 700.0, "relaxation_time": 0.03}
+    truth = with_law(stage(), "rail", laws.Maxwell(**values))
+    if cause == "hysteresis":
+        values = {"friction_force": 6.0, "initial_stiffness": 4e3, "sharpness": 2.0, "pinching": 0.6}
+        truth = replace(stage(), contacts=(Contact(name="rail", a="table", law=laws.BoucWen(**values)),))
+    diagnosis = found(stage(), truth, SEED + 30)
+    (step,) = diagnosis.steps
+    assert (diagnosis.verdict, step.cause, step.location) == ("explained", cause, "rail")
+    assert {name: value for name, (value, _, _) in step.parameters.items()} == pytest.approx(values, rel=0.01)
 
 
 def test_friction_of_a_belt_acts_on_its_elongation() -> None:
@@ -179,9 +192,8 @@ def test_a_search_that_runs_out_of_time_says_so_and_names_nothing() -> None:
     assert (diagnosis.cut_short, diagnosis.verdict, diagnosis.steps) == (True, "unexplained", ())
 
 
-@pytest.mark.parametrize(
-    "last", ["no form makes the model adequate", pytest.param("damping_shape (l1): held-out error", marks=pytest.mark.study)]
-)
+@pytest.mark.study
+@pytest.mark.parametrize("last", ["no form makes the model adequate", "damping_shape (l1): held-out error"])
 def test_what_was_fitted_before_the_time_ended_is_the_answer(last: str) -> None:
     """Without a free shape a form may be merely the closest: the kind is named, which the equations of motion show."""
 
@@ -240,10 +252,13 @@ def test_a_mass_that_no_equation_tests_is_found_by_simulation() -> None:
 @pytest.mark.parametrize(
     ("law", "place", "cause", "value"),
     [
-        (laws.EndStop(stroke=0.02, contact_stiffness=8e3, contact_damping=8.0, end=-1), "l1", "end_stop", "contact_stiffness"),
+        pytest.param(
+            laws.EndStop(stroke=0.02, contact_stiffness=8e3, contact_damping=8.0, end=-1), "l1", "end_stop", "contact_stiffness",
+            marks=pytest.mark.study,
+        ),
         (laws.Backlash(clearance=1e-4, damped=0.0), "l1", "backlash", "clearance"),
     ],
-)
+)  # fmt: skip
 def test_the_variant_of_a_form_is_found(law: laws.SpringLaw, place: str, cause: str, value: str) -> None:
     """A stop at one end only, and play within which nothing damps."""
     diagnosis = found(chain(), with_law(chain(), place, law), SEED + 14)
@@ -279,6 +294,7 @@ def test_the_other_variants_of_a_form_start_from_its_values() -> None:
     assert best.model.link("l1").laws[0].end == -1
 
 
+@pytest.mark.study
 def test_a_damper_whose_force_bends_near_rest_is_no_dry_friction() -> None:
     """A digressive damper on an imposed motion: steep below 25 mm/s, flat above; the points of a friction lie closer there."""
     rate, draw = 250.0, np.random.default_rng(SEED + 9)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from small_rigs import SESSION, chain, guessed, played, rubbing
+from small_rigs import chain, guessed, played, rubbing
 
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.deadline import Deadline
@@ -19,7 +19,7 @@ from isorig.analysis.model.rig_model import RigModel
 @pytest.fixture(scope="module")
 def rubbed() -> tuple[Campaign, RigModel]:
     """A chain with friction that its description lacks."""
-    return played(rubbing(chain(), "l1", 3.0), seed=7, takes=SESSION), guessed(chain(), 7)
+    return played(rubbing(chain(), "l1", 3.0), seed=7), guessed(chain(), 7)
 
 
 def listed(found: Ranking) -> list[tuple[str, str, str, float]]:

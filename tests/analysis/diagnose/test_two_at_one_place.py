@@ -12,6 +12,7 @@ from isorig.analysis.diagnose.diagnosis import diagnose
 CLEARANCE, FRICTION = 2e-4, 0.3
 
 
+@pytest.mark.study
 def test_play_with_friction_beside_it_is_named_without_a_simulated_curve() -> None:
     truth = rubbing(with_law(chain(), "l1", laws.Backlash(clearance=CLEARANCE, residual=0.0)), "l1", FRICTION)
     said: list[str] = []

@@ -101,7 +101,7 @@ def test_spectra_do_not_tell_the_force_where_more_than_a_curve_is_missing(monkey
 def test_the_curve_of_a_stiff_link_is_read_from_where_noise_is_small() -> None:
     """From the lowest frequencies on, noise would be half of the heatblock's integrated deflection."""
     rig = wire_bonder({**THESIS, "friction_force": 9.0})
-    takes = [changed(take, seconds=25.0) for take in SESSION]
+    takes = [changed(take, seconds=15.0) for take in SESSION]
     campaign = virtual_campaign(with_law(rig, "heatblock", laws.Cubic(cubic_stiffness=3e18)), takes, seed=SEED)
     equations = equations_of(campaign, rig)
     best, second, *_ = ranking(equations).explanations
@@ -490,7 +490,7 @@ def test_an_equation_of_which_nothing_remains_to_be_tested_is_left_out() -> None
 def test_rocking_does_not_stand_for_the_force_that_makes_it_rock(fault: Chain, what: str) -> None:
     """The torque contains the isolation's force: without its resonance it is that force, which then fits any record."""
     rig = wire_bonder()
-    takes = [changed(take, seconds=30.0) for take in SESSION] if what == "high-pass" else SESSION
+    takes = [changed(take, seconds=20.0) for take in SESSION] if what == "high-pass" else SESSION
     equations = equations_of(virtual_campaign(with_chain(rig, "motor", fault), takes, seed=SEED + 13), rig)
     best = ranking(equations).explanations[0]
     assert (best.kind, best.place, best.what) == ("sensor", "motor", what)

@@ -147,8 +147,14 @@ def test_units_of_rotating_parts_follow_from_those_of_translating_parts() -> Non
     assert {unit: rotational(unit) for unit in pairs} == pairs
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-@pytest.mark.parametrize("law", laws.LAWS, ids=tag_of)
+@pytest.mark.parametrize(
+    ("law", "seed"),
+    [
+        *((law, 1) for law in laws.LAWS),
+        # scipy's integration of a memory takes a quarter of a second and more.
+        *(pytest.param(law, 2, marks=[pytest.mark.study] if law.remembers else []) for law in laws.LAWS),
+    ],
+)
 def test_the_simulated_force_is_the_formulas(law: type[laws.Law], seed: int) -> None:
     the_simulated_force_is_the_formulas(drawn_law(law, seed))
 

@@ -55,7 +55,7 @@ def test_an_inseparable_pair_is_inseparable_by_brute_force(stroke: float, apart:
     in_hand = prospect(2.0, seed=9)
     question = Question(truths=(STOP, CUBIC), rivals=(STOP, CUBIC))
     comparison = Comparison(question, NOISE, [in_hand])
-    runs = [prospect(rms, band, seed=k) for k, (rms, band) in enumerate(product((0.5, 3.0, 30.0), ((0.5, 20.0), (3.0, 8.0))), 1)]
+    runs = [prospect(rms, band, seed=k) for k, (rms, band) in enumerate(product((0.5, 3.0, 30.0), ((0.5, 20.0),)), 1)]
     seen = comparison.seen(runs, Limits(stroke={"spring": stroke}), lambda text: None)
     allowed = [one for one, _ in seen.pairs]
     assert allowed

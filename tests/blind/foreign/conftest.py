@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Protocol
 
 import pytest
 
@@ -22,19 +23,26 @@ FAMILIES = [family if family in QUICK else pytest.param(family, marks=pytest.mar
 Made = tuple[Path, Path]
 
 
-@pytest.fixture(scope="session")
-def campaign_of(made_once: Callable[[str, Callable[[Path], object]], Path]) -> Callable[[str, str, int], Made]:
-    """Recording and answer of a clean campaign of a family with an effect, or "none", and a seed."""
+class CampaignOf(Protocol):
+    """Gives recording and answer of a campaign of a family with an effect, or "none", and a seed; clean unless soiled."""
 
-    def campaign(family: str, effect: str, seed: int) -> Made:
-        setting = Setting(severity=1.0, soiled=False, effects=(effect,))
-        folder = made_once(f"{family}-{effect.replace(' ', '-')}-{seed}", lambda folder: draw(family, seed, setting, folder))
+    def __call__(self, family: str, effect: str, seed: int, *, soiled: bool = False) -> Made: ...
+
+
+@pytest.fixture(scope="session")
+def campaign_of(made_once: Callable[[str, Callable[[Path], object]], Path]) -> CampaignOf:
+    """Each campaign is drawn once."""
+
+    def campaign(family: str, effect: str, seed: int, *, soiled: bool = False) -> Made:
+        setting = Setting(severity=1.0, soiled=soiled, effects=(effect,))
+        name = f"{family}-{effect.replace(' ', '-')}-{seed}{'-soiled' * soiled}"
+        folder = made_once(name, lambda folder: draw(family, seed, setting, folder))
         return folder / f"{seed}.h5", folder / f"{seed}.json"
 
     return campaign
 
 
 @pytest.fixture(params=FAMILIES)
-def clear(request: pytest.FixtureRequest, campaign_of: Callable[[str, str, int], Made]) -> Made:
+def clear(request: pytest.FixtureRequest, campaign_of: CampaignOf) -> Made:
     """Recording and answer of a campaign with a clear cause."""
     return campaign_of(request.param, CLEAR[request.param], 5)

@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -291,7 +292,8 @@ def test_a_search_cut_short_is_reported_and_repeated(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     store = tmp_path / "fleet"
-    write(tmp_path / "rig-a" / "w1.h5", virtual_campaign(drawn_rig(np.random.default_rng(0)), TAKES[1::2], seed=0))
+    short = [replace(take, seconds=5.0) for take in TAKES[1::2]]
+    write(tmp_path / "rig-a" / "w1.h5", virtual_campaign(drawn_rig(np.random.default_rng(0)), short, seed=0))
     assert fleet("add", tmp_path / "rig-a", "-c", store) == 0
     # A clock that goes on by a second with each stage, of which preparing is one: at 1.5 s the baseline is fitted and no
     # cause was looked for yet.
