@@ -10,14 +10,14 @@ from isorig.analysis.campaign import SI_UNIT
 from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.proposals.choice import Choice, PredictedPair
 from isorig.analysis.proposals.policy import POLICY as PROPOSALS
-from isorig.analysis.wording import capitalized, sized, with_article
+from isorig.analysis.wording import capitalized, displayed_unit, sized, with_article
 from isorig.rig.next.policy import POLICY
 from isorig.rig.next.proposal import Proposal, Situation
 from isorig.rig.next.sentences import cause, named, reasons, summary
 from isorig.rig.next.stages import Investigation, InvestigationStage, Picture, diagnosis_folder
 from isorig.rig.report.charts import Chart, ChartTrace, Panel
 from isorig.rig.report.page import Report, Section, Table, build_report
-from isorig.rig.report.sections import number, unit
+from isorig.rig.report.sections import number
 
 
 def proposal_page(proposal: Proposal, now: Situation, names: Sequence[str]) -> str:
@@ -78,14 +78,14 @@ def picture_of(pair: PredictedPair) -> Picture:
 
 def prediction_chart(shown: Picture, name: str) -> Chart:
     """The predictions of two causes for a run, and their difference compared with the allowed error."""
-    truth, rival = np.array(shown.of_truth), np.array(shown.of_rival)
+    truth, rival, unit = np.array(shown.of_truth), np.array(shown.of_rival), displayed_unit(shown.unit)
     t = (shown.first + np.arange(len(truth))) / shown.sample_rate
     return Chart(
         name=name, x_label="time, s", x_log=False,
         caption=f"Signal of {with_article(shown.channel)} for {shown.truth}, and prediction by {shown.rival} after a "
         f"refit to all runs; below, their difference compared with the allowed error (noise and accuracy of the simulation): "
         f"{shown.distance:.2g} standard errors over the whole run.",
-        panels=[Panel(label=f"{shown.channel}, {unit(shown.unit)}"), Panel(label=f"difference, {unit(shown.unit)}", height=0.6)],
+        panels=[Panel(label=f"{shown.channel}, {unit}"), Panel(label=f"difference, {unit}", height=0.6)],
         traces=[
             ChartTrace(name=shown.truth, x=t, y=truth, role="first"),
             ChartTrace(name=f"{shown.rival}, refitted", x=t, y=rival, role="second", style="dash"),

@@ -16,7 +16,8 @@ from isorig.analysis.wording import of_signal, with_std
 from isorig.rig.files.output import write_text
 from isorig.rig.frf.figures import save
 from isorig.rig.model.baseline import baseline_model
-from isorig.rig.report.charts import PHASE_ENDS, Chart, ChartTrace, Panel, Role, unjoined
+from isorig.rig.report.charts import Chart, ChartTrace, Panel, Role, unjoined
+from isorig.rig.report.frequency import frf_panels, frf_traces
 from isorig.rig.report.misfit import misfit_charts, simulated, time_charts
 from isorig.rig.report.page import Report, Section, Table, build_report
 from isorig.rig.report.sections import provenance_section, with_unit, words
@@ -122,14 +123,8 @@ def _compared(found: Characterization, read: FourSetUps) -> Table:
 
 
 def _set_up_section(item: SetUp) -> Section:
-    frf, half = item.frf, item.half_power
-    kept = (frf.frequency >= item.band[0]) & (frf.frequency <= item.band[1])
-    f, value = frf.frequency[kept], frf.value[kept]
-    traces = [
-        ChartTrace(name="measured", x=f, y=np.abs(value), spread=frf.magnitude_std[kept]),
-        ChartTrace(name="measured", x=f, y=unjoined(np.degrees(np.angle(value))), panel=1),
-        ChartTrace(name="measured", x=f, y=frf.coherence[kept], panel=2),
-    ]
+    frf, half = item.frf.within(item.band), item.half_power
+    traces = frf_traces(frf, "measured")
     if item.fit is not None:
         x, fitted = item.fit.frequency, item.fit.fitted
         traces.append(ChartTrace(name="fit", x=x, y=np.abs(fitted), role="simulated"))
@@ -158,12 +153,7 @@ def _set_up_section(item: SetUp) -> Section:
         )
     chart = Chart(
         name=f"set-up-{item.name}", caption=f"{frf.response} over {frf.reference}.", x_log=False,
-        panels=[
-            Panel(label=f"|{frf.response} / {frf.reference}|, m/s² per m/s²", log=True, height=2.0),
-            Panel(label="phase, °", ends=PHASE_ENDS, step=90.0),
-            Panel(label="coherence", ends=(0.0, 1.0)),
-        ],
-        traces=traces,
+        panels=frf_panels(frf), traces=traces,
     )  # fmt: skip
     return Section(title=f"{item.name.capitalize()}: {frf.reference} to {frf.response}", text=text, charts=[chart])
 
