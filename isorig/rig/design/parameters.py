@@ -245,8 +245,7 @@ def parameter_unit(parameter: str, rig: RigModel) -> str:
 def target_name(design: ParameterDesign) -> tuple[str, str]:
     """The target in words, and its unit."""
     target = design.target
-    quantities = {d.channel: d.quantity for d in design.rig.drives} | {s.channel: s.quantity for s in design.rig.sensors}
-    unit, other = (SI_UNIT[quantities[name]] for name in (target.response, target.reference))
+    unit, other = (SI_UNIT[design.rig.quantities[name]] for name in (target.response, target.reference))
     over, unit = {
         "rms": ("", unit),
         "ratio": ("", "1"),

@@ -459,11 +459,10 @@ def shortcomings(campaign: Campaign) -> list[str]:
 def other_quantities(campaign: Campaign) -> list[str]:
     """A sentence for each channel that is recorded as another quantity than that of the description."""
     model, run = rig_of(campaign), campaign.runs[0]
-    described = {d.channel: d.quantity for d in model.drives} | {s.channel: s.quantity for s in model.sensors}
     return [
         f"Channel {name!r} is recorded in {run.channels[name].unit}, but the description has it as {quantity} "
         f"({SI_UNIT[quantity]}): correct the unit in the mapping, or the quantity in the description."
-        for name, quantity in described.items()
+        for name, quantity in model.quantities.items()
         if name in run.channels and run.channels[name].quantity != quantity
     ]
 

@@ -224,10 +224,9 @@ def nothing_known(plan: Plan, limits: Limits, baseline: Baseline) -> Rivals:
     free = base_parameters(model)
     spread = np.array([POLICY.first_guess * model.get(f.path) if f.log else 100.0 * f.step for f in free])
     quiet = POLICY.noise_guess * HEAD_PER_GAIN * limits.gains[1]
-    channels = {model.drive.channel: model.drive.quantity, **{s.channel: s.quantity for s in model.sensors}}
     return Rivals(
         campaign="the first run", verdict="", baseline=baseline, sample_rate=plan.instrument.sample_rate,
-        noise={name: quiet if quantity == model.drive.quantity else 0.0 for name, quantity in channels.items()},
+        noise={name: quiet if quantity == model.drive.quantity else 0.0 for name, quantity in model.quantities.items()},
         known=plan.rig, runs=[], explains=fitted_model("", "", model, free, np.diag(spread**2)), open=[], named=[], ruled_out=[],
     )  # fmt: skip
 

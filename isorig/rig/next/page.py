@@ -72,7 +72,7 @@ def picture_of(pair: PredictedPair) -> Picture:
     return Picture(
         truth=cause(pair.truth), rival=cause(pair.rival), channel=pair.channel, sample_rate=pair.sample_rate, first=first,
         of_truth=pair.of_truth[part].tolist(), of_rival=pair.of_rival[part].tolist(), allowed=pair.allowed,
-        distance=min(pair.distance, POLICY.largest_distance), unit=SI_UNIT[pair.truth.model.sensor(pair.channel).quantity],
+        distance=min(pair.distance, POLICY.largest_distance), unit=SI_UNIT[pair.truth.model.quantities[pair.channel]],
     )  # fmt: skip
 
 
@@ -97,12 +97,11 @@ def prediction_chart(shown: Picture, name: str) -> Chart:
 
 def _limits(proposal: Proposal, now: Situation) -> Section:
     limits, model = now.limits, now.rivals.explains.model
-    records = {drive.channel: drive.quantity for drive in model.drives} | {s.channel: s.quantity for s in model.sensors}
     rows = [
         (f"stroke of {with_article(name)}", sized(value, unit_of(f"links.{name}.laws.0.stroke", model)))
         for name, value in limits.stroke.items()
     ]
-    rows += [(f"record of {name}", sized(value, SI_UNIT[records[name]])) for name, value in limits.channels.items()]
+    rows += [(f"record of {name}", sized(value, SI_UNIT[model.quantities[name]])) for name, value in limits.channels.items()]
     units = {"drive": SI_UNIT[model.drive.quantity], "force": "N m" if model.drive.quantity == "torque" else "N"}
     for key, of in {**units, "seconds": "s", "lock_price": "s"}.items():
         value = getattr(limits, key)
