@@ -62,8 +62,7 @@ def check(*files: Path) -> None:
 
 def _remarks(campaign: Campaign) -> list[str]:
     # The file is valid, but some commands cannot use it.
-    from isorig.analysis.spectra.stated_bands import wrong_bands
-    from isorig.analysis.spectra.stated_excitations import wrong_excitations
+    from isorig.analysis.spectra.stated import wrong_bands, wrong_excitations
     from isorig.analysis.spectra.zero_errors import zero_errors
     from isorig.rig.acquire.run_check import incoherences
     from isorig.rig.errors import PlanError

@@ -42,7 +42,7 @@ STATE, RECORDING, SESSION, PAGE = "investigation.json", "recording.h5", "session
 
 
 @dataclass(frozen=True, kw_only=True)
-class Measured:
+class MeasuredRuns:
     """The runs in the recording, and whether the operator ended the session."""
 
     names: Sequence[str]
@@ -50,7 +50,7 @@ class Measured:
 
 
 #: Measures the runs of a plan that are not in the recording yet.
-Measure = Callable[[Plan, Path], Measured]
+Measure = Callable[[Plan, Path], MeasuredRuns]
 #: Selects the next runs, like `propose`.
 Choose = Callable[..., Proposal]
 
@@ -81,7 +81,7 @@ def measure_with(
     `consent` is asked before each run by its name, if given; with `force` a run starts even if the pre-run check fails.
     """
 
-    def measure(plan: Plan, recording: Path) -> Measured:
+    def measure(plan: Plan, recording: Path) -> MeasuredRuns:
         stopped = False
 
         def decide(name: str) -> Decision:
@@ -97,7 +97,7 @@ def measure_with(
             # The proposals keep to the strokes by a model fitted to the runs so far, which knows more than the description.
             chosen = msgspec.structs.replace(plan, limits=msgspec.structs.replace(plan.limits, stroke={}))
             acquire(chosen, wire, recording, replace(operator, decide=decide), resume=resume, force=force)
-        return Measured(names=sorted(whole_runs(recording, plan)), stopped=stopped)
+        return MeasuredRuns(names=sorted(whole_runs(recording, plan)), stopped=stopped)
 
     return measure
 

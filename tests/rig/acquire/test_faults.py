@@ -15,7 +15,7 @@ from ramps import CHANNELS, Watcher, acquire, plan_of, ramp_instrument, ticks_of
 from isorig.drivers.errors import ConnectionLostError
 from isorig.drivers.simulated.commanded import Faults
 from isorig.drivers.simulated.framed import SimulatedFramed
-from isorig.rig.acquire.waits import SessionWaits
+from isorig.rig.acquire.policy import SessionWaits
 from isorig.rig.files.recording import read
 
 injected: Counter[str] = Counter()
