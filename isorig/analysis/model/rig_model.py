@@ -305,9 +305,14 @@ class RigModel(Part, frozen=True, kw_only=True, dict=True):  # dict: for the cac
         return tuple(drive.imposes for drive in self.drives if drive.imposes is not None)
 
     @property
+    def drive_channels(self) -> tuple[str, ...]:
+        """The channels of its drives, the main one first."""
+        return tuple(drive.channel for drive in self.drives)
+
+    @property
     def channels(self) -> tuple[str, ...]:
         """The channels that a run of this rig has: its drives, then its sensors."""
-        return (*(drive.channel for drive in self.drives), *(sensor.channel for sensor in self.sensors))
+        return (*self.drive_channels, *(sensor.channel for sensor in self.sensors))
 
     @property
     def quantities(self) -> dict[str, Quantity]:

@@ -76,7 +76,7 @@ def _remarks(campaign: Campaign) -> list[str]:
     sentences = [f"{CHECK_FIRST} {doubt.text}" for doubt in doubts_in(campaign)]
     sentences += zero_errors(campaign).values()
     sentences += [*wrong_bands(campaign, model.drive.channel), *wrong_excitations(campaign, model.drive.channel)]
-    sentences += [reason.text for reason in incoherences(campaign, [drive.channel for drive in model.drives])]
+    sentences += [reason.text for reason in incoherences(campaign, model.drive_channels)]
     for run in campaign.runs:
         if run.configuration not in model.configurations:
             known = ", ".join(model.configurations)

@@ -131,7 +131,7 @@ def import_campaign(mapping_path: str | Path, output: str | Path, *, data: str |
     table_in = cache(read_foreign)
     runs = tuple(_with_zero(_run(wanted, mapping, lambda name: table_in(folder / name)), absent) for wanted in mapping.runs)
     campaign = Campaign(runs=runs, known=mapping.rig, description=description, source=str(output))
-    campaign = repeats(campaign, tuple(drive.channel for drive in model.drives))
+    campaign = repeats(campaign, model.drive_channels)
     write(output, campaign)
     return campaign
 
@@ -140,7 +140,7 @@ def _has_channels(mapping: Mapping, model: RigModel, zero: Sequence[str], here: 
     absent = next((name for name in model.channels if name not in mapping.channels and name not in zero), None)
     if absent is not None:
         own = ", ".join(mapping.channels)
-        driving = any(drive.channel == absent for drive in model.drives)
+        driving = absent in model.drive_channels
         last = 'write excitation = "free" in every run if nothing drove the rig' if driving else "remove it from the description"
         raise PlanError(
             f"{here} has no channel {absent!r}{did_you_mean(absent, mapping.channels)}, which the description "

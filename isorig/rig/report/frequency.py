@@ -40,7 +40,7 @@ def transfer_section(campaign: Campaign, model: RigModel) -> Section:
     """
     from isorig.rig.model.prediction import predicted
 
-    drives = [drive.channel for drive in model.drives]
+    drives = model.drive_channels
     try:
         simulated = predicted(model, campaign, as_recorded=True)
         measured = transfer_functions(campaign, reference=drives)
