@@ -24,7 +24,7 @@ from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.rig_operator import Decision, Operator, decoupled_operator
 from isorig.rig.acquire.terminal import Terminal, answer_line
 from isorig.rig.errors import OutputError
-from isorig.rig.process import python
+from isorig.rig.process import piped
 from isorig.rig.view.messages import PageRequest, SessionBegin, SessionState, planned_by
 from isorig.rig.view.requests import Desk
 
@@ -72,10 +72,7 @@ def session_screen(desk: Desk) -> Iterator[str]:
     """Show a running session during the block, and pass the requests of pages to the desk; yields the address of the page. Raises
     OutputError if the screen does not start."""
     # A new interpreter: a forked process would share the instrument's port and the working file.
-    process = subprocess.Popen(python("-m", "isorig.rig.view"), stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-    to_screen, from_screen = process.stdin, process.stdout
-    assert to_screen is not None
-    assert from_screen is not None
+    process, to_screen, from_screen = piped("-m", "isorig.rig.view")
 
     def write(message: SessionBegin | SessionState) -> None:
         to_screen.write(msgspec.json.encode(message) + b"\n")
@@ -134,12 +131,7 @@ def equations_watched(
 
     `tell` receives each message in another thread. With `until_known`, a run ends as soon as its equations give a certain answer.
     """
-    process = subprocess.Popen(
-        python("-m", "isorig.rig.view.equations_process", str(output.absolute())), stdin=subprocess.PIPE, stdout=subprocess.PIPE
-    )
-    closes, lines = process.stdin, process.stdout
-    assert closes is not None
-    assert lines is not None
+    process, closes, lines = piped("-m", "isorig.rig.view.equations_process", str(output.absolute()))
     current, known = "", False  # the run that is measured, and whether its equations have given a certain answer
 
     def listen() -> None:
