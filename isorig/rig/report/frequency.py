@@ -19,7 +19,7 @@ from isorig.rig.report.page import Report, Section, build_report
 if TYPE_CHECKING:
     from isorig.analysis.model.rig_model import RigModel
     from isorig.analysis.spectra.welch import Frf
-    from isorig.rig.wire_bonder.isolation import Compared
+    from isorig.rig.wire_bonder.isolation import ComparedRatios
 
 #: Styles of the lines of several recordings.
 DASHES: tuple[Style, ...] = ("solid", "dash", "dot")
@@ -66,7 +66,7 @@ def transfer_section(campaign: Campaign, model: RigModel) -> Section:
     return Section(title="Transfer functions", text=text, charts=charts)
 
 
-def isolation_of(campaign: Campaign, model: RigModel) -> tuple[Compared | None, list[str]]:
+def isolation_of(campaign: Campaign, model: RigModel) -> tuple[ComparedRatios | None, list[str]]:
     """The isolation ratio measured and simulated, with its sentences; or None and the reason, if the rig can be locked."""
     from isorig.analysis.parameters.joint_fit import is_wire_bonder
     from isorig.rig.model.prediction import Model
@@ -142,7 +142,7 @@ def frf_traces(frf: Frf, name: str, role: Role = "measured", style: Style = "sol
     ]
 
 
-def isolation_chart(found: Compared) -> Chart:
+def isolation_chart(found: ComparedRatios) -> Chart:
     """The isolation ratio, measured and simulated, with the frequency bins at which the motor mostly sticks."""
     shown: Mapping[str, tuple[Role, Style]] = {"measured": ("measured", "solid"), "simulated": ("simulated", "dash")}
     traces = []
