@@ -30,7 +30,7 @@ from isorig.rig.acquire.rig_operator import Operator
 from isorig.rig.acquire.session import acquire
 from isorig.rig.view.messages import planned_by
 from isorig.rig.view.process import session_screen
-from isorig.rig.view.requests import Desk
+from isorig.rig.view.requests import SessionControl
 from isorig.rig.view.server import read_frame
 
 #: Rows of a frame of the instrument: the shortest of `bench/acquire.py`, and a usual one.
@@ -92,8 +92,8 @@ def measure(seconds: float, rows: int) -> dict[str, float]:
     drawn: list[int] = []
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "c.h5"
-        desk = Desk(planned_by(plan), output, asks=False)
-        with session_screen(desk) as address:
+        control = SessionControl(planned_by(plan), output, asks=False)
+        with session_screen(control) as address:
             (beside,) = (p for p in psutil.Process().children() if "isorig.rig.view" in p.cmdline())
             threading.Thread(target=quick, args=(address, drawn), daemon=True).start()
             still = stalled(address)
@@ -102,7 +102,7 @@ def measure(seconds: float, rows: int) -> dict[str, float]:
                 used = beside.cpu_times()
                 looks.append((time.process_time(), used.user + used.system, time.monotonic(), len(drawn)))
 
-            operator = desk.operator(Operator(lock=lambda _: None, watch=watch, taken=taken.append))
+            operator = control.operator(Operator(lock=lambda _: None, watch=watch, taken=taken.append))
             acquire(plan, port, output, operator, force=True)
             still.close()
     far_end.terminate()

@@ -373,6 +373,11 @@ class Campaign(Viewed):
         return f"Campaign({self.source!r}, {len(self.runs)} runs, {seconds:.0f} s: {', '.join(run.id for run in self.runs)})"
 
     @property
+    def started(self) -> datetime | None:
+        """Time of the first run's first sample; None if no run gives it."""
+        return min((run.started for run in self.runs if run.started is not None), default=None)
+
+    @property
     def alone(self) -> bool:
         """Whether all runs have one configuration, which then needs no name."""
         return len({run.configuration for run in self.runs}) == 1
@@ -415,10 +420,9 @@ class Campaign(Viewed):
             It is no run.
         """
         of_type(run, Run, "the run", "an iso.Run; give one of campaign.runs")
-        times = [r.started for r in self.runs if r.started is not None]
-        if run.started is None or not times:
+        if run.started is None or self.started is None:
             return 0.0
-        return (run.started - min(times)).total_seconds()
+        return (run.started - self.started).total_seconds()
 
 
 #: What functions of the interface take for a campaign: it, or the path of its recording.

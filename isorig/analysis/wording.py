@@ -223,11 +223,21 @@ def with_std(value: float, std: float, digits: int = 3, *, sign: bool = False) -
     return f"{round(value, shown):{plus}.{max(shown, 0)}f} ± {spread}"
 
 
+def displayed_unit(unit: str) -> str:
+    """A unit as in texts and on axes."""
+    return unit.replace("^2", "²").replace("^3", "³")
+
+
+def unit_ratio(response: str, reference: str) -> str:
+    """The unit of a response divided by a reference, as in texts and on axes."""
+    return " per ".join(displayed_unit(unit) or "unknown unit" for unit in (response, reference))
+
+
 def sized_unit(value: float, unit: str) -> tuple[float, str]:
     """SI value and name of the unit in which a value of an SI unit is written; zero is in the SI unit."""
     sizes = SIZED.get(unit)
     if sizes is None:
-        return 1.0, unit.replace("^2", "²").replace("^3", "³")
+        return 1.0, displayed_unit(unit)
     if not value:
         return next((scale, name) for _, scale, name in sizes if scale == 1.0)
     return next((scale, name) for least, scale, name in sizes if abs(value) >= least)

@@ -18,7 +18,7 @@ from isorig.drivers.arrivals import Arrivals
 from isorig.drivers.block import Block, Input, Status
 from isorig.drivers.errors import ProtocolError, SettingError
 from isorig.drivers.kinds import CHANNELS, Settings, StreamKind
-from isorig.drivers.marks import Marks
+from isorig.drivers.marks import CounterMarks
 from isorig.drivers.port import Port
 from isorig.drivers.simulated.streams import SimulatedDataq, words
 from isorig.drivers.waits import WAITS, Waits
@@ -118,7 +118,7 @@ class DataqInstrument:
     def _begin(self) -> None:
         inputs = len(self.inputs)
         self._alignment = Alignment(inputs, self._settings.bits, self._port.name, counted=self._settings.counter is not None)
-        self._marks = None if self._settings.counter is None else Marks(self._rate, self._settings.counter)
+        self._marks = None if self._settings.counter is None else CounterMarks(self._rate, self._settings.counter)
         least = 0.0 if self._marks is None else self._marks.reach / self._rate
         self._arrivals: Arrivals[Stretch] = Arrivals(self._rate, self._place, least=least)
         self._owed = 0

@@ -18,7 +18,7 @@ LEARN = 0.05
 SEEN = 3.5
 
 
-class Marks:
+class CounterMarks:
     """Compares the number of scans between two counter steps with the expected number; scan rate and counting rate in Hz."""
 
     def __init__(self, rate: float, counter: float) -> None:

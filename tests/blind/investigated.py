@@ -25,7 +25,7 @@ from isorig.rig.acquire.drive import drive_of
 from isorig.rig.acquire.plan import ChannelPlan, InstrumentPlan, Plan, RunPlan
 from isorig.rig.files.recording import read, write
 from isorig.rig.files.rigfile import description_text
-from isorig.rig.next.investigation import Measured
+from isorig.rig.next.investigation import MeasuredRuns
 from isorig.rig.virtual.levels import BEGIN, BITS, FULL_SCALE, HEAD_PER_GAIN, VIRTUAL
 from isorig.rig.wire_bonder.effects import Hidden, amplitudes_of, drawn_effect, generator_of
 from isorig.rig.wire_bonder.session import known_of
@@ -110,7 +110,7 @@ class SealedRig:
         instrument = InstrumentPlan(kind="framed", port="virtual", sample_rate=self.bench.rate)
         return Plan(instrument=instrument, channels=self.bench.channels, rig=self.bench.known, limits=self.limits)
 
-    def measure(self, plan: Plan, recording: Path) -> Measured:
+    def measure(self, plan: Plan, recording: Path) -> MeasuredRuns:
         """Play the runs that the recording does not hold yet, and add them to it."""
         held = list(read(recording).runs) if recording.exists() else []
         names = {run.id for run in held}
@@ -121,7 +121,7 @@ class SealedRig:
         text = plan.rig.get("description")
         description = None if text is None else str(text)
         write(recording, Campaign(runs=tuple(held), known=known, description=description, source="sealed rig"))
-        return Measured(names=[run.id for run in held])
+        return MeasuredRuns(names=[run.id for run in held])
 
     def _played(self, plan: Plan, asked: RunPlan, before: list[Run]) -> Run:
         rate = self.bench.rate

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from isorig.rig.view.process import session_screen
-from isorig.rig.view.requests import Desk
+from isorig.rig.view.requests import SessionControl
 from isorig.rig.virtual.demo import virtual_instrument
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -31,7 +31,7 @@ def test_a_module_in_the_working_folder_is_not_imported(tmp_path: Path, monkeypa
     monkeypatch.chdir(tmp_path)
     with virtual_instrument(1) as port:
         assert port
-    with session_screen(Desk((), tmp_path / "c.h5", asks=False)) as address:
+    with session_screen(SessionControl((), tmp_path / "c.h5", asks=False)) as address:
         assert address.startswith("http://127.0.0.1:")
     assert not (tmp_path / "executed").exists()
 

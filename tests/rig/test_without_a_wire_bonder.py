@@ -15,7 +15,7 @@ import isorig as iso
 from isorig.analysis.campaign import Campaign
 from isorig.rig.cli import main
 from isorig.rig.files.rigfile import description_text
-from isorig.rig.view.snapshot import Board, Snapshot
+from isorig.rig.view.snapshot import Snapshot, SnapshotBuilder
 from isorig.rig.view.sources import Reading
 
 RIG = StrangeRig(masses=(4.0,), joints=((0, -1, 4e3, 12.0),), sensors=(("x", 0, "displacement"),), drive="shaker")
@@ -42,7 +42,7 @@ def test_the_configuration_is_the_rigs_first() -> None:
 
 def test_the_screen_has_no_ratio(measured: Campaign) -> None:
     shown: list[Snapshot] = []
-    Board(judge=True).see(Reading(campaign=measured, whole=frozenset({"r0"})), shown.append)
+    SnapshotBuilder(judge=True).see(Reading(campaign=measured, whole=frozenset({"r0"})), shown.append)
     assert shown[-1].isolated == ""
 
 

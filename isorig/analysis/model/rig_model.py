@@ -317,9 +317,19 @@ class RigModel(Part, frozen=True, kw_only=True, dict=True):  # dict: for the cac
         return tuple(drive.imposes for drive in self.drives if drive.imposes is not None)
 
     @property
+    def drive_channels(self) -> tuple[str, ...]:
+        """The channels of its drives, the main one first."""
+        return tuple(drive.channel for drive in self.drives)
+
+    @property
     def channels(self) -> tuple[str, ...]:
         """The channels that a run of this rig has: its drives, then its sensors."""
-        return (*(drive.channel for drive in self.drives), *(sensor.channel for sensor in self.sensors))
+        return (*self.drive_channels, *(sensor.channel for sensor in self.sensors))
+
+    @property
+    def quantities(self) -> dict[str, Quantity]:
+        """What each of these channels measures."""
+        return {drive.channel: drive.quantity for drive in self.drives} | {each.channel: each.quantity for each in self.sensors}
 
     def limits_within(self, *others: Limits) -> Limits:
         """Its limits and others, the tightest of each.

@@ -22,11 +22,10 @@ def hypotheses(model: RigModel, peaks: LargestMotions, sample_rate: float) -> tu
     body whose motion is imposed is left out where no record contains it.
     """
     links = [link.name for link in model.links]
-    channels = (model.drive.channel, *(sensor.channel for sensor in model.sensors))
     amplitudes = Amplitudes(
         deflection={link: max(peaks.stroke.get(link, 0.0), POLICY.no_motion) for link in links},
         speed={link: max(peaks.speed.get(link, 0.0), POLICY.no_motion) for link in links},
-        peak={channel: max(peaks.channels.get(channel, 0.0), POLICY.no_motion) for channel in channels},
+        peak={channel: max(peaks.channels.get(channel, 0.0), POLICY.no_motion) for channel in model.channels},
         sample_rate=sample_rate, end_time=POLICY.session,
     )  # fmt: skip
     found = []

@@ -78,9 +78,8 @@ def state_space(model: RigModel, configuration: str | None = None) -> StateSpace
         rows.append(weights @ of_state if order == 2 else place)
         through.append(weights @ of_input if order == 2 else np.zeros(len(model.drives)))
     kept = [model.bodies[int(np.argmax(np.abs(column)))].name for column in basis.T]
-    inputs, outputs = tuple(drive.channel for drive in model.drives), tuple(sensor.channel for sensor in model.sensors)
-    units = {drive.channel: SI_UNIT[drive.quantity] for drive in model.drives}
-    units |= {sensor.channel: SI_UNIT[sensor.quantity] for sensor in model.sensors}
+    inputs, outputs = model.drive_channels, tuple(sensor.channel for sensor in model.sensors)
+    units = {channel: SI_UNIT[quantity] for channel, quantity in model.quantities.items()}
     return StateSpace(
         a=a, b=b, c=np.array(rows).reshape(-1, 2 * n), d=np.array(through).reshape(-1, len(inputs)),
         states=(*(f"x {body}" for body in kept), *(f"v {body}" for body in kept)), inputs=inputs, outputs=outputs, units=units,

@@ -7,13 +7,13 @@ no segment crosses a gap.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import Any, get_args
 
 import numpy as np
 
-from isorig.analysis.campaign import ComplexArray, FloatArray, Run, given_runs
+from isorig.analysis.campaign import BoolArray, ComplexArray, FloatArray, IntArray, Run, given_runs
 from isorig.analysis.errors import DataError
 from isorig.analysis.given import channel_names, flag, number, of_type, one_of, text, whole
 from isorig.analysis.spectra.groups import FEWEST_GROUPS, MOST, Grouping, Groups, Sums, group_bytes, group_size, joined
@@ -98,6 +98,16 @@ class Frf(Viewed):
         f = self.frequency
         band = f"{f[0]:.4g} to {f[-1]:.4g} Hz in steps of {self.resolution:.3g} Hz" if len(f) else "no frequencies"
         return f"{self.response} over {self.reference}, {self.estimator}, {band}, {self.averages:.0f} averages"
+
+    def bins(self, kept: IntArray | BoolArray | slice) -> Frf:
+        """The same in some of its frequency bins."""
+        plain = {item.name: getattr(self, item.name) for item in fields(Frf)}
+        rows = {name: plain[name][kept] for name in ("frequency", *FRF_ROWS) if plain[name] is not None}
+        return Frf(**(plain | rows))
+
+    def within(self, band: tuple[float, float]) -> Frf:
+        """The same in the frequency bins of a band, Hz."""
+        return self.bins((self.frequency >= band[0]) & (self.frequency <= band[1]))
 
 
 @dataclass(frozen=True, kw_only=True)

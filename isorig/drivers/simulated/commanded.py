@@ -46,7 +46,7 @@ class Faults:
         return self
 
 
-class Mishaps:
+class RandomFaults:
     """Draws the faults of frames at random; `happened` counts them by kind."""
 
     def __init__(self, faults: Faults) -> None:
@@ -146,7 +146,7 @@ class Streaming(Commanded):
         super().__init__(asked)
         self._rate, self._asked = rate, asked
         self._speed = asked.speed * (1.0 + 1e-6 * self._faults.ppm)
-        self.mishaps = Mishaps(self._faults)
+        self.random_faults = RandomFaults(self._faults)
         self.running = False
         self.sent, self._began = 0, 0.0
 
@@ -156,7 +156,7 @@ class Streaming(Commanded):
 
     def step(self, data: bytes) -> bytes:
         answers = self.answers(data)
-        return answers + self.samples() if self.running and not self.mishaps.late else answers
+        return answers + self.samples() if self.running and not self.random_faults.late else answers
 
     def begin(self) -> None:
         """Start streaming."""

@@ -72,7 +72,7 @@ class SimulatedFramed(Streaming):
         """The next frame if it is due, as it is sent."""
         frame = self._next_frame() if self._frame_due() else b""
         # The frame in which the connection is cut does not arrive.
-        return b"".join(self.mishaps.sent(frame)) if frame and not self.unplugged else b""
+        return b"".join(self.random_faults.sent(frame)) if frame and not self.unplugged else b""
 
     def _frame_due(self) -> bool:
         endless = len(self._drive) == 1
@@ -91,7 +91,7 @@ class SimulatedFramed(Streaming):
         frame = encode_samples(
             part, sequence=self._sequence, tick=faults.first_tick + self.sent,
             time_us=round(1e6 * seconds / (1.0 + 1e-6 * faults.ppm)), gain=self._gain * (1.0 + TURN * turned),
-            status=int(self.mishaps.occurs("overload")),
+            status=int(self.random_faults.occurs("overload")),
         )  # fmt: skip
         self.sent += len(part)
         self._sequence += 1

@@ -48,7 +48,7 @@ class SimulatedDataq(Streaming):
         half = int(self._rate / 2.0)
         ticks = self.due(min(4096, half - self.sent % half))
         if len(ticks) and ticks.start % half == 0:
-            self._losing = ticks.start % (2 * half) != 0 and self.mishaps.occurs("drop")
+            self._losing = ticks.start % (2 * half) != 0 and self.random_faults.occurs("drop")
         if self._losing:
             self.dropped += len(ticks)
             return b""
@@ -56,7 +56,7 @@ class SimulatedDataq(Streaming):
         # The digital inputs are open and pulled up.
         words[:, 0] |= DIGITAL
         if len(ticks):
-            self.mishaps.stalls()
+            self.random_faults.stalls()
         return words.tobytes()
 
     def answer(self, command: str) -> bytes:
@@ -123,8 +123,8 @@ class SimulatedSlcan(Streaming):
         for group in groups(part, rate=rate, first=ticks.start, counter=self._faults.first_tick):
             for identifier, data in group:
                 flags = (0x100).to_bytes(4, "big")
-                clipped = identifier == STATUS_WORD and self.mishaps.occurs("overload")
-                frames += self.mishaps.sent(slcan((identifier, flags if clipped else data)))
+                clipped = identifier == STATUS_WORD and self.random_faults.occurs("overload")
+                frames += self.random_faults.sent(slcan((identifier, flags if clipped else data)))
         return b"".join(frames)
 
 
@@ -152,8 +152,8 @@ class SimulatedLines(Streaming):
         lines: list[bytes] = []
         for tick in self.due(256):
             values = self._signal[tick % len(self._signal)]
-            words = ["OL" if self.mishaps.occurs("overload") else f"{value:.6f}" for value in values]
+            words = ["OL" if self.random_faults.occurs("overload") else f"{value:.6f}" for value in values]
             clock = round(1e3 * tick / self._rate / (1.0 + 1e-6 * self._faults.ppm))
             text = ",".join([f"{(self._faults.first_tick + tick) % WRAP}", f"{clock}", *words])
-            lines += self.mishaps.sent(text.encode() + b"\n")
+            lines += self.random_faults.sent(text.encode() + b"\n")
         return b"".join(lines)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from isorig.drivers.block import Block
 from isorig.drivers.errors import ConnectionLostError, InstrumentError
 from isorig.drivers.instrument import Counting, Holding, Rejoining, Stream
-from isorig.rig.acquire.waits import SessionWaits
+from isorig.rig.acquire.policy import SessionWaits
 
 
 class BlockStream:

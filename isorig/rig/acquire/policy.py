@@ -1,4 +1,10 @@
-"""Thresholds of the checks before, during and after a run. They were chosen unless a source is given."""
+"""Thresholds of the checks before, during and after a run, and how long a session waits: chosen unless a source is given."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from isorig.drivers.waits import WAITS, Waits
 
 #: Pre-run check: seconds at rest and with drive, and factor by which a channel must increase under drive.
 REST_SECONDS, DRIVEN_SECONDS, RESPONSE_RATIO = 0.25, 0.75, 1.2
@@ -34,3 +40,22 @@ LEVEL_RATIO, DIFFERENT = 1.2, 2.0
 #: Frequency bins in the driven band below which it is not resolved: in segments that are shorter than the response rings, leakage
 #: lowers the coherence. Chosen: 16 s of a rig driven up to 10 Hz resolve as many.
 RESOLVED = 20
+
+
+@dataclass(frozen=True, kw_only=True)
+class SessionWaits:
+    """Timeouts of a session in seconds."""
+
+    silence: float = 2.0  #: Without a sample, after which an instrument that counts is asked for its count.
+    #: For which a connection may be lost or silent and then be continued; between two attempts.
+    reconnection: float = 15.0
+    retry: float = 0.2
+    transit: float = 5.0  #: Within which a stopped instrument must have sent all data in transit.
+    missing: float = 1.0  #: Of samples that may be missing at the end of a run without being waited for.
+    #: Of samples that may wait for a slow disk; without progress, after which the disk counts as stuck.
+    queue: float = 5.0
+    disk: float = 10.0
+    drivers: Waits = WAITS  #: Those of the drivers.
+
+
+SESSION_WAITS = SessionWaits()

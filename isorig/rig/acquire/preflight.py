@@ -21,8 +21,8 @@ from isorig.rig.acquire.block_stream import BlockStream
 from isorig.rig.acquire.drive import drive_of, load
 from isorig.rig.acquire.pace import Pace
 from isorig.rig.acquire.plan import Plan, RunPlan
+from isorig.rig.acquire.policy import SessionWaits
 from isorig.rig.acquire.response_limits import Guard
-from isorig.rig.acquire.waits import SessionWaits
 from isorig.rig.errors import PlanError
 
 #: The check ends after a second without a sample.

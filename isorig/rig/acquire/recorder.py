@@ -24,7 +24,7 @@ from isorig.drivers.block import Block, Input, Status
 from isorig.rig.acquire.journal import LONGEST, SYNC, Journal
 from isorig.rig.acquire.layout import BlockKind, Layout, RunBegin, RunEnd, layout_of, pack, pack_log
 from isorig.rig.acquire.plan import Plan
-from isorig.rig.acquire.waits import SESSION_WAITS, SessionWaits
+from isorig.rig.acquire.policy import SESSION_WAITS, SessionWaits
 from isorig.rig.errors import OutputError
 from isorig.rig.files.output import reason, replaced
 

@@ -12,14 +12,14 @@ import msgspec
 
 from isorig.analysis.campaign import Run
 from isorig.drivers.instrument import Exciter, Sourcing, Stream, in_real_time
-from isorig.rig.acquire.analyzer_session import measure_with_analyzer
 from isorig.rig.acquire.display_thread import DisplayThread
 from isorig.rig.acquire.instruments import opened, opened_analyzer, opened_loggers, prepare
 from isorig.rig.acquire.journal import SYNC
 from isorig.rig.acquire.live import LiveState
 from isorig.rig.acquire.locks import output_locked, port_locked
-from isorig.rig.acquire.measure_run import measure_run
+from isorig.rig.acquire.measure_run import measure_run, measure_with_analyzer
 from isorig.rig.acquire.plan import Plan, RunPlan
+from isorig.rig.acquire.policy import SESSION_WAITS, SessionWaits
 from isorig.rig.acquire.preflight import check_analyzer, check_record, check_room, preflight, refuse
 from isorig.rig.acquire.recorder import Tally, recording_into, working_file
 from isorig.rig.acquire.recover import Recovered, WorkingFileReader
@@ -29,7 +29,6 @@ from isorig.rig.acquire.rig_operator import MeasuredRun, Operator, decoupled_ope
 from isorig.rig.acquire.run_check import check_run
 from isorig.rig.acquire.sensors import refuse_sensors
 from isorig.rig.acquire.store import ended, keep_measured, keep_session, whole_runs
-from isorig.rig.acquire.waits import SESSION_WAITS, SessionWaits
 from isorig.rig.errors import OutputError, PlanError, RecordingError
 from isorig.rig.files.output import remove_leftovers
 from isorig.rig.process.interrupts import ended_by_signals

@@ -12,7 +12,7 @@ import msgspec
 
 from isorig.rig.acquire.live import EquationsReport, advice, shares
 from isorig.rig.errors import PlanError
-from isorig.rig.process.terminal import Unhurried, never_wait_for_terminal
+from isorig.rig.process.terminal import NonBlockingTerminal, never_wait_for_terminal
 
 if TYPE_CHECKING:
     from rich.console import Console, Group
@@ -110,7 +110,7 @@ class Terminal:
         data = msgspec.json.encode({"event": kind, **msgspec.to_builtins(content)}) + b"\n"
 
         def write() -> None:
-            if isinstance(sys.stdout, Unhurried):
+            if isinstance(sys.stdout, NonBlockingTerminal):
                 sys.stdout.write(data.decode())
                 return
             # Bypasses the buffer of standard output: a thread waiting in it would delay the end of the program.

@@ -13,7 +13,7 @@ from isorig.rig.options import Output
 if TYPE_CHECKING:
     from isorig.rig.acquire.live import EquationsReport
     from isorig.rig.acquire.terminal import Terminal
-    from isorig.rig.view.requests import Desk
+    from isorig.rig.view.requests import SessionControl
 
 
 def acquire(
@@ -100,13 +100,13 @@ def acquire(
         shown = viewed(planned, output, own, terminal, asks=not yes) if view else nullcontext((None, own))
         try:
             with (
-                shown as (desk, by_page),
+                shown as (control, by_page),
                 nullcontext(by_page)
                 if not equations
-                else equations_watched(output, by_page, partial(_show, terminal, desk), until_known=until_known) as operator,
+                else equations_watched(output, by_page, partial(_show, terminal, control), until_known=until_known) as operator,
             ):
                 taken = run_session(planned, wire, output, operator, resume=resume, again=set(again), force=force, sync=sync)
-                while desk is not None and (name := desk.again()):
+                while control is not None and (name := control.again()):
                     more = run_session(planned, wire, output, operator, resume=True, again={name}, force=force, sync=sync)
                     taken = [item for item in taken if item.id != name] + more
         except (KeyboardInterrupt, SystemExit, DriverError):
@@ -130,8 +130,8 @@ def acquire(
         discard_output()
 
 
-def _show(terminal: Terminal, desk: Desk | None, report: EquationsReport) -> None:
+def _show(terminal: Terminal, control: SessionControl | None, report: EquationsReport) -> None:
     """Show what the equations of motion tell, on the page and in the terminal."""
-    if desk is not None:
-        desk.equations(report)
+    if control is not None:
+        control.equations(report)
     terminal.equations(report)

@@ -62,8 +62,7 @@ def check(*files: Path) -> None:
 
 def _remarks(campaign: Campaign) -> list[str]:
     # The file is valid, but some commands cannot use it.
-    from isorig.analysis.spectra.stated_bands import wrong_bands
-    from isorig.analysis.spectra.stated_excitations import wrong_excitations
+    from isorig.analysis.spectra.stated import wrong_bands, wrong_excitations
     from isorig.analysis.spectra.zero_errors import zero_errors
     from isorig.rig.acquire.run_check import incoherences
     from isorig.rig.errors import PlanError
@@ -77,7 +76,7 @@ def _remarks(campaign: Campaign) -> list[str]:
     sentences = [f"{CHECK_FIRST} {doubt.text}" for doubt in doubts_in(campaign)]
     sentences += zero_errors(campaign).values()
     sentences += [*wrong_bands(campaign, model.drive.channel), *wrong_excitations(campaign, model.drive.channel)]
-    sentences += [reason.text for reason in incoherences(campaign, [drive.channel for drive in model.drives])]
+    sentences += [reason.text for reason in incoherences(campaign, model.drive_channels)]
     for run in campaign.runs:
         if run.configuration not in model.configurations:
             known = ", ".join(model.configurations)

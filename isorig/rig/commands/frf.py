@@ -225,11 +225,11 @@ def _write_tables(found: Sequence[Transfer], wrong: Sequence[str], remarks: Sequ
 
 
 def _row(result: dict[str, Any]) -> dict[str, str]:
-    from isorig.rig.report.sections import per
+    from isorig.analysis.wording import unit_ratio
 
     band, peak, (over, by) = result["band_hz"], result["peak"], result["units"]
     # A unit if those of response and reference are known and not equal.
-    unit = f" {per(over, by)}" if over and by and over != by else ""
+    unit = f" {unit_ratio(over, by)}" if over and by and over != by else ""
     return {
         "response": result["response"], "response over reference": f"{result['response']} / {result['reference']}",
         "set-up": result["configuration"], "gain": f"{result['gain']:g}", "rms of drive": result["level"] or "–",

@@ -245,8 +245,7 @@ def parameter_unit(parameter: str, rig: RigModel) -> str:
 def target_name(design: ParameterDesign) -> tuple[str, str]:
     """The target in words, and its unit."""
     target = design.target
-    quantities = {d.channel: d.quantity for d in design.rig.drives} | {s.channel: s.quantity for s in design.rig.sensors}
-    unit, other = (SI_UNIT[quantities[name]] for name in (target.response, target.reference))
+    unit, other = (SI_UNIT[design.rig.quantities[name]] for name in (target.response, target.reference))
     over, unit = {
         "rms": ("", unit),
         "ratio": ("", "1"),
@@ -288,7 +287,7 @@ def write_parameter_design(folder: Path, design: ParameterDesign) -> list[str]:
             columns |= dict(zip(("target_low", "target_high"), sweep.drawn, strict=True))
         write_csv(folder / f"sweep-{parameter}.csv", columns)
     save(sweeps_figure(design), folder / "sweeps.png")
-    if design.run.excitation in BROAD and design.target.response not in {d.channel for d in design.rig.drives}:
+    if design.run.excitation in BROAD and design.target.response not in design.rig.drive_channels:
         save(response_figure(design), folder / "response.png")
     write_text(folder / "designed.toml", description_text(found.model))
     content: dict[str, Any] = {

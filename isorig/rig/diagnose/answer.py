@@ -190,10 +190,9 @@ def write_answer(
     findings.json is written last: where it is, the answer is complete.
     """
     findings = findings_of(diagnosis, campaign, origin, limit)
-    began = min((run.started for run in campaign.runs if run.started is not None), default=None)
     html = diagnosis_page(diagnosis, campaign, findings) if page else None
-    write_model(folder / "baseline.json", diagnosis.baseline.model, origin=began, fitted=diagnosis.baseline.free)
-    write_model(folder / "model.json", diagnosis.extended.model, origin=began, fitted=diagnosis.extended.free)
+    write_model(folder / "baseline.json", diagnosis.baseline.model, origin=campaign.started, fitted=diagnosis.baseline.free)
+    write_model(folder / "model.json", diagnosis.extended.model, origin=campaign.started, fitted=diagnosis.extended.free)
     write_rivals(folder, diagnosis, campaign, origin)
     if html is not None:
         write_text(folder / "report.html", html)

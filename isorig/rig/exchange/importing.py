@@ -19,8 +19,7 @@ from isorig.analysis.given import given_path
 from isorig.analysis.model.rig_model import Drive, RigModel
 from isorig.analysis.spectra.overload import extremes
 from isorig.analysis.spectra.quality import clipped_or_dead, fault_sentences
-from isorig.analysis.spectra.stated_bands import wrong_bands
-from isorig.analysis.spectra.stated_excitations import wrong_excitations
+from isorig.analysis.spectra.stated import wrong_bands, wrong_excitations
 from isorig.analysis.spectra.zero_errors import zero_errors
 from isorig.analysis.units import KGF
 from isorig.analysis.wording import did_you_mean
@@ -132,7 +131,7 @@ def import_campaign(mapping_path: str | Path, output: str | Path, *, data: str |
     table_in = cache(read_foreign)
     runs = tuple(_with_zero(_run(wanted, mapping, lambda name: table_in(folder / name)), absent) for wanted in mapping.runs)
     campaign = Campaign(runs=runs, known=mapping.rig, description=description, source=str(output))
-    campaign = repeats(campaign, tuple(drive.channel for drive in model.drives))
+    campaign = repeats(campaign, model.drive_channels)
     write(output, campaign)
     return campaign
 
@@ -141,7 +140,7 @@ def _has_channels(mapping: Mapping, model: RigModel, zero: Sequence[str], here: 
     absent = next((name for name in model.channels if name not in mapping.channels and name not in zero), None)
     if absent is not None:
         own = ", ".join(mapping.channels)
-        driving = any(drive.channel == absent for drive in model.drives)
+        driving = absent in model.drive_channels
         last = 'write excitation = "free" in every run if nothing drove the rig' if driving else "remove it from the description"
         raise PlanError(
             f"{here} has no channel {absent!r}{did_you_mean(absent, mapping.channels)}, which the description "
@@ -459,11 +458,10 @@ def shortcomings(campaign: Campaign) -> list[str]:
 def other_quantities(campaign: Campaign) -> list[str]:
     """A sentence for each channel that is recorded as another quantity than that of the description."""
     model, run = rig_of(campaign), campaign.runs[0]
-    described = {d.channel: d.quantity for d in model.drives} | {s.channel: s.quantity for s in model.sensors}
     return [
         f"Channel {name!r} is recorded in {run.channels[name].unit}, but the description has it as {quantity} "
         f"({SI_UNIT[quantity]}): correct the unit in the mapping, or the quantity in the description."
-        for name, quantity in described.items()
+        for name, quantity in model.quantities.items()
         if name in run.channels and run.channels[name].quantity != quantity
     ]
 

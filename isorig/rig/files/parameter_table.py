@@ -53,7 +53,7 @@ def write_characterization(
     drive: dict[str, Any] = {"levels": drive_levels(campaign, found.fit.model.drive.channel)}
     if found.head_mass is not None:
         drive["head_mass"] = found.head_mass
-    origin = min((run.started for run in campaign.runs if run.started is not None), default=None)
+    origin = campaign.started
     write_model(folder / "model.json", found.fit.model, origin=origin, fitted=found.fit.free)
     content = {
         "format": "rig-parameters", "format_version": 1, "campaign": Path(campaign.source).name,

@@ -111,7 +111,7 @@ def write_rivals(folder: Path, diagnosis: Diagnosis, campaign: Campaign, origin:
     drive = model.drive.channel
     content = Rivals(
         campaign=origin["recording"], verdict=diagnosis.verdict, baseline=origin["baseline"],
-        sample_rate=campaign.runs[0].sample_rate, noise=noise_levels(campaign, tuple(each.channel for each in model.drives)),
+        sample_rate=campaign.runs[0].sample_rate, noise=noise_levels(campaign, model.drive_channels),
         known={**campaign.known, **({} if campaign.description is None else {"description": campaign.description})},
         runs=[_existing_run(campaign, run, drive) for run in campaign.runs], explains=_model("", "", diagnosis.extended),
         open=_open(diagnosis), named=[(step.cause, step.location) for step in diagnosis.steps],

@@ -120,6 +120,11 @@ class Incident:
     first: int  #: Index of the most likely first campaign after it.
     alarm: int  #: Index of the campaign that raised the first alarm.
 
+    @property
+    def confirmed(self) -> bool:
+        """Whether all campaigns since confirm the change."""
+        return bool(self.named) or any(abs(change.size) >= POLICY.confirmed_change for _, change in self.changes)
+
 
 @dataclass(frozen=True, kw_only=True)
 class TrackedRig:
@@ -131,6 +136,11 @@ class TrackedRig:
     waiting: int  #: Number of campaigns not diagnosed by this version yet, or only by a newer one: they are not tracked.
     tracks: Mapping[str, Track]  #: Parameters by name.
     incidents: tuple[Incident, ...]  #: The latest last.
+
+    @property
+    def last_change(self) -> Incident | None:
+        """The latest one that later campaigns confirm."""
+        return next((incident for incident in reversed(self.incidents) if incident.confirmed), None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,6 +165,21 @@ class Fleet:
         """Those of all rigs, the latest first."""
         found = [incident for rig in self.rigs.values() for incident in rig.incidents]
         return sorted(found, key=lambda i: self.rigs[i.rig].campaigns[i.alarm].started, reverse=True)
+
+    @property
+    def in_order(self) -> list[TrackedRig]:
+        """The rigs in display order: the latest change first, then outliers, then the rest by name."""
+
+        def place(rig: TrackedRig) -> tuple[float, bool, str]:
+            last = rig.last_change
+            alarm = -math.inf if last is None else rig.campaigns[last.alarm].started
+            return -alarm, not self.outlying_in(rig.name), rig.name
+
+        return sorted(self.rigs.values(), key=place)
+
+    def outlying_in(self, rig: str) -> list[str]:
+        """Parameters in which a rig differs from the others by more than their spread."""
+        return [name for name, found in self.siblings.items() if rig in found.outliers]
 
 
 def followed(answers: pd.DataFrame, baseline: str, *, false_per_month: float | None = None) -> Fleet:

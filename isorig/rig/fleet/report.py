@@ -20,11 +20,8 @@ from isorig.rig.fleet.sentences import (
     difference_words,
     explained,
     incident_words,
-    is_confirmed,
-    outlying_in,
     parameter_words,
     period,
-    rigs_in_order,
     state_of,
     with_unit,
 )
@@ -56,7 +53,7 @@ Explanations = Mapping[str, Sequence[dict[str, Any]]]
 
 def fleet_page(fleet: Fleet, explanations: Explanations) -> str:
     """The report as HTML; `explanations` are the rows of each change's file, by its name."""
-    rigs = rigs_in_order(fleet)
+    rigs = fleet.in_order
     anchors = {rig.name: f"rig{k}" for k, rig in enumerate(rigs)}
     report = Report(
         title=f"Fleet of {len(rigs)} rigs",
@@ -72,7 +69,7 @@ def fleet_page(fleet: Fleet, explanations: Explanations) -> str:
 
 
 def _verdict(fleet: Fleet) -> str:
-    changed = [incident for incident in fleet.incidents if is_confirmed(incident)]
+    changed = [incident for incident in fleet.incidents if incident.confirmed]
     if not changed:
         return "No rig has changed."
     count = len({incident.rig for incident in changed})
@@ -246,7 +243,7 @@ def _change_section(fleet: Fleet, incident: Incident, explanations: Explanations
 
 
 def _parameters(fleet: Fleet, rig: TrackedRig) -> Section:
-    odd = outlying_in(fleet, rig.name)
+    odd = fleet.outlying_in(rig.name)
     rows = []
     for name, track in rig.tracks.items():
         std = track.level * track.followed.std if track.log else track.followed.std

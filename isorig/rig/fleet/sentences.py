@@ -99,7 +99,7 @@ def coinciding_events(fleet: Fleet, incident: Incident) -> list[str]:
     sentences = []
     others = [
         other for other in fleet.incidents
-        if other.rig != rig.name and is_confirmed(other)
+        if other.rig != rig.name and other.confirmed
         and begin < fleet.rigs[other.rig].campaigns[other.first].started <= end
     ]  # fmt: skip
     if others:
@@ -141,23 +141,13 @@ def bad_campaigns(rig: TrackedRig) -> list[tuple[DiagnosedCampaign, list[str]]]:
     return [(rig.campaigns[k], names) for k, names in sorted(found.items())]
 
 
-def last_change(rig: TrackedRig) -> Incident | None:
-    """The latest change of a rig that later campaigns confirm."""
-    return next((incident for incident in reversed(rig.incidents) if is_confirmed(incident)), None)
-
-
-def is_confirmed(incident: Incident) -> bool:
-    """Whether all campaigns since confirm a change."""
-    return bool(incident.named) or any(abs(change.size) >= POLICY.confirmed_change for _, change in incident.changes)
-
-
 def state_of(fleet: Fleet, rig: TrackedRig) -> str:
     """A rig in a few words: its last change, whether it is an outlier, whether campaigns wait."""
     parts = []
-    last = last_change(rig)
+    last = rig.last_change
     if last is not None:
         parts.append(f"changed {rig.campaigns[last.first].day}")
-    odd = outlying_in(fleet, rig.name)
+    odd = fleet.outlying_in(rig.name)
     if odd:
         parts.append("outlier in " + ", ".join(parameter_words(name) for name in odd))
     if rig.waiting:
@@ -165,22 +155,6 @@ def state_of(fleet: Fleet, rig: TrackedRig) -> str:
     return "; ".join(parts) or "unchanged"
 
 
-def outlying_in(fleet: Fleet, rig: str) -> list[str]:
-    """Parameters in which a rig differs from the others by more than their spread."""
-    return [name for name, found in fleet.siblings.items() if rig in found.outliers]
-
-
 def difference_words(away: float) -> str:
     """A difference from the other rigs in words; a dash if there are too few of them."""
     return "–" if math.isnan(away) else f"{away:+.1f}"
-
-
-def rigs_in_order(fleet: Fleet) -> list[TrackedRig]:
-    """The rigs in display order: the latest change first, then outliers, then the rest by name."""
-
-    def place(rig: TrackedRig) -> tuple[float, bool, str]:
-        last = last_change(rig)
-        alarm = -math.inf if last is None else rig.campaigns[last.alarm].started
-        return -alarm, not outlying_in(fleet, rig.name), rig.name
-
-    return sorted(fleet.rigs.values(), key=place)

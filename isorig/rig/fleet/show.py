@@ -7,7 +7,7 @@ from collections.abc import Callable
 from isorig.analysis.wording import first_of
 from isorig.rig.errors import RigError
 from isorig.rig.fleet.history import Fleet, Track, TrackedRig
-from isorig.rig.fleet.sentences import change_words, difference_words, outlying_in, parameter_words, rigs_in_order, state_of
+from isorig.rig.fleet.sentences import change_words, difference_words, parameter_words, state_of
 from isorig.rig.process.terminal import show_table
 from isorig.rig.report.sections import number
 
@@ -18,7 +18,7 @@ SHOWN = 12
 def show_fleet(fleet: Fleet, show: Callable[[str], None]) -> None:
     """All rigs, the one that changed last first."""
     rows = [(rig.name, str(len(rig.campaigns)), rig.campaigns[-1].day, rig.campaigns[-1].verdict, state_of(fleet, rig))
-            for rig in rigs_in_order(fleet)]  # fmt: skip
+            for rig in fleet.in_order]  # fmt: skip
     show_table(f"{len(fleet.rigs)} rigs, {fleet.baseline} baseline", ("rig", "campaigns", "last", "verdict", "state"), rows)
     for note in fleet.notes:
         show(note)
@@ -27,7 +27,7 @@ def show_fleet(fleet: Fleet, show: Callable[[str], None]) -> None:
 def show_rig(fleet: Fleet, name: str) -> None:
     """One rig: its parameters compared with the other rigs."""
     rig = _rig_of(fleet, name)
-    odd = outlying_in(fleet, name)
+    odd = fleet.outlying_in(name)
     rows = []
     for parameter, track in rig.tracks.items():
         changes = "; ".join(

@@ -7,7 +7,6 @@ Importing the library of the figures and drawing take as long as everything else
 from __future__ import annotations
 
 import pickle
-import subprocess
 import sys
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -15,10 +14,10 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, cast
+from typing import TYPE_CHECKING
 
 from isorig.rig.errors import OutputError
-from isorig.rig.process import python
+from isorig.rig.process import piped
 
 if TYPE_CHECKING:
     from isorig.analysis.spectra.periodic import PeriodicFrf
@@ -42,12 +41,7 @@ class FigureProcess:
 
     def __init__(self) -> None:
         # Ctrl-C is for this process, which then ends the other one.
-        self._process = subprocess.Popen(
-            python("-m", "isorig.rig.frf.drawing"), stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
-        )
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._input, self._output = cast("BinaryIO", self._process.stdin), cast("BinaryIO", self._process.stdout)
+        self._process, self._input, self._output = piped("-m", "isorig.rig.frf.drawing", apart=True)
         # The pipe holds less than a figure, so another thread waits until the process reads.
         self._sender = ThreadPoolExecutor(1, "to the figures")
         self._sent: list[Future[None]] = []

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure as MatplotlibFigure
 from matplotlib.ticker import LogLocator, NullFormatter
 
+from isorig.analysis.wording import unit_ratio
 from isorig.rig.files.output import replaced
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.typing import ColorType
 
-    from isorig.analysis.campaign import FloatArray, IntArray
+    from isorig.analysis.campaign import FloatArray
     from isorig.analysis.spectra.periodic import PeriodicFrf
     from isorig.analysis.spectra.welch import Frf
 
@@ -60,23 +61,17 @@ def frf_view(frfs: Mapping[str, Frf], band: tuple[float, float], view: View = "b
     return {"bode": frf_figure, "parts": parts_figure, "nyquist": nyquist_figure}[view](frfs, band)
 
 
-def unit_of(frf: Frf) -> str:
-    """The unit of a transfer function, as on an axis."""
-    response, reference = (unit.replace("^2", "²") for unit in frf.units)
-    return f"{response or 'unknown unit'} per {reference or 'unknown unit'}"
-
-
 def parts_figure(frfs: Mapping[str, Frf], band: tuple[float, float]) -> Figure:
     """Real and imaginary part of transfer functions by name, with bands of one standard deviation."""
     figure = Figure(figsize=(9.0, 6.5), layout="constrained")
     axes = figure.subplots(2, 1, sharex=True)
     for k, (name, frf) in enumerate(frfs.items()):
-        kept = (frf.frequency >= band[0]) & (frf.frequency <= band[1])
-        for axis, part in zip(axes, (frf.value.real, frf.value.imag), strict=True):
+        seen = frf.within(band)
+        for axis, part in zip(axes, (seen.value.real, seen.value.imag), strict=True):
             # The error of each part is that of the magnitude: errors of an average are alike in all directions.
-            banded(axis, frf.frequency[kept], part[kept], frf.magnitude_std[kept], name, DASHES[k % 2], positive=False)
+            banded(axis, seen.frequency, part, seen.magnitude_std, name, DASHES[k % 2], positive=False)
     first = next(iter(frfs.values()))
-    ratio = f"{first.response} / {first.reference}, {unit_of(first)}"
+    ratio = f"{first.response} / {first.reference}, {unit_ratio(*first.units)}"
     axes[0].set(ylabel=f"real part of {ratio}")
     axes[1].set(ylabel=f"imaginary part of {ratio}", xlabel="frequency, Hz", xlim=band)
     axes[0].legend(fontsize=8)
@@ -91,14 +86,14 @@ def nyquist_figure(frfs: Mapping[str, Frf], band: tuple[float, float]) -> Figure
     figure = Figure(figsize=(7.5, 7.5), layout="constrained")
     axis = figure.subplots()
     for k, (name, frf) in enumerate(frfs.items()):
-        kept = (frf.frequency >= band[0]) & (frf.frequency <= band[1])
-        f, value = frf.frequency[kept], frf.value[kept]
+        seen = frf.within(band)
+        f, value = seen.frequency, seen.value
         (line,) = axis.plot(value.real, value.imag, DASHES[k % 2], marker=".", ms=3, lw=0.8, label=name)
         if len(value):
             top = int(np.argmax(np.abs(value)))
             axis.annotate(f"{f[top]:.4g} Hz", (value[top].real, value[top].imag), fontsize=8, color=line.get_color())
     first = next(iter(frfs.values()))
-    ratio = f"{first.response} / {first.reference}, {unit_of(first)}"
+    ratio = f"{first.response} / {first.reference}, {unit_ratio(*first.units)}"
     axis.set(xlabel=f"real part of {ratio}", ylabel=f"imaginary part of {ratio}", aspect="equal")
     axis.set_title(f"{band[0]:.4g} to {band[1]:.4g} Hz", fontsize=9)
     axis.axhline(0.0, color="0.6", lw=0.8)
@@ -117,14 +112,12 @@ def frf_figure(frfs: Mapping[str, Frf], band: tuple[float, float]) -> Figure:
     figure.subplots_adjust(left=0.1, right=0.98, top=0.98, bottom=0.07, hspace=0.08)
     magnitude, phase, coherence = figure.subplots(3, 1, sharex=True, height_ratios=(2.0, 1.0, 1.0))
     for k, (name, frf) in enumerate(frfs.items()):
-        kept = _drawn(frf, band)
-        f, size = frf.frequency[kept], np.abs(frf.value[kept])
-        line = banded(magnitude, f, size, frf.magnitude_std[kept], name, DASHES[k % 2])
-        turned = np.degrees(np.angle(frf.value[kept]))
-        phase.plot(f, turned, ".", ms=2, color=line)
-        coherence.plot(f, frf.coherence[kept], lw=0.9, color=line)
+        seen = _drawn(frf.within(band))
+        line = banded(magnitude, seen.frequency, np.abs(seen.value), seen.magnitude_std, name, DASHES[k % 2])
+        phase.plot(seen.frequency, np.degrees(np.angle(seen.value)), ".", ms=2, color=line)
+        coherence.plot(seen.frequency, seen.coherence, lw=0.9, color=line)
     first = next(iter(frfs.values()))
-    magnitude.set(xscale="log", yscale="log", ylabel=f"|{first.response} / {first.reference}|, {unit_of(first)}")
+    magnitude.set(xscale="log", yscale="log", ylabel=f"|{first.response} / {first.reference}|, {unit_ratio(*first.units)}")
     magnitude.legend(fontsize=8)
     phase.set(ylabel="phase, degrees", ylim=(-185, 185), yticks=(-180, -90, 0, 90, 180))
     coherence.set(ylabel="coherence", ylim=(0, 1.02), xlabel="frequency, Hz")
@@ -132,16 +125,15 @@ def frf_figure(frfs: Mapping[str, Frf], band: tuple[float, float]) -> Figure:
     return gridded(figure)
 
 
-def _drawn(frf: Frf, band: tuple[float, float]) -> IntArray:
-    # Bins within the band: at most two of each column of the figure, those with the smallest and the largest magnitude.
-    kept = np.flatnonzero((frf.frequency >= band[0]) & (frf.frequency <= band[1]))
-    if len(kept) <= COLUMNS:
-        return kept
-    edges = np.geomspace(max(float(frf.frequency[kept[0]]), frf.resolution), float(frf.frequency[kept[-1]]), COLUMNS)
-    column = np.searchsorted(edges, frf.frequency[kept])
-    order = np.lexsort((np.abs(frf.value[kept]), column))
+def _drawn(frf: Frf) -> Frf:
+    # At most two bins of each column of the figure, those with the smallest and the largest magnitude.
+    f = frf.frequency
+    if len(f) <= COLUMNS:
+        return frf
+    column = np.searchsorted(np.geomspace(max(float(f[0]), frf.resolution), float(f[-1]), COLUMNS), f)
+    order = np.lexsort((np.abs(frf.value), column))
     change = np.flatnonzero(np.diff(column[order]))
-    return np.unique(kept[order[np.concatenate([[0], change, change + 1, [len(order) - 1]])]])
+    return frf.bins(np.unique(order[np.concatenate([[0], change, change + 1, [len(order) - 1]])]))
 
 
 def periods_figure(found: Mapping[str, PeriodicFrf]) -> Figure:

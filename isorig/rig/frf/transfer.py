@@ -21,7 +21,7 @@ from isorig.analysis.spectra.inputs import Estimator
 from isorig.analysis.spectra.limits import SLIGHT, MagnitudeLimits, magnitude_limits
 from isorig.analysis.spectra.periodic import PeriodicFrf, periodic
 from isorig.analysis.spectra.quality import Fault, faults, sound
-from isorig.analysis.spectra.welch import FRF_ROWS, OVERLAP, Frf, Spectra, estimate
+from isorig.analysis.spectra.welch import OVERLAP, Frf, Spectra, estimate
 from isorig.analysis.spectra.windows import WindowName, window_named
 from isorig.analysis.wording import state
 from isorig.rig.files.rigfile import references_of
@@ -103,9 +103,7 @@ class Transfer(Frf):
 
     def within_band(self) -> Frf:
         """The frequency bins within the band of the drive."""
-        plain = {item.name: getattr(self, item.name) for item in fields(Frf)}
-        rows = {name: plain[name][self.inside] for name in ("frequency", *FRF_ROWS) if plain[name] is not None}
-        return Frf(**(plain | rows))
+        return self.within(self.band)
 
 
 def transfer_functions(

@@ -11,14 +11,13 @@ import numpy as np
 from isorig.analysis.campaign import Campaign, FloatArray
 from isorig.analysis.errors import DataError
 from isorig.analysis.isolation.ratio import magnitude_ratio, rms_ratio
-from isorig.analysis.wording import by_factor, with_std
+from isorig.analysis.wording import by_factor, displayed_unit, with_std
 from isorig.rig.errors import PlanError
 from isorig.rig.files.output import write_csv, write_json
 from isorig.rig.files.rigfile import rig_of
 from isorig.rig.frf.figures import ratio_figure, save
 from isorig.rig.frf.transfer import Transfer, transfer_functions
 from isorig.rig.model.prediction import Model, measured_and_simulated
-from isorig.rig.report.sections import unit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,10 +98,7 @@ def _ratios(name: str, found: Sequence[Transfer], configurations: tuple[str, str
             else replace(upper, value=np.ones_like(upper.value), magnitude_std=np.zeros_like(upper.magnitude_std))
         )
         frequency, *bins = np.intersect1d(upper.frequency, lower.frequency, return_indices=True)
-        upper, lower = (
-            replace(frf, value=frf.value[k], magnitude_std=frf.magnitude_std[k])
-            for frf, k in zip((upper, lower), bins, strict=True)
-        )
+        upper, lower = (frf.bins(k) for frf, k in zip((upper, lower), bins, strict=True))
         value, std = magnitude_ratio(upper, lower)
         mean, mean_std = rms_ratio(np.abs(upper.value), upper.magnitude_std, np.abs(lower.value), lower.magnitude_std)
         ratios.append(Ratio(name=name, gain=gain, frequency=frequency, value=value, std=std, mean=mean, mean_std=mean_std))
@@ -120,7 +116,7 @@ def sentences(found: Transmitted) -> list[str]:
     said = [
         f"{r.name.capitalize()}: |{found.response} / {found.reference}|{compared} from {r.frequency[0]:.3g} to "
         f"{r.frequency[-1]:.3g} Hz at gain {r.gain:g} is {with_std(r.mean, r.mean_std)}"
-        f"{'' if found.unit == '1' else f' {unit(found.unit)}'} (rms over frequency)."
+        f"{'' if found.unit == '1' else f' {displayed_unit(found.unit)}'} (rms over frequency)."
         for r in found.ratios
     ]
     measured = {r.gain: r for r in found.ratios if r.name == "measured"}
@@ -157,5 +153,6 @@ def write_transmissibility(folder: Path, found: Transmitted) -> list[str]:
     write_json(folder / "isolation.json", content)
     curves = {f"{r.name}, gain {r.gain:g}": (r.frequency, r.value, r.std) for r in found.ratios}
     relative = f", {configuration} relative to {relative_to}" if relative_to else ""
-    save(ratio_figure(curves, f"|{found.response} / {found.reference}|{relative}", unit(found.unit)), folder / "isolation.png")
+    title = f"|{found.response} / {found.reference}|{relative}"
+    save(ratio_figure(curves, title, displayed_unit(found.unit)), folder / "isolation.png")
     return said

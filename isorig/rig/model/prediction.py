@@ -52,7 +52,6 @@ def predicted(model: RigModel, campaign: Measured, *, origin: datetime | None = 
     flag(as_recorded, "the argument as_recorded")
     if origin is not None:
         of_type(origin, datetime, "the origin", "a datetime; give one, for example campaign.runs[0].started")
-    driving = [drive.channel for drive in model.drives]
     for run in campaign.runs:
         here = f"{campaign.source}: run {run.id!r}"
         for drive in model.drives:
@@ -68,7 +67,7 @@ def predicted(model: RigModel, campaign: Measured, *, origin: datetime | None = 
             as_recorded=as_recorded,
         )  # fmt: skip
         # A streamed gain stays with the drive that it made.
-        channels = {name: channel for name, channel in run.channels.items() if name in (*driving, "gain")}
+        channels = {name: channel for name, channel in run.channels.items() if name in (*model.drive_channels, "gain")}
         for sensor in model.sensors:
             channels[sensor.channel] = Channel(
                 name=sensor.channel, samples=response.channels[sensor.channel], quantity=sensor.quantity,

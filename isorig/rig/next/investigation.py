@@ -42,7 +42,7 @@ STATE, RECORDING, SESSION, PAGE = "investigation.json", "recording.h5", "session
 
 
 @dataclass(frozen=True, kw_only=True)
-class Measured:
+class MeasuredRuns:
     """The runs in the recording, and whether the operator ended the session."""
 
     names: Sequence[str]
@@ -50,7 +50,7 @@ class Measured:
 
 
 #: Measures the runs of a plan that are not in the recording yet.
-Measure = Callable[[Plan, Path], Measured]
+Measure = Callable[[Plan, Path], MeasuredRuns]
 #: Selects the next runs, like `propose`.
 Choose = Callable[..., Proposal]
 
@@ -81,7 +81,7 @@ def measure_with(
     `consent` is asked before each run by its name, if given; with `force` a run starts even if the pre-run check fails.
     """
 
-    def measure(plan: Plan, recording: Path) -> Measured:
+    def measure(plan: Plan, recording: Path) -> MeasuredRuns:
         stopped = False
 
         def decide(name: str) -> Decision:
@@ -97,7 +97,7 @@ def measure_with(
             # The proposals keep to the strokes by a model fitted to the runs so far, which knows more than the description.
             chosen = msgspec.structs.replace(plan, limits=msgspec.structs.replace(plan.limits, stroke={}))
             acquire(chosen, wire, recording, replace(operator, decide=decide), resume=resume, force=force)
-        return Measured(names=sorted(whole_runs(recording, plan)), stopped=stopped)
+        return MeasuredRuns(names=sorted(whole_runs(recording, plan)), stopped=stopped)
 
     return measure
 
@@ -224,10 +224,9 @@ def nothing_known(plan: Plan, limits: Limits, baseline: Baseline) -> Rivals:
     free = base_parameters(model)
     spread = np.array([POLICY.first_guess * model.get(f.path) if f.log else 100.0 * f.step for f in free])
     quiet = POLICY.noise_guess * HEAD_PER_GAIN * limits.gains[1]
-    channels = {model.drive.channel: model.drive.quantity, **{s.channel: s.quantity for s in model.sensors}}
     return Rivals(
         campaign="the first run", verdict="", baseline=baseline, sample_rate=plan.instrument.sample_rate,
-        noise={name: quiet if quantity == model.drive.quantity else 0.0 for name, quantity in channels.items()},
+        noise={name: quiet if quantity == model.drive.quantity else 0.0 for name, quantity in model.quantities.items()},
         known=plan.rig, runs=[], explains=fitted_model("", "", model, free, np.diag(spread**2)), open=[], named=[], ruled_out=[],
     )  # fmt: skip
 

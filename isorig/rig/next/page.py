@@ -10,14 +10,14 @@ from isorig.analysis.campaign import SI_UNIT
 from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.proposals.choice import Choice, PredictedPair
 from isorig.analysis.proposals.policy import POLICY as PROPOSALS
-from isorig.analysis.wording import capitalized, sized, with_article
+from isorig.analysis.wording import capitalized, displayed_unit, sized, with_article
 from isorig.rig.next.policy import POLICY
 from isorig.rig.next.proposal import Proposal, Situation
 from isorig.rig.next.sentences import cause, named, reasons, summary
 from isorig.rig.next.stages import Investigation, InvestigationStage, Picture, diagnosis_folder
 from isorig.rig.report.charts import Chart, ChartTrace, Panel
 from isorig.rig.report.page import Report, Section, Table, build_report
-from isorig.rig.report.sections import number, unit
+from isorig.rig.report.sections import number
 
 
 def proposal_page(proposal: Proposal, now: Situation, names: Sequence[str]) -> str:
@@ -72,20 +72,20 @@ def picture_of(pair: PredictedPair) -> Picture:
     return Picture(
         truth=cause(pair.truth), rival=cause(pair.rival), channel=pair.channel, sample_rate=pair.sample_rate, first=first,
         of_truth=pair.of_truth[part].tolist(), of_rival=pair.of_rival[part].tolist(), allowed=pair.allowed,
-        distance=min(pair.distance, POLICY.largest_distance), unit=SI_UNIT[pair.truth.model.sensor(pair.channel).quantity],
+        distance=min(pair.distance, POLICY.largest_distance), unit=SI_UNIT[pair.truth.model.quantities[pair.channel]],
     )  # fmt: skip
 
 
 def prediction_chart(shown: Picture, name: str) -> Chart:
     """The predictions of two causes for a run, and their difference compared with the allowed error."""
-    truth, rival = np.array(shown.of_truth), np.array(shown.of_rival)
+    truth, rival, unit = np.array(shown.of_truth), np.array(shown.of_rival), displayed_unit(shown.unit)
     t = (shown.first + np.arange(len(truth))) / shown.sample_rate
     return Chart(
         name=name, x_label="time, s", x_log=False,
         caption=f"Signal of {with_article(shown.channel)} for {shown.truth}, and prediction by {shown.rival} after a "
         f"refit to all runs; below, their difference compared with the allowed error (noise and accuracy of the simulation): "
         f"{shown.distance:.2g} standard errors over the whole run.",
-        panels=[Panel(label=f"{shown.channel}, {unit(shown.unit)}"), Panel(label=f"difference, {unit(shown.unit)}", height=0.6)],
+        panels=[Panel(label=f"{shown.channel}, {unit}"), Panel(label=f"difference, {unit}", height=0.6)],
         traces=[
             ChartTrace(name=shown.truth, x=t, y=truth, role="first"),
             ChartTrace(name=f"{shown.rival}, refitted", x=t, y=rival, role="second", style="dash"),
@@ -97,12 +97,11 @@ def prediction_chart(shown: Picture, name: str) -> Chart:
 
 def _limits(proposal: Proposal, now: Situation) -> Section:
     limits, model = now.limits, now.rivals.explains.model
-    records = {drive.channel: drive.quantity for drive in model.drives} | {s.channel: s.quantity for s in model.sensors}
     rows = [
         (f"stroke of {with_article(name)}", sized(value, unit_of(f"links.{name}.laws.0.stroke", model)))
         for name, value in limits.stroke.items()
     ]
-    rows += [(f"record of {name}", sized(value, SI_UNIT[records[name]])) for name, value in limits.channels.items()]
+    rows += [(f"record of {name}", sized(value, SI_UNIT[model.quantities[name]])) for name, value in limits.channels.items()]
     units = {"drive": SI_UNIT[model.drive.quantity], "force": "N m" if model.drive.quantity == "torque" else "N"}
     for key, of in {**units, "seconds": "s", "lock_price": "s"}.items():
         value = getattr(limits, key)

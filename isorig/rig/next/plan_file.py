@@ -24,15 +24,12 @@ from isorig.rig.next.policy import POLICY
 
 def virtual_instrument_of(rivals: Rivals) -> Plan:
     """A plan without runs for the simulated instrument: its channels are those of the rig, in the order of its inputs."""
-    model = rivals.explains.model
-    quantities = {drive.channel: drive.quantity for drive in model.drives}
-    quantities |= {sensor.channel: sensor.quantity for sensor in model.sensors}
     channels = {
         name: ChannelPlan(
             input=k, sensitivity=POLICY.sensitivity, place=name, quantity=quantity, unit=SI_UNIT[quantity],
             sensor=f"virtual sensor of {quantity.replace('_', ' ')}",
         )
-        for k, (name, quantity) in enumerate(quantities.items())
+        for k, (name, quantity) in enumerate(rivals.explains.model.quantities.items())
     }  # fmt: skip
     # Plans are read by people: a rate from a clock has rounding errors.
     instrument = InstrumentPlan(kind="framed", port="virtual", sample_rate=float(f"{rivals.sample_rate:.9g}"))

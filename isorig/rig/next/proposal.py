@@ -131,7 +131,7 @@ def single_driven(model: RigModel) -> RigModel:
     """The rig, if it has a single drive. Raises PlanError if it has several: their levels would have to be chosen together."""
     if model.more_drives:
         raise PlanError(
-            f"the rig {model.name!r} has the drives {', '.join(drive.channel for drive in model.drives)}, and runs are proposed "
+            f"the rig {model.name!r} has the drives {', '.join(model.drive_channels)}, and runs are proposed "
             "for a rig with a single drive; choose its next run by hand"
         )
     return model
@@ -338,6 +338,6 @@ def _rest_first(now: Situation) -> tuple[Proposed, ...]:
         one.measured(simulate(model, one.excitation(), configuration=one.run.configuration, start_time=one.start_time).channels)
         for one in now.taken
     ]
-    own = noise_levels(Campaign(runs=tuple(shown)), tuple(drive.channel for drive in model.drives)) if shown else {}
+    own = noise_levels(Campaign(runs=tuple(shown)), model.drive_channels) if shown else {}
     hidden = [name for name, level in now.rivals.noise.items() if own.get(name, np.inf) > POLICY.own_motion * level]
     return (Proposed(run=run_at_rest(model, now.limits)),) if hidden else ()

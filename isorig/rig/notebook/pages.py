@@ -13,8 +13,7 @@ from isorig.analysis.simulate.free_run import Response
 from isorig.analysis.spectra.modal import ModalModel
 from isorig.analysis.spectra.welch import Frf
 from isorig.analysis.views import shows
-from isorig.analysis.wording import of_signal, sized
-from isorig.rig.report.sections import unit
+from isorig.analysis.wording import displayed_unit, of_signal, sized
 from isorig.rig.report.sketch import picture
 
 
@@ -42,8 +41,8 @@ def of_run(run: Run) -> str:
     rows = []
     for name, channel in run.channels.items():
         values = channel.read()
-        size = sized(float(values.std()), channel.unit)
-        rows.append((name, channel.quantity.replace("_", " "), unit(channel.unit), size, channel.about.get("sensor", "")))
+        size, unit = sized(float(values.std()), channel.unit), displayed_unit(channel.unit)
+        rows.append((name, channel.quantity.replace("_", " "), unit, size, channel.about.get("sensor", "")))
     title = f"run {run.id}: {run.set_up}, {run.duration:g} s at {run.sample_rate:g} Hz"
     return table(title, ("channel", "quantity", "unit", "rms", "sensor"), rows)
 

@@ -16,10 +16,10 @@ from isorig.analysis.simulate.free_run import Response
 from isorig.analysis.spectra.modal import ModalModel
 from isorig.analysis.spectra.welch import Frf
 from isorig.analysis.views import shows
+from isorig.analysis.wording import displayed_unit
 from isorig.rig.frf.figures import Figure, View, frf_view, gridded, ratio_figure
 from isorig.rig.frf.transfer import Transfer
 from isorig.rig.report.misfit import HeldOutRecord
-from isorig.rig.report.sections import unit
 from isorig.rig.report.sketch import picture
 
 #: Symbols of poles by what the order before them agrees with.
@@ -37,7 +37,7 @@ def records_figure(records: Mapping[str, Mapping[str, tuple[FloatArray, FloatArr
         for label, record in records.items():
             if name in record:
                 axis.plot(*record[name], lw=0.9, label=label)
-        axis.set_ylabel(f"{name}, {unit(units.get(name, ''))}")
+        axis.set_ylabel(f"{name}, {displayed_unit(units.get(name, ''))}")
     axes[-1].set_xlabel("time, s")
     if len(records) > 1:
         axes[0].legend(fontsize=8)
@@ -54,8 +54,8 @@ def second_figure(record: HeldOutRecord) -> Figure:
         below.plot(record.time, values - record.measured, lw=1.0, label=name)
     if record.noise > 0.0:
         below.axhspan(-2.0 * record.noise, 2.0 * record.noise, color="0.8", label="sensor noise, ±2 σ")
-    above.set(ylabel=f"{record.channel}, {unit(record.unit)}", title=f"run {record.run}, held-out data")
-    below.set(ylabel=f"residual, {unit(record.unit)}", xlabel="time, s")
+    above.set(ylabel=f"{record.channel}, {displayed_unit(record.unit)}", title=f"run {record.run}, held-out data")
+    below.set(ylabel=f"residual, {displayed_unit(record.unit)}", xlabel="time, s")
     above.legend(fontsize=8)
     below.legend(fontsize=8)
     return gridded(figure)

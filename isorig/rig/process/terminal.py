@@ -32,7 +32,7 @@ def terminal_closed() -> bool:
 PATIENCE = 2.0
 
 
-class Unhurried(io.TextIOBase):
+class NonBlockingTerminal(io.TextIOBase):
     """A terminal's output that causes no delay: what a stopped (Ctrl-S) or closed terminal does not take is dropped."""
 
     def __init__(self, stream: TextIO) -> None:
@@ -81,8 +81,8 @@ def never_wait_for_terminal() -> None:
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         with suppress(OSError, ValueError, AttributeError):
-            if stream.isatty() and not isinstance(stream, Unhurried):
-                setattr(sys, name, Unhurried(stream))
+            if stream.isatty() and not isinstance(stream, NonBlockingTerminal):
+                setattr(sys, name, NonBlockingTerminal(stream))
 
 
 def show_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

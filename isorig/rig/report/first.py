@@ -17,7 +17,7 @@ from isorig.rig.report.page import AnsweredQuestion, First, Section
 from isorig.rig.report.sections import HOLD_OUT, channels_table, words
 from isorig.rig.report.sketch import sketch
 from isorig.rig.wire_bonder.design_study import BOND, bonding
-from isorig.rig.wire_bonder.isolation import Compared
+from isorig.rig.wire_bonder.isolation import ComparedRatios
 
 #: Name in a recording for the required isolation of the heatblock, as a share of its vibration.
 WISH = "wished_isolation"
@@ -30,8 +30,8 @@ SLIDES = 1.2
 
 
 def first_screen(
-    campaign: Campaign, found: Characterization, compared: Compared | None, wrong: Sequence[Discrepancy], asked: Sequence[str],
-    models: Mapping[Named, Simulated],
+    campaign: Campaign, found: Characterization, compared: ComparedRatios | None, wrong: Sequence[Discrepancy],
+    asked: Sequence[str], models: Mapping[Named, Simulated],
 ) -> First:  # fmt: skip
     """The first screen of a measurement with its parameters; the discrepancies and the advice that was `asked` for have the most
     important ones first."""
@@ -61,7 +61,7 @@ def _runs(campaign: Campaign) -> str:
     return f"{kind}{len(campaign.runs)} runs, {seconds:.0f} s in total, {configurations}at gain {gains}."
 
 
-def _job(campaign: Campaign, found: Characterization, compared: Compared | None) -> AnsweredQuestion:
+def _job(campaign: Campaign, found: Characterization, compared: ComparedRatios | None) -> AnsweredQuestion:
     question = "Does the isolation work?"
     measured = None if compared is None else compared.isolated.get("measured")
     if measured is None:
@@ -95,7 +95,7 @@ def _bonded(campaign: Campaign, found: Characterization) -> list[str]:
     ]
 
 
-def _model(found: Characterization, compared: Compared | None, wrong: Sequence[Discrepancy]) -> AnsweredQuestion:
+def _model(found: Characterization, compared: ComparedRatios | None, wrong: Sequence[Discrepancy]) -> AnsweredQuestion:
     question = "What is wrong with the model?"
     if found.adequate:
         short = "Only single bands differ" if wrong else "No discrepancy found"

@@ -10,15 +10,16 @@ import numpy as np
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.errors import DataError
 from isorig.analysis.isolation.ratio import MOSTLY_STUCK
+from isorig.analysis.wording import unit_ratio
 from isorig.rig.acquire.run_check import incoherences
 from isorig.rig.frf.transfer import Transfer, transfer_functions
 from isorig.rig.report.charts import PHASE_ENDS, SERIES, Chart, ChartTrace, Panel, Role, Style, spread_over, unjoined
 from isorig.rig.report.page import Report, Section, build_report
-from isorig.rig.report.sections import per
 
 if TYPE_CHECKING:
     from isorig.analysis.model.rig_model import RigModel
-    from isorig.rig.wire_bonder.isolation import Compared
+    from isorig.analysis.spectra.welch import Frf
+    from isorig.rig.wire_bonder.isolation import ComparedRatios
 
 #: Styles of the lines of several recordings.
 DASHES: tuple[Style, ...] = ("solid", "dash", "dot")
@@ -39,7 +40,7 @@ def transfer_section(campaign: Campaign, model: RigModel) -> Section:
     """
     from isorig.rig.model.prediction import predicted
 
-    drives = [drive.channel for drive in model.drives]
+    drives = model.drive_channels
     try:
         simulated = predicted(model, campaign, as_recorded=True)
         measured = transfer_functions(campaign, reference=drives)
@@ -65,7 +66,7 @@ def transfer_section(campaign: Campaign, model: RigModel) -> Section:
     return Section(title="Transfer functions", text=text, charts=charts)
 
 
-def isolation_of(campaign: Campaign, model: RigModel) -> tuple[Compared | None, list[str]]:
+def isolation_of(campaign: Campaign, model: RigModel) -> tuple[ComparedRatios | None, list[str]]:
     """The isolation ratio measured and simulated, with its sentences; or None and the reason, if the rig can be locked."""
     from isorig.analysis.parameters.joint_fit import is_wire_bonder
     from isorig.rig.model.prediction import Model
@@ -109,32 +110,39 @@ def frf_chart(
     colours: dict[str, Role] = {setup: SERIES[k % len(SERIES)] for k, setup in enumerate(setups)}
     traces = []
     for label, item in sorted(measured, key=lambda pair: styles.get(pair[0], "solid") != "solid"):
-        frf, role, style = item.within_band(), colours[item.label], styles.get(label, "solid")
-        kept = spread_over(frf.frequency)
-        f, value = frf.frequency[kept], frf.value[kept]
-        traces += [
-            ChartTrace(name=label, x=f, y=np.abs(value), spread=frf.magnitude_std[kept], role=role, style=style),
-            ChartTrace(name=label, x=f, y=unjoined(np.degrees(np.angle(value))), role=role, panel=1, style=style),
-            ChartTrace(name=label, x=f, y=frf.coherence[kept], role=role, panel=2, style=style),
-        ]
+        traces += frf_traces(item.within_band(), label, colours[item.label], styles.get(label, "solid"))
     for item in simulated:
-        frf, role = item.within_band(), colours.get(item.label, "simulated")
-        kept = spread_over(frf.frequency)
-        traces.append(ChartTrace(name="simulated", x=frf.frequency[kept], y=np.abs(frf.value[kept]), role=role, style="dot"))
+        frf = item.within_band()
+        frf, role = frf.bins(spread_over(frf.frequency)), colours.get(item.label, "simulated")
+        traces.append(ChartTrace(name="simulated", x=frf.frequency, y=np.abs(frf.value), role=role, style="dot"))
     about = measured[0][1]
-    ratio = per(*(name or "unknown unit" for name in about.units))
     return Chart(
         name=f"frf-{about.response}-over-{about.reference}", caption=f"{about.response} over {about.reference}.",
-        panels=[
-            Panel(label=f"|{about.response} / {about.reference}|\n{ratio}", log=True, height=2.0),
-            Panel(label="phase, °", ends=PHASE_ENDS, step=90.0),
-            Panel(label="coherence", ends=(0.0, 1.02)),
-        ],
-        traces=traces, link="frequency", peaks=True,
+        panels=frf_panels(about), traces=traces, link="frequency", peaks=True,
     )  # fmt: skip
 
 
-def isolation_chart(found: Compared) -> Chart:
+def frf_panels(about: Frf) -> list[Panel]:
+    """Panels of magnitude, phase and coherence of transfer functions with the channels and units of one."""
+    return [
+        Panel(label=f"|{about.response} / {about.reference}|\n{unit_ratio(*about.units)}", log=True, height=2.0),
+        Panel(label="phase, °", ends=PHASE_ENDS, step=90.0),
+        Panel(label="coherence", ends=(0.0, 1.02)),
+    ]
+
+
+def frf_traces(frf: Frf, name: str, role: Role = "measured", style: Style = "solid") -> list[ChartTrace]:
+    """Magnitude, phase and coherence of a transfer function for these panels."""
+    seen = frf.bins(spread_over(frf.frequency))
+    f, phase = seen.frequency, unjoined(np.degrees(np.angle(seen.value)))
+    return [
+        ChartTrace(name=name, x=f, y=np.abs(seen.value), spread=seen.magnitude_std, role=role, style=style),
+        ChartTrace(name=name, x=f, y=phase, role=role, panel=1, style=style),
+        ChartTrace(name=name, x=f, y=seen.coherence, role=role, panel=2, style=style),
+    ]
+
+
+def isolation_chart(found: ComparedRatios) -> Chart:
     """The isolation ratio, measured and simulated, with the frequency bins at which the motor mostly sticks."""
     shown: Mapping[str, tuple[Role, Style]] = {"measured": ("measured", "solid"), "simulated": ("simulated", "dash")}
     traces = []

@@ -157,16 +157,21 @@ def _change(value: float | None, std: float | None, before: tuple[float, float] 
     return None if value is None or before is None or spread == 0.0 else (value - before[0]) / spread
 
 
-def fits_page(campaign: Campaign, found: Characterization) -> str:
-    """The page of a joint fit as HTML: the parameters, and every run compared with the fitted model."""
+def fits_page(
+    campaign: Campaign, found: Characterization, parameters: Section | None = None, further: Sequence[Section] = (),
+    remarks: Sequence[str] = (),
+) -> str:  # fmt: skip
+    """The page of a joint fit as HTML: the parameters, by default the table alone, further sections, and every run compared with
+    the fitted model; the remarks follow the faults of the records."""
     models: dict[Named, Simulated] = {("joint fit", "simulated"): simulated(found.fit.model, found.trials)}
     charts = [*time_charts(found.trials, models), *misfit_charts(found.trials, models)]
     report = Report(
         title=f"Parameters of {Path(campaign.source).name}",
         verdict=f"The held-out error of the joint fit is {of_signal(found.error)}, that of noise alone {found.noise_alone}.",
-        summary=fault_sentences(found.faults),
+        summary=[*fault_sentences(found.faults), *remarks],
         sections=[
-            Section(title="Parameters", tables=[entries_table(found.table)]),
+            parameters or Section(title="Parameters", tables=[entries_table(found.table)]),
+            *further,
             Section(title="Joint fit over the runs", charts=charts),
             provenance_section(campaign),
         ],

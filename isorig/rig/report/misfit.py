@@ -11,9 +11,9 @@ from isorig.analysis.campaign import FloatArray
 from isorig.analysis.fitting.score import Score
 from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.model.rig_model import RigModel
-from isorig.analysis.wording import sized_unit
+from isorig.analysis.wording import displayed_unit, sized_unit
 from isorig.rig.report.charts import Chart, ChartTrace, Panel, Role, spread_over
-from isorig.rig.report.sections import label, unit, words
+from isorig.rig.report.sections import label, words
 
 #: A model in charts: its name in the legend, and its role.
 Named = tuple[str, Role]
@@ -65,7 +65,7 @@ def misfit_charts(trials: Sequence[Trial], models: Mapping[Named, Simulated]) ->
                 traces.append(ChartTrace(name="sensor noise", x=ends, y=quiet, role="noise", style="dash", panel=panel))
         # Text common to all charts is printed once.
         about = "." if charts else ": amplitude density of each channel and of the models' errors."
-        panels = [Panel(label=f"{channel}, {unit(trial.unit_of(channel))}/√Hz", log=True) for channel in trial.channels]
+        panels = [Panel(label=f"{channel}, {displayed_unit(trial.unit_of(channel))}/√Hz", log=True) for channel in trial.channels]
         charts.append(
             Chart(name=f"misfit-{trial.run.id}", caption=f"{name}{about}", panels=panels, traces=traces, link="spectra")
         )

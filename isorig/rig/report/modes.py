@@ -8,10 +8,9 @@ import numpy as np
 
 from isorig.analysis.spectra.modal import ModalModel, ModeShape
 from isorig.analysis.spectra.operating import OperatingModes
-from isorig.analysis.wording import capitalized, sized
+from isorig.analysis.wording import capitalized, sized, unit_ratio
 from isorig.rig.report.charts import SERIES, Chart, ChartTrace, Panel, Role
 from isorig.rig.report.page import AnimatedShape, Report, Section, Table, build_report
-from isorig.rig.report.sections import per
 
 #: Poles by what the order before them agrees with: their name in the legend, and their role.
 POLES: Mapping[str, tuple[str, Role]] = {
@@ -25,7 +24,7 @@ def modes_page(found: ModalModel, name: str, units: Sequence[str], remarks: Sequ
     about = ["Collinearity is 1 if all points move in phase or antiphase. Shapes swing as measured, without bodies in between."]
     size = np.sqrt(np.mean(np.abs(found.measured) ** 2, axis=(0, 1)))
     over = ChartTrace(name="rms of all transfer functions", x=found.frequency, y=size)
-    stabilization = [_stabilization(over, f"rms magnitude\n{per(*units)}", found)] if found.poles else []
+    stabilization = [_stabilization(over, f"rms magnitude\n{unit_ratio(*units)}", found)] if found.poles else []
     column = "bins in its bandwidth", [f"{mode.lines:.1f}" for mode in found.modes]
     return _page(f"Modes of {name}", remarks, found, about, column, [*stabilization, *_curves(found, units)])
 
@@ -113,7 +112,7 @@ def _curves(found: ModalModel, units: Sequence[str]) -> list[Chart]:
                 ChartTrace(name=f"{response}, fitted", x=found.frequency, y=np.abs(found.fitted[i, j]), role=role, style="dash"),
             ]
         caption = f"Transfer functions from {reference}, measured and fitted."
-        charts.append(_magnitudes(f"modes-over-{reference}", caption, f"magnitude\n{per(*units)}", traces))
+        charts.append(_magnitudes(f"modes-over-{reference}", caption, f"magnitude\n{unit_ratio(*units)}", traces))
     return charts
 
 

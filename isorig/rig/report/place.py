@@ -46,7 +46,7 @@ def _path(model: RigModel, step: Step) -> str:
     if step.cause == "imperfect_lock":
         return "lock"
     parts = {
-        "sensors": [sensor.channel for sensor in model.sensors], "drive": [drive.channel for drive in model.drives],
+        "sensors": [sensor.channel for sensor in model.sensors], "drive": model.drive_channels,
         "bodies": [body.name for body in model.bodies], "contacts": [contact.name for contact in model.contacts],
         "links": [link.name for link in model.links],
     }  # fmt: skip

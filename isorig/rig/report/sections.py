@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from isorig.analysis.campaign import Campaign, Channel, Run
-from isorig.analysis.wording import sized, state
+from isorig.analysis.wording import displayed_unit, sized, state
 from isorig.rig.report.page import Section, Table
 from isorig.rig.wire_bonder.description import SUMMARY
 
@@ -60,16 +60,6 @@ def number(value: float | None, digits: int = 5) -> str:
     return f"{float(text):.0f}" if "e+" in text and abs(value) < PLAIN_MOST else text
 
 
-def unit(text: str) -> str:
-    """A unit for display."""
-    return text.replace("^2", "²").replace("^3", "³")
-
-
-def per(response: str, reference: str) -> str:
-    """The unit of a response divided by a reference."""
-    return f"{unit(response)} per {unit(reference)}"
-
-
 def channels_table(campaign: Campaign) -> Table:
     """Every channel with its quantity, sensor, place and range as far as given, from the first run that has it."""
     first: dict[str, Channel] = {}
@@ -78,11 +68,11 @@ def channels_table(campaign: Campaign) -> Table:
             first.setdefault(name, channel)
     columns: dict[str, list[str]] = {
         "channel": list(first),
-        "quantity": [f"{words(channel.quantity)}, {unit(channel.unit)}" for channel in first.values()],
+        "quantity": [f"{words(channel.quantity)}, {displayed_unit(channel.unit)}" for channel in first.values()],
         "sensor": [channel.about.get("sensor") or NOT_GIVEN for channel in first.values()],
         "place": [channel.about.get("place") or NOT_GIVEN for channel in first.values()],
         "range": [
-            NOT_GIVEN if channel.full_scale is None else f"±{channel.full_scale:.3g}\u00a0{unit(channel.unit)}"
+            NOT_GIVEN if channel.full_scale is None else f"±{channel.full_scale:.3g}\u00a0{displayed_unit(channel.unit)}"
             for channel in first.values()
         ],
     }

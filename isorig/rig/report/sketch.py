@@ -14,6 +14,7 @@ from itertools import accumulate, pairwise
 
 from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel
+from isorig.analysis.wording import displayed_unit
 
 #: Dimensions in pixels: a row of text in a body, the space of a joint between levels and next to a body, distances, margins.
 ROW, RISE, REACH, APART, SIDE, TOP, FLOOR = 19, 66, 118, 22, 14, 12, 22
@@ -177,7 +178,7 @@ class _Plan:
         mine = [name, *rotations]
         lines = []
         for body in map(model.body, mine):
-            mass = f"{body.mass:.3g} {unit_of(f'bodies.{body.name}.mass', model)}".replace("^2", "²")
+            mass = f"{body.mass:.3g} {displayed_unit(unit_of(f'bodies.{body.name}.mass', model))}"
             lines.append(f"{'↻ ' if body.motion == 'rotation' else ''}{body.name}, {mass}")
         imposing = [f"drive.{drive.channel}" for drive in model.drives if drive.imposes == name]
         sensors = []

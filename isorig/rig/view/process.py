@@ -24,22 +24,24 @@ from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.rig_operator import Decision, Operator, decoupled_operator
 from isorig.rig.acquire.terminal import Terminal, answer_line
 from isorig.rig.errors import OutputError
-from isorig.rig.process import python
+from isorig.rig.process import piped
 from isorig.rig.view.messages import PageRequest, SessionBegin, SessionState, planned_by
-from isorig.rig.view.requests import Desk
+from isorig.rig.view.requests import SessionControl
 
 #: Seconds that the screen has to end; seconds between two messages with the session's state.
 END, PACE = 5.0, 0.1
 
 
 @contextmanager
-def viewed(plan: Plan, output: Path, operator: Operator, terminal: Terminal, *, asks: bool) -> Iterator[tuple[Desk, Operator]]:
-    """Show a session on a page during the block; yields the desk, and the operator for the session.
+def viewed(
+    plan: Plan, output: Path, operator: Operator, terminal: Terminal, *, asks: bool
+) -> Iterator[tuple[SessionControl, Operator]]:
+    """Show a session on a page during the block; yields its control, and the operator for the session.
 
     The page does not wait for the operator, whose terminal has its address; `asks` is whether the session does. Raises
     OutputError if the screen does not start.
     """
-    desk = Desk(planned_by(plan), output, asks=asks)
+    control = SessionControl(planned_by(plan), output, asks=asks)
     display = DisplayThread()
     question = ""
 
@@ -53,29 +55,26 @@ def viewed(plan: Plan, output: Path, operator: Operator, terminal: Terminal, *, 
 
     def answer() -> None:
         while answer_line():
-            desk.ask(PageRequest(do="next", run=desk.standing.run))
+            control.ask(PageRequest(do="next", run=control.standing.run))
 
     try:
-        with session_screen(desk) as address:
+        with session_screen(control) as address:
             display.each(lambda: terminal.shown(address))
-            desk.listeners.append(ask)
+            control.listeners.append(ask)
             if asks:
                 threading.Thread(target=answer, name="standard input", daemon=True).start()
-            yield desk, desk.operator(decoupled_operator(operator, display))
+            yield control, control.operator(decoupled_operator(operator, display))
         display.settle()
     finally:
         display.end()
 
 
 @contextmanager
-def session_screen(desk: Desk) -> Iterator[str]:
-    """Show a running session during the block, and pass the requests of pages to the desk; yields the address of the page. Raises
-    OutputError if the screen does not start."""
+def session_screen(control: SessionControl) -> Iterator[str]:
+    """Show a running session during the block, and pass the requests of pages to its control; yields the address of the page.
+    Raises OutputError if the screen does not start."""
     # A new interpreter: a forked process would share the instrument's port and the working file.
-    process = subprocess.Popen(python("-m", "isorig.rig.view"), stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-    to_screen, from_screen = process.stdin, process.stdout
-    assert to_screen is not None
-    assert from_screen is not None
+    process, to_screen, from_screen = piped("-m", "isorig.rig.view")
 
     def write(message: SessionBegin | SessionState) -> None:
         to_screen.write(msgspec.json.encode(message) + b"\n")
@@ -92,16 +91,16 @@ def session_screen(desk: Desk) -> Iterator[str]:
                 asked = msgspec.json.decode(line, type=PageRequest)
                 # A note waits for the disk, and no other request waits for a note.
                 if asked.do == "note":
-                    notes.submit(desk.ask, asked)
+                    notes.submit(control.ask, asked)
                 else:
-                    desk.ask(asked)
+                    control.ask(asked)
 
     def close() -> None:
         with suppress(OSError):
             to_screen.close()
 
     try:
-        write(SessionBegin(output=str(desk.output.absolute()), planned=tuple(desk.planned.values())))
+        write(SessionBegin(output=str(control.output.absolute()), planned=tuple(control.planned.values())))
         address = msgspec.json.decode(from_screen.readline(), type=str)
     except (OSError, msgspec.DecodeError):
         process.kill()
@@ -109,8 +108,8 @@ def session_screen(desk: Desk) -> Iterator[str]:
     # The pipe may be full if the screen hangs: then only this thread waits.
     sender, notes = DisplayThread(), ThreadPoolExecutor(1, "notes")
     threading.Thread(target=receive, name="from the screen", daemon=True).start()
-    desk.listeners.append(lambda standing: sender.latest(lambda: show(standing)))
-    sender.latest(lambda: show(desk.standing))
+    control.listeners.append(lambda standing: sender.latest(lambda: show(standing)))
+    sender.latest(lambda: show(control.standing))
     ending = "The session has ended."
     try:
         yield address
@@ -119,7 +118,7 @@ def session_screen(desk: Desk) -> Iterator[str]:
         raise
     finally:
         notes.shutdown()
-        desk.over(ending)
+        control.over(ending)
         sender.each(close)
         sender.settle(END)
         sender.end()
@@ -134,12 +133,7 @@ def equations_watched(
 
     `tell` receives each message in another thread. With `until_known`, a run ends as soon as its equations give a certain answer.
     """
-    process = subprocess.Popen(
-        python("-m", "isorig.rig.view.equations_process", str(output.absolute())), stdin=subprocess.PIPE, stdout=subprocess.PIPE
-    )
-    closes, lines = process.stdin, process.stdout
-    assert closes is not None
-    assert lines is not None
+    process, closes, lines = piped("-m", "isorig.rig.view.equations_process", str(output.absolute()))
     current, known = "", False  # the run that is measured, and whether its equations have given a certain answer
 
     def listen() -> None:

@@ -24,7 +24,7 @@ LISTEN = 0.2
 TOLD = 5.0
 
 
-class Desk:
+class SessionControl:
     """Decides, with the operator, what a session with these runs does next; notes are saved next to its recording.
 
     If it `asks`, the session waits for the operator when an action may be needed: before the first run, when the configuration

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -135,10 +135,9 @@ def transfer_rows(group: AveragedRuns) -> tuple[list[str], FloatArray]:
     kept = kept[_even(group.spectra.frequency[kept])]
     rows = [group.spectra.frequency[kept]]
     for frf in frfs.values():
-        value = frf.value[kept]
-        phase = unjoined(np.degrees(np.angle(value)))
-        rows += [np.abs(value), frf.magnitude_std[kept], phase, np.degrees(frf.phase_std[kept])]
-        rows.append(frf.coherence[kept])
+        seen = frf.bins(kept)
+        phase = unjoined(np.degrees(np.angle(seen.value)))
+        rows += [np.abs(seen.value), seen.magnitude_std, phase, np.degrees(seen.phase_std), seen.coherence]
     return list(frfs), np.stack(rows)
 
 
@@ -156,7 +155,7 @@ def ratio_rows(
         n = min(len(upper.spectra.frequency), len(lower.spectra.frequency))
         frequency = upper.spectra.frequency[:n]
         if np.array_equal(frequency, lower.spectra.frequency[:n]):
-            found = magnitude_ratio(*(_cut(group.spectra.frf(response, drive), n) for group in (upper, lower)))
+            found = magnitude_ratio(*(group.spectra.frf(response, drive).bins(slice(n)) for group in (upper, lower)))
             inside = np.isin(np.arange(n), np.intersect1d(upper.lines(), lower.lines()))
             curves[gain] = frequency, [np.where(inside, values, np.nan) for values in found]
     if not curves:
@@ -167,10 +166,6 @@ def ratio_rows(
     rows = [np.pad(row, (0, len(longest) - len(row)), constant_values=np.nan) for _, pair in curves.values() for row in pair]
     kept = np.flatnonzero(np.isfinite(rows).any(axis=0))
     return [f"gain {gain:g}" for gain in curves], np.stack([longest, *rows])[:, kept[_even(longest[kept])]]
-
-
-def _cut(frf: Frf, n: int) -> Frf:
-    return replace(frf, value=frf.value[:n], magnitude_std=frf.magnitude_std[:n])
 
 
 def _even(frequency: FloatArray) -> np.ndarray | slice:

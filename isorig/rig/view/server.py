@@ -26,7 +26,7 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from isorig.rig.errors import RigError
 from isorig.rig.view.messages import FrameDrawn, PageRequest, SessionState
-from isorig.rig.view.snapshot import Board, Plot, Snapshot
+from isorig.rig.view.snapshot import Plot, Snapshot, SnapshotBuilder
 from isorig.rig.view.sources import Reading
 from isorig.rig.view.state import Subject, state_of
 
@@ -70,7 +70,7 @@ class ScreenServer:
         self, subject: Subject, readings: Iterator[Reading], ask: Callable[[PageRequest], None] = lambda asked: None
     ) -> None:
         self._subject, self._readings, self.ask = subject, readings, ask
-        self._board = Board(subject.planned, judge=subject.mode != "session")
+        self._builder = SnapshotBuilder(subject.planned, judge=subject.mode != "session")
         self._picture = Snapshot()
         self._standing: SessionState | None = SessionState() if subject.mode == "session" else None
         self._failed: Exception | None = None
@@ -138,7 +138,7 @@ class ScreenServer:
         try:
             for reading in self._readings:
                 try:
-                    self._board.see(reading, self._publish)
+                    self._builder.see(reading, self._publish)
                     unread = 0
                 except (RigError, OSError, RuntimeError):
                     # It was read between two writes; the next reading is complete.

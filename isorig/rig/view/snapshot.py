@@ -78,7 +78,7 @@ class _Track:
         self.shown = ShownRun(planned=planned, seconds=0.0, lost=0, levels=(), whole=False, judged=None)
 
 
-class Board:
+class SnapshotBuilder:
     """Follows a session and creates its displayed content; complete runs are checked here unless the session itself does so."""
 
     def __init__(self, planned: Sequence[Planned] = (), *, judge: bool) -> None:

@@ -45,11 +45,10 @@ def described_campaign(
             drive = replace(drive, id=f"{name}_{k + 1}", gain=level, channels=scaled, started=BEGIN + timedelta(seconds=start))
             start += drive.duration + PAUSE
             run = predicted(model, Campaign(runs=(drive,)), as_recorded=True).runs[0]
-            drives = {each.channel for each in model.drives}
             channels = {}
             for key, channel in run.channels.items():
                 values = channel.read()
-                share = noise * (DRIVE_NOISE if key in drives else 1.0)
+                share = noise * (DRIVE_NOISE if key in model.drive_channels else 1.0)
                 size = sizes.setdefault(key, share * float(np.std(values)))
                 channels[key] = replace(channel, samples=values + generator.normal(0.0, size, len(values)), scale=1.0)
             runs.append(replace(run, channels=channels))

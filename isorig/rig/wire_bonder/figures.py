@@ -58,10 +58,8 @@ def _peaks_at_their_places(axis: Axes, ratios: Mapping[str, IsolationRatio]) -> 
         for frf, at, configuration, dash in (
             (ratio.pieces[-1].unlocked, peaks.unlocked, "unlocked", "-"), (ratio.pieces[-1].locked, peaks.locked, "locked", "--")
         ):  # fmt: skip
-            kept = np.abs(frf.frequency / peaks.locked - 1.0) < 0.06
-            colour = banded(
-                axis, frf.frequency[kept], np.abs(frf.value[kept]), frf.magnitude_std[kept], f"{name}, {configuration}", dash
-            )
+            near = frf.bins(np.abs(frf.frequency / peaks.locked - 1.0) < 0.06)
+            colour = banded(axis, near.frequency, np.abs(near.value), near.magnitude_std, f"{name}, {configuration}", dash)
             top = int(np.argmin(np.abs(frf.frequency - at)))
             axis.plot(frf.frequency[top], np.abs(frf.value[top]), "o", mfc="none", ms=6, color=colour)
     sentences = [
@@ -79,10 +77,9 @@ def set_ups_figure(set_ups: Sequence[SetUp]) -> Figure:
     figure = Figure(figsize=(4.6 * len(set_ups), 6.0), layout="constrained")
     axes = figure.subplots(2, len(set_ups), squeeze=False, sharex="col", height_ratios=(2.0, 1.0))
     for (magnitude, phase), item in zip(axes.T, set_ups, strict=True):
-        frf, half = item.frf, item.half_power
-        kept = (frf.frequency >= item.band[0]) & (frf.frequency <= item.band[1])
-        line = banded(magnitude, frf.frequency[kept], np.abs(frf.value[kept]), frf.magnitude_std[kept], "measured")
-        phase.plot(frf.frequency[kept], np.degrees(np.angle(frf.value[kept])), ".", ms=2, color=line)
+        frf, half = item.frf.within(item.band), item.half_power
+        line = banded(magnitude, frf.frequency, np.abs(frf.value), frf.magnitude_std, "measured")
+        phase.plot(frf.frequency, np.degrees(np.angle(frf.value)), ".", ms=2, color=line)
         if item.fit is not None:
             magnitude.plot(item.fit.frequency, np.abs(item.fit.fitted), "k--", lw=1.0, label="fit")
             phase.plot(item.fit.frequency, np.degrees(np.angle(item.fit.fitted)), "k--", lw=1.0)

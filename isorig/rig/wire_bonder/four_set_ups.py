@@ -162,8 +162,7 @@ def _read(name: str, runs: list[Run], band: Band, alone: Band, guess: dict[str, 
 
 
 def _width(frf: Frf, guess: float, band: Band) -> float:
-    near = (frf.frequency >= max(band[0], AROUND[0] * guess)) & (frf.frequency <= min(band[1], AROUND[1] * guess))
-    size = np.abs(frf.value[near])
+    size = np.abs(frf.within((max(band[0], AROUND[0] * guess), min(band[1], AROUND[1] * guess))).value)
     if len(size) < 3:
         raise DataError(f"the records are too short to resolve {guess:.3g} Hz; measure longer")
     return float(max((size >= size.max() / np.sqrt(2.0)).sum() * frf.resolution, 0.5 * frf.resolution))
@@ -182,9 +181,8 @@ def error_surface(set_ups: Mapping[str, SetUp], model: RigModel) -> ErrorSurface
             raise DataError(f"the {name}'s set-up has no mode, which the error surface needs; see the reason there")
         values |= {f"{name}_frequency": mode.frequency, f"{name}_damping": mode.damping}
     table = [sensor.channel for sensor in wire_bonder().sensors].index("table")
-    frf, band = set_ups["table"].frf, set_ups["table"].band
-    kept = (frf.frequency >= band[0]) & (frf.frequency <= band[1])
-    f, measured, std = frf.frequency[kept], np.abs(frf.value[kept]), frf.magnitude_std[kept]
+    frf = set_ups["table"].frf.within(set_ups["table"].band)
+    f, measured, std = frf.frequency, np.abs(frf.value), frf.magnitude_std
 
     # The table's own mass, spring and damper add to one element of the dynamic stiffness only (Sherman and Morrison 1950).
     s, omega = 2j * np.pi * f, 2.0 * np.pi * values["table_frequency"]

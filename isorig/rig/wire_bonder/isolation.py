@@ -39,7 +39,7 @@ from isorig.rig.wire_bonder.peak_offset import PeakOffset, peak_offset
 
 
 @dataclass(frozen=True, kw_only=True)
-class Compared:
+class ComparedRatios:
     """Ratios by name ("measured", and those of the models), and the share of time stuck by gain.
 
     `isolated` is the isolation as one number, and `offsets` are the offsets of the heatblock's peaks, by the same names;
@@ -89,7 +89,7 @@ def given_models(model: Path | None, parameters: Path | None, method: Method | N
 
 def compared_isolation(
     campaign: Campaign, models: Sequence[Model], *, stitch: float = STITCH, resolution: float = 0.25
-) -> Compared:
+) -> ComparedRatios:
     """The ratio of a campaign, and of the same runs simulated with each model; the same estimate for all.
 
     A run whose gain changed counts as one run for each gain.
@@ -117,12 +117,12 @@ def compared_isolation(
     except (AnalysisError, RecordingError) as error:
         refused = str(error)
     swept = tuple(run.id for run in whole.runs if changes(run))
-    return Compared(
+    return ComparedRatios(
         ratios=ratios, stuck=stuck, isolated=isolated, offsets=offsets, offset_refused=refused, faults=wrong, swept=swept
     )
 
 
-def isolation_sentences(compared: Compared) -> list[str]:
+def isolation_sentences(compared: ComparedRatios) -> list[str]:
     """Sentences about the ratio."""
     ratio = compared.measured
     sentences = fault_sentences(compared.faults)
@@ -179,7 +179,7 @@ def _differences(measured: IsolationRatio, other: IsolationRatio, name: str) -> 
             )
 
 
-def write_isolation(folder: Path, found: Compared, notes: Sequence[str]) -> list[str]:
+def write_isolation(folder: Path, found: ComparedRatios, notes: Sequence[str]) -> list[str]:
     """Write isolation.csv, isolation.json and isolation.png; the sentences, after the notes about the models."""
     from isorig.rig.frf.figures import save
     from isorig.rig.wire_bonder.figures import isolation_figure

@@ -112,8 +112,8 @@ def _peak(runs: list[Run], guess: float) -> Mode:
 
 
 def _top(frf: Frf, guess: float) -> tuple[float, float]:
-    near = (frf.frequency > AROUND[0] * guess) & (frf.frequency < AROUND[1] * guess)
-    f, size = frf.frequency[near], np.abs(frf.value[near])
+    near = frf.within((AROUND[0] * guess, AROUND[1] * guess))
+    f, size = near.frequency, np.abs(near.value)
     top = int(np.argmax(size))
     if top in (0, len(f) - 1):
         raise DataError(f"the magnitude has no peak between {f[0]:.4g} and {f[-1]:.4g} Hz")

@@ -11,19 +11,19 @@ from isorig.analysis.campaign import Campaign
 from isorig.analysis.fitting.uncertainty import CALIBRATION
 from isorig.analysis.parameters.joint_fit import Characterization
 from isorig.analysis.spectra.modes import Mode
-from isorig.analysis.spectra.quality import fault_sentences, without
-from isorig.analysis.wording import of_signal, with_std
+from isorig.analysis.spectra.quality import without
+from isorig.analysis.wording import with_std
 from isorig.rig.files.output import write_text
 from isorig.rig.frf.figures import save
 from isorig.rig.model.baseline import baseline_model
-from isorig.rig.report.charts import PHASE_ENDS, Chart, ChartTrace, Panel, Role, unjoined
-from isorig.rig.report.misfit import misfit_charts, simulated, time_charts
-from isorig.rig.report.page import Report, Section, Table, build_report
-from isorig.rig.report.sections import provenance_section, with_unit, words
+from isorig.rig.report.charts import Chart, ChartTrace, Panel, unjoined
+from isorig.rig.report.frequency import frf_panels, frf_traces
+from isorig.rig.report.measurement import fits_page
+from isorig.rig.report.page import Section, Table
+from isorig.rig.report.sections import with_unit, words
 from isorig.rig.wire_bonder.figures import set_ups_figure, surface_figure
 from isorig.rig.wire_bonder.four_set_ups import ErrorSurface, FourSetUps, SetUp, evaluated_set_ups
 
-JOINT: tuple[str, Role] = ("joint fit", "simulated")
 BIASED = (
     "Single peaks of the coupled rig, as in the thesis, without friction in the model, so that friction counts as damping. "
     "The joint fit is the better estimate; these values show the result of a linear evaluation of the same runs."
@@ -77,29 +77,12 @@ def _of_mode(mode: Mode | None) -> dict[str, Any]:
 
 
 def _page(campaign: Campaign, found: Characterization, read: FourSetUps) -> str:
-    models = {JOINT: simulated(found.fit.model, found.trials)}
-    surface = [_surface_section(read.surface)] if read.surface is not None else []
-    report = Report(
-        title=f"Parameters of {Path(campaign.source).name}",
-        verdict=f"The error of the joint fit is {of_signal(found.error)} on held-out data, that of noise alone "
-        f"{found.noise_alone}.",
-        summary=fault_sentences(found.faults)
-        + [f"{words(name).capitalize()}: not available, because {reason}." for name, reason in read.refused.items()],
-        sections=[
-            Section(
-                title="Parameters",
-                text=[BIASED, STATED, CALIBRATED if found.calibrated else EXACT],
-                tables=[_compared(found, read)],
-            ),
-            *(_set_up_section(item) for item in read.set_ups),
-            *surface,
-            Section(
-                title="Joint fit and runs", charts=[*time_charts(found.trials, models), *misfit_charts(found.trials, models)]
-            ),
-            provenance_section(campaign),
-        ],
-    )
-    return build_report(report)
+    text = [BIASED, STATED, CALIBRATED if found.calibrated else EXACT]
+    return fits_page(
+        campaign, found, Section(title="Parameters", text=text, tables=[_compared(found, read)]),
+        [*map(_set_up_section, read.set_ups), *([] if read.surface is None else [_surface_section(read.surface)])],
+        [f"{words(name).capitalize()}: not available, because {reason}." for name, reason in read.refused.items()],
+    )  # fmt: skip
 
 
 def _compared(found: Characterization, read: FourSetUps) -> Table:
@@ -122,14 +105,8 @@ def _compared(found: Characterization, read: FourSetUps) -> Table:
 
 
 def _set_up_section(item: SetUp) -> Section:
-    frf, half = item.frf, item.half_power
-    kept = (frf.frequency >= item.band[0]) & (frf.frequency <= item.band[1])
-    f, value = frf.frequency[kept], frf.value[kept]
-    traces = [
-        ChartTrace(name="measured", x=f, y=np.abs(value), spread=frf.magnitude_std[kept]),
-        ChartTrace(name="measured", x=f, y=unjoined(np.degrees(np.angle(value))), panel=1),
-        ChartTrace(name="measured", x=f, y=frf.coherence[kept], panel=2),
-    ]
+    frf, half = item.frf.within(item.band), item.half_power
+    traces = frf_traces(frf, "measured")
     if item.fit is not None:
         x, fitted = item.fit.frequency, item.fit.fitted
         traces.append(ChartTrace(name="fit", x=x, y=np.abs(fitted), role="simulated"))
@@ -158,12 +135,7 @@ def _set_up_section(item: SetUp) -> Section:
         )
     chart = Chart(
         name=f"set-up-{item.name}", caption=f"{frf.response} over {frf.reference}.", x_log=False,
-        panels=[
-            Panel(label=f"|{frf.response} / {frf.reference}|, m/s² per m/s²", log=True, height=2.0),
-            Panel(label="phase, °", ends=PHASE_ENDS, step=90.0),
-            Panel(label="coherence", ends=(0.0, 1.0)),
-        ],
-        traces=traces,
+        panels=frf_panels(frf), traces=traces,
     )  # fmt: skip
     return Section(title=f"{item.name.capitalize()}: {frf.reference} to {frf.response}", text=text, charts=[chart])
 

@@ -22,8 +22,8 @@ from isorig.rig.acquire import session
 from isorig.rig.acquire.live import LiveState
 from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.plan import plan_of as plan_of_tree
+from isorig.rig.acquire.policy import SessionWaits
 from isorig.rig.acquire.rig_operator import MeasuredRun, Operator
-from isorig.rig.acquire.waits import SessionWaits
 
 CHANNELS = ("head", "motor", "table", "heatblock")
 #: A wire that is gone stays gone here: it is waited for as long as it takes to see that.

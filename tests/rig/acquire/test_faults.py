@@ -15,7 +15,7 @@ from ramps import CHANNELS, Watcher, acquire, plan_of, ramp_instrument, ticks_of
 from isorig.drivers.errors import ConnectionLostError
 from isorig.drivers.simulated.commanded import Faults
 from isorig.drivers.simulated.framed import SimulatedFramed
-from isorig.rig.acquire.waits import SessionWaits
+from isorig.rig.acquire.policy import SessionWaits
 from isorig.rig.files.recording import read
 
 injected: Counter[str] = Counter()
@@ -44,7 +44,7 @@ def test_nothing_is_lost_without_being_counted(
     output = tmp_path_factory.mktemp("faults") / "campaign.h5"
     with ramp_instrument(faults, rows=rows) as (port, instrument):
         acquire(plan_of({"id": "a", "seconds": 5.0}), port, output, watcher.operator, force=True)
-        injected.update(instrument.mishaps.happened)
+        injected.update(instrument.random_faults.happened)
         injected.update({"wrap": int(first_tick + 5120 >= 2**32), "slow clock": int(ppm != 0.0)})
         counted = instrument.sent
     run = read(output).runs[0]

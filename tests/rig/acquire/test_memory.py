@@ -15,10 +15,10 @@ from ramps import Watcher
 from isorig.drivers.block import Block, Input
 from isorig.rig.acquire.measure_run import measure_run
 from isorig.rig.acquire.plan import Plan, plan_of
+from isorig.rig.acquire.policy import SESSION_WAITS
 from isorig.rig.acquire.recorder import RunWriter, recording_into, working_file
 from isorig.rig.acquire.remarks import Remarks
 from isorig.rig.acquire.store import keep_session
-from isorig.rig.acquire.waits import SESSION_WAITS
 
 RATE, INPUTS, ROWS = 51200.0, 8, 512
 

@@ -32,8 +32,8 @@ from isorig.drivers.waits import Waits
 from isorig.rig.acquire.drive import FADE, PART, drive_of
 from isorig.rig.acquire.live import LiveState
 from isorig.rig.acquire.plan import Plan
+from isorig.rig.acquire.policy import SESSION_WAITS, SessionWaits
 from isorig.rig.acquire.terminal import levels
-from isorig.rig.acquire.waits import SESSION_WAITS, SessionWaits
 from isorig.rig.files.recording import read
 from isorig.rig.virtual.levels import HEAD_PER_GAIN
 

@@ -13,8 +13,8 @@ import pytest
 from ramps import Watcher, acquire, plan_of, ramp_instrument
 
 from isorig.drivers.block import Block
+from isorig.rig.acquire.policy import SessionWaits
 from isorig.rig.acquire.recorder import BlockQueue, RunWriter
-from isorig.rig.acquire.waits import SessionWaits
 from isorig.rig.errors import OutputError
 from isorig.rig.files.recording import read
 

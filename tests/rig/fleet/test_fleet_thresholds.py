@@ -12,7 +12,7 @@ from made_up import drawn_fleet
 from isorig.analysis.trends.change import DatedChange, Followed
 from isorig.analysis.trends.series import Series
 from isorig.rig.fleet.history import DiagnosedCampaign, Incident, NewCause, Track, TrackedRig, _joined, _named, followed
-from isorig.rig.fleet.sentences import _pause, change_words, is_confirmed
+from isorig.rig.fleet.sentences import _pause, change_words
 
 STOP = "end_stop at isolation"
 AROUND = pytest.mark.parametrize("share", [0.98, 1.02])
@@ -65,8 +65,8 @@ def test_a_change_of_eight_standard_deviations_dates_better_than_a_name(share: f
 def test_a_change_is_confirmed_from_three_standard_deviations_on(share: float) -> None:
     moved = change(-3.0 * share)
     assert change_words(TRACK, moved).endswith("not confirmed by the campaigns since") is (share < 1.0)
-    assert is_confirmed(incident(moved)) is (share > 1.0)
-    assert is_confirmed(replace(incident(moved), named=(NewCause(cause=STOP, begun=7, first=7, alarm=8),)))
+    assert incident(moved).confirmed is (share > 1.0)
+    assert replace(incident(moved), named=(NewCause(cause=STOP, begun=7, first=7, alarm=8),)).confirmed
 
 
 @AROUND

@@ -13,7 +13,7 @@ from made_up import FRICTION, PARAMETERS, SPRING, Shift, drawn_fleet, write_cata
 from isorig.rig.cli import main
 from isorig.rig.errors import RigError
 from isorig.rig.fleet.history import followed
-from isorig.rig.fleet.sentences import bad_campaigns, coinciding_events, incident_words, is_confirmed, state_of
+from isorig.rig.fleet.sentences import bad_campaigns, coinciding_events, incident_words, state_of
 
 
 def test_one_of_fifty_changes() -> None:
@@ -101,7 +101,7 @@ def test_an_odd_rig_and_a_bad_campaign() -> None:
     frame.loc[(frame.rig == "rig-012") & (frame.campaign == "week-008") & (frame.parameter == FRICTION), "value"] *= 0.5
     fleet = followed(frame, "coulomb")
     assert fleet.siblings[SPRING].outliers == ("rig-011",)
-    assert not [i for i in fleet.rigs["rig-011"].incidents if is_confirmed(i)]
+    assert not [i for i in fleet.rigs["rig-011"].incidents if i.confirmed]
     assert not [i for i in fleet.rigs["rig-012"].incidents if i.changes and i.changes[0][0].name == FRICTION]
     assert [(c.name, names) for c, names in bad_campaigns(fleet.rigs["rig-012"])] == [
         ("week-008", ["friction force of isolation"])

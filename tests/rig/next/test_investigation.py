@@ -22,7 +22,16 @@ from isorig.rig.errors import PlanError
 from isorig.rig.files.rivals import OpenSet, Rivals
 from isorig.rig.next import investigation as investigation_module
 from isorig.rig.next import proposal as proposal_module
-from isorig.rig.next.investigation import PAGE, SESSION, STATE, Measured, Terms, investigate, nothing_known, read_investigation
+from isorig.rig.next.investigation import (
+    PAGE,
+    SESSION,
+    STATE,
+    MeasuredRuns,
+    Terms,
+    investigate,
+    nothing_known,
+    read_investigation,
+)
 from isorig.rig.next.proposal import Proposal, Proposed, propose, situation
 from isorig.rig.next.sentences import summary
 from isorig.rig.next.stages import Investigation
@@ -56,18 +65,18 @@ class Lab:
     measured: list[str] = field(default_factory=list)
     diagnosed: list[str] = field(default_factory=list)
 
-    def measure(self, plan: Plan, recording: Path) -> Measured:
+    def measure(self, plan: Plan, recording: Path) -> MeasuredRuns:
         held = json.loads(recording.read_text()) if recording.exists() else []
         for run in plan.runs:
             if run.id in held or run.id == self.declines:
                 continue
             self._break(f"measure {run.id}")
             if self.stops:
-                return Measured(names=held, stopped=True)
+                return MeasuredRuns(names=held, stopped=True)
             held.append(run.id)
             self.measured.append(run.id)
             recording.write_text(json.dumps(held))
-        return Measured(names=held)
+        return MeasuredRuns(names=held)
 
     def diagnose(self, recording: Path, folder: Path, *rest: object, **options: object) -> CampaignOutcome:
         self._break(f"diagnose {folder.name}")

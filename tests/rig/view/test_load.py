@@ -24,7 +24,7 @@ from isorig.rig.cli import main
 from isorig.rig.files.recording import read
 from isorig.rig.view.messages import planned_by
 from isorig.rig.view.process import session_screen
-from isorig.rig.view.requests import Desk
+from isorig.rig.view.requests import SessionControl
 from isorig.rig.virtual.demo import virtual_instrument
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "acquire"))
@@ -59,10 +59,10 @@ def answering(page: Socket, frames: list[int]) -> None:
 @pytest.mark.parametrize("trouble", ["pages that stand still", "a screen that stands still", "a screen that is killed"])
 def test_nothing_is_lost_at_the_full_rate(tmp_path: Path, trouble: str) -> None:
     plan, watcher, output = wide_plan(4.0), Watcher(), tmp_path / "c.h5"
-    desk = Desk(planned_by(plan), output, asks=False)
+    control = SessionControl(planned_by(plan), output, asks=False)
     frames: list[int] = []
     with ramp_instrument(speed=1.0, rows=64, inputs=INPUTS) as (port, instrument):
-        with session_screen(desk) as address:
+        with session_screen(control) as address:
             beside = screen_process()
             quick, *still = (Socket(address) for _ in range(6))
             thread = threading.Thread(target=answering, args=(quick, frames), daemon=True)
@@ -70,7 +70,7 @@ def test_nothing_is_lost_at_the_full_rate(tmp_path: Path, trouble: str) -> None:
             if trouble != "pages that stand still":
                 sent = signal.SIGSTOP if trouble == "a screen that stands still" else signal.SIGKILL
                 threading.Timer(1.5, beside.send_signal, [sent]).start()
-            acquire(plan, port, output, desk.operator(watcher.operator), force=True)
+            acquire(plan, port, output, control.operator(watcher.operator), force=True)
             ended = time.monotonic()
             if trouble == "a screen that stands still":
                 beside.resume()

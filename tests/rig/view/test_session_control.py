@@ -24,7 +24,7 @@ from isorig.rig.acquire.terminal import Terminal
 from isorig.rig.files.recording import read
 from isorig.rig.view.messages import PageRequest, SessionState, planned_by
 from isorig.rig.view.process import viewed
-from isorig.rig.view.requests import Desk
+from isorig.rig.view.requests import SessionControl
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "acquire"))
 from ramps import Watcher, plan_of, ramp_instrument
@@ -35,33 +35,33 @@ RUNS = (
 
 
 class Session:
-    """A session in a thread, its desk, and all runs that it took, in order."""
+    """A session in a thread, its control, and all runs that it took, in order."""
 
     def __init__(self, folder: Path, plan: Plan, port: str, *, asks: bool) -> None:
         self.output, self.watcher = folder / "c.h5", Watcher()
-        self.desk = Desk(planned_by(plan), self.output, asks=asks)
+        self.control = SessionControl(planned_by(plan), self.output, asks=asks)
         self.stood: list[SessionState] = []
-        self.desk.listeners.append(self.stood.append)
+        self.control.listeners.append(self.stood.append)
         self._plan, self._port = plan, port
         self.thread = threading.Thread(target=self._run, daemon=True)
         self.thread.start()
 
     def _run(self) -> None:
-        operator = self.desk.operator(self.watcher.operator)
+        operator = self.control.operator(self.watcher.operator)
         acquire(self._plan, self._port, self.output, operator, force=True)
-        while name := self.desk.again():
+        while name := self.control.again():
             acquire(self._plan, self._port, self.output, operator, resume=True, again={name}, force=True)
         settle_notes(self.output)
-        self.desk.over("ended")
+        self.control.over("ended")
 
     def waits(self, phase: str, run: str) -> SessionState:
         """Until the session stands so."""
-        until(lambda: (self.desk.standing.phase, self.desk.standing.run) == (phase, run))
-        return self.desk.standing
+        until(lambda: (self.control.standing.phase, self.control.standing.run) == (phase, run))
+        return self.control.standing
 
     def press(self, do: str, run: str, text: str = "") -> bool:
         """Press a button."""
-        return self.desk.ask(PageRequest(do=do, run=run, text=text))  # type: ignore[arg-type]
+        return self.control.ask(PageRequest(do=do, run=run, text=text))  # type: ignore[arg-type]
 
     def taken(self) -> list[str]:
         """Runs in the order in which they were taken."""
@@ -163,7 +163,7 @@ def test_notes_are_kept_in_the_recording(tmp_path: Path) -> None:
     going = session(tmp_path, act, asks=False)
     kept = notes_in(going.output)
     assert [(note.run, len(note.text)) for note in kept] == [("a", 27), ("b", 500)]
-    assert tuple(kept) == going.desk.standing.notes
+    assert tuple(kept) == going.control.standing.notes
     assert read(going.output).runs  # what it adds is nothing to other readers
     # A bit that flips in a note is noticed, as in what was measured.
     damaged = bytearray(going.output.read_bytes())
@@ -181,21 +181,21 @@ def test_notes_are_kept_in_the_recording(tmp_path: Path) -> None:
     asks=st.booleans(),
 )  # fmt: skip
 def test_no_wish_starts_what_the_plan_does_not_say(tmp_path_factory: pytest.TempPathFactory, wishes: Any, asks: bool) -> None:
-    desk = Desk(planned_by(plan_of(*RUNS)), tmp_path_factory.getbasetemp() / "none.h5", asks=asks)
+    control = SessionControl(planned_by(plan_of(*RUNS)), tmp_path_factory.getbasetemp() / "none.h5", asks=asks)
     for do, run in wishes:
         # The session has not begun: it waits for nobody, no run lasts, and a note needs one of these.
-        assert not desk.ask(PageRequest(do=do, run=run, text="x"))
-    assert not desk.stopped()
-    assert desk.standing == SessionState()
+        assert not control.ask(PageRequest(do=do, run=run, text="x"))
+    assert not control.stopped()
+    assert control.standing == SessionState()
 
 
 def test_a_second_screen_shows_what_the_terminal_shows(tmp_path: Path) -> None:
     heard: list[str] = []
     plan = plan_of(RUNS[1])
-    desk = Desk(planned_by(plan), tmp_path / "c.h5", asks=False)
+    control = SessionControl(planned_by(plan), tmp_path / "c.h5", asks=False)
     beside = Operator(lock=heard.append, watch=lambda live: heard.append(live.run), taken=lambda item: heard.append(item.id))
     with ramp_instrument(speed=8.0) as (port, _):
-        acquire(plan, port, tmp_path / "c.h5", desk.operator(beside), force=True)
+        acquire(plan, port, tmp_path / "c.h5", control.operator(beside), force=True)
     assert set(heard) == {"b"}
     assert len(heard) >= 3
 
@@ -239,30 +239,30 @@ def test_late_requests_have_no_effect(tmp_path: Path) -> None:
     plan, watcher = plan_of(*RUNS), Watcher()
     with ramp_instrument(speed=8.0) as (port, _):
         acquire(plan, port, tmp_path / "c.h5", watcher.operator, force=True)
-    desk = Desk(planned_by(plan), tmp_path / "d.h5", asks=True)
-    operator = desk.operator(Watcher().operator)
+    control = SessionControl(planned_by(plan), tmp_path / "d.h5", asks=True)
+    operator = control.operator(Watcher().operator)
     levels = {live.run: live for live in watcher.seen}
     decided: list[str] = []
-    session = threading.Thread(target=lambda: decided.extend(desk.decide(name) for name in ("a", "b", "c")), daemon=True)
+    session = threading.Thread(target=lambda: decided.extend(control.decide(name) for name in ("a", "b", "c")), daemon=True)
     session.start()
-    until(lambda: desk.standing.phase == "asks")
+    until(lambda: control.standing.phase == "asks")
     operator.watch(levels["a"])
-    assert desk.standing.phase == "asks"
-    desk.ask(PageRequest(do="next", run="a"))
-    until(lambda: desk.standing.phase == "checks")
+    assert control.standing.phase == "asks"
+    control.ask(PageRequest(do="next", run="a"))
+    until(lambda: control.standing.phase == "checks")
     time.sleep(0.3)
-    assert desk.standing.run == "a"  # it is not on to the next before this one has been told of
+    assert control.standing.run == "a"  # it is not on to the next before this one has been told of
     operator.watch(levels["a"])
-    assert desk.standing.phase == "measures"
+    assert control.standing.phase == "measures"
     operator.taken(watcher.runs[0])
-    until(lambda: (desk.standing.phase, desk.standing.run) == ("checks", "b"))
+    until(lambda: (control.standing.phase, control.standing.run) == ("checks", "b"))
     operator.watch(levels["a"])
-    assert (desk.standing.phase, desk.standing.may) == ("checks", ("note",))
+    assert (control.standing.phase, control.standing.may) == ("checks", ("note",))
     operator.taken(watcher.runs[1])
-    until(lambda: desk.standing.phase == "asks")
+    until(lambda: control.standing.phase == "asks")
     operator.watch(levels["b"])
-    assert (desk.standing.phase, desk.standing.run) == ("asks", "c")
-    desk.ask(PageRequest(do="next", run="c"))
+    assert (control.standing.phase, control.standing.run) == ("asks", "c")
+    control.ask(PageRequest(do="next", run="c"))
     session.join(10.0)
     assert decided == ["take"] * 3
 
@@ -282,15 +282,15 @@ def test_a_slow_disk_for_notes_delays_no_page(tmp_path: Path, monkeypatch: pytes
         noting = threading.Thread(target=going.press, args=("note", "a", "slow"), daemon=True)
         noting.start()
         assert begun.wait(30.0)
-        before = going.desk.standing.seconds
+        before = going.control.standing.seconds
         # The session tells of its levels meanwhile.
-        until(lambda: going.desk.standing.seconds > before)
+        until(lambda: going.control.standing.seconds > before)
         assert noting.is_alive()
         go_on.set()
         noting.join(30.0)
 
     going = session(tmp_path, act, asks=False, speed=1.0)
-    assert [note.text for note in going.desk.standing.notes] == ["slow"]
+    assert [note.text for note in going.control.standing.notes] == ["slow"]
 
 
 def test_a_suspended_terminal_delays_no_page(tmp_path: Path) -> None:
@@ -299,9 +299,9 @@ def test_a_suspended_terminal_delays_no_page(tmp_path: Path) -> None:
     stood: list[SessionState] = []
     with (
         ramp_instrument(speed=4.0) as (port, _),
-        viewed(plan, output, stands, Terminal(json=False), asks=False) as (desk, operator),
+        viewed(plan, output, stands, Terminal(json=False), asks=False) as (control, operator),
     ):
-        desk.listeners.append(stood.append)
+        control.listeners.append(stood.append)
         try:
             acquire(plan, port, output, operator, force=True)
         finally:

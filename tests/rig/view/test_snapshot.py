@@ -22,7 +22,7 @@ from isorig.rig.view.levels import Levels
 from isorig.rig.view.messages import Judgement, Planned, SessionState, planned_as
 from isorig.rig.view.responses import MEMORY, RESOLUTION, AveragedRuns, GrowingSpectra
 from isorig.rig.view.server import frame, read_frame
-from isorig.rig.view.snapshot import Board, Snapshot
+from isorig.rig.view.snapshot import Snapshot, SnapshotBuilder
 from isorig.rig.view.sources import Reading, beginning_of, replayed, watched
 from isorig.rig.view.state import Subject, state_of
 from isorig.rig.wire_bonder.description import wire_bonder
@@ -37,16 +37,16 @@ def campaign() -> Campaign:
 
 
 def seen(campaign: Campaign, *, planned: tuple[Planned, ...] = (), pieces: int = 5, judge: bool = True) -> Snapshot:
-    """What a board shows behind a session that grew in pieces."""
-    board, pictures = Board(planned, judge=judge), [Snapshot()]
+    """What a builder shows behind a session that grew in pieces."""
+    builder, pictures = SnapshotBuilder(planned, judge=judge), [Snapshot()]
     done: list[Run] = []
     for run in campaign.runs:
         for k in range(1, pieces):
             growing = beginning_of(run, k * len(run) // pieces)
             reading = Reading(campaign=replace(campaign, runs=(*done, growing)), whole=frozenset(item.id for item in done))
-            board.see(reading, pictures.append)
+            builder.see(reading, pictures.append)
         done.append(run)
-    board.see(Reading(campaign=campaign, whole=frozenset(run.id for run in campaign.runs)), pictures.append)
+    builder.see(Reading(campaign=campaign, whole=frozenset(run.id for run in campaign.runs)), pictures.append)
     return pictures[-1]
 
 
@@ -138,8 +138,8 @@ def test_transfer_functions_and_ratio_are_those_of_scipy(campaign: Campaign) -> 
 def test_words_say_how_far_it_is(campaign: Campaign) -> None:
     planned = tuple(replace_seconds(item, 48.0) for item in planned_as(campaign.runs))
     first = replace(campaign, runs=(beginning_of(campaign.runs[0], len(campaign.runs[0]) // 2),))
-    board, pictures = Board(planned, judge=True), []
-    board.see(Reading(campaign=first, whole=frozenset()), pictures.append)
+    builder, pictures = SnapshotBuilder(planned, judge=True), []
+    builder.see(Reading(campaign=first, whole=frozenset()), pictures.append)
     state = state_of(Subject(title="lab.h5", mode="watch", planned=planned), pictures[-1], None)
     about = state["run"]
     assert (about["id"], about["number"], about["count"], about["of"]) == ("u70a", 1, 3, 48.0)
@@ -198,9 +198,9 @@ def test_a_repeated_run_replaces_the_first_on_the_screen(campaign: Campaign) -> 
     first = campaign.runs[0]
     other = replace(campaign.runs[1], id=first.id, gain=first.gain, band=first.band)
     pictures: list[Snapshot] = []
-    board = Board(judge=False)
+    builder = SnapshotBuilder(judge=False)
     for run in (first, other):
-        board.see(Reading(campaign=replace(campaign, runs=(run,)), whole=frozenset()), pictures.append)
+        builder.see(Reading(campaign=replace(campaign, runs=(run,)), whole=frozenset()), pictures.append)
     alone = seen(replace(campaign, runs=(other,)), pieces=1, judge=False)
     np.testing.assert_allclose(pictures[-1].plots["frf"].rows, alone.plots["frf"].rows, rtol=1e-5)
     assert pictures[-1].runs[first.id].seconds == alone.runs[first.id].seconds
@@ -279,11 +279,11 @@ class _Flaky:
 def test_a_temporarily_unreadable_file_is_read_at_the_next_poll(campaign: Campaign) -> None:
     sound = campaign.runs[0]
     flaky = replace(sound, channels={n: replace(c, samples=_Flaky(np.asarray(c.samples[:]))) for n, c in sound.channels.items()})
-    board, pictures, failures = Board(judge=False), [Snapshot()], 0
+    builder, pictures, failures = SnapshotBuilder(judge=False), [Snapshot()], 0
     for n in [*range(2000, len(sound), 700), *[len(sound)] * 30]:
         reading = Reading(campaign=replace(campaign, runs=(beginning_of(flaky, n),)), whole=frozenset())
         try:
-            board.see(reading, pictures.append)
+            builder.see(reading, pictures.append)
         except OSError:
             failures += 1
     assert failures > 5
@@ -352,13 +352,13 @@ def test_finished_runs_keep_no_samples() -> None:
         )
         for k in range(8)
     )  # fmt: skip
-    board, pictures = Board(judge=False), [Snapshot()]
+    builder, pictures = SnapshotBuilder(judge=False), [Snapshot()]
 
     def grown(first: int, last: int) -> int:
         tracemalloc.start()
         for k in range(first, last):
             whole = frozenset(run.id for run in runs[:k])
-            board.see(
+            builder.see(
                 Reading(campaign=Campaign(runs=runs[: k + 1]), whole=whole), lambda picture: pictures.__setitem__(0, picture)
             )
         size = tracemalloc.get_traced_memory()[0]
