@@ -53,6 +53,8 @@ GAINS = np.linspace(0.6, 1.6, 41)
 DELAYS = np.linspace(0.1, 6.0, 60)
 LATE = np.linspace(-30.0, 6.0, 73)
 SHARES = np.linspace(-0.4, 0.4, 33)
+#: Delay or lag in samples below which phases hardly turn. Derived: the highest usable frequency turns by three degrees then.
+TURNS = 0.02
 #: Time constants of a drive's lag, in samples.
 LAGS = np.linspace(0.2, 40.2, 41)
 #: Corner frequencies of a sensor's high-pass, in multiples of the rig's lowest mode.
@@ -631,7 +633,8 @@ class Regressions:
         count = len(base.values)
         residual, value = sliding.residual(fitted, base), float(fitted.values[count])
         for _ in range(ROUNDS):
-            if not (what == "delay" or (what == "lag" and value > 0.0)):
+            size = value * self.on.rate if what == "lag" else abs(value) * self.on.rate
+            if what not in ACTING or not TURNS < size < np.max(np.abs(ACTING[what][0])):
                 break
             # It turns phases, and biases the other coefficients: the error of this size with these, not that of a small one.
             known = replace(base, values=fitted.values[:count])

@@ -558,15 +558,16 @@ class Equations:
         """The rows of `SlidingRun.fixed` with the parameters whose values are their coefficients, by path.
 
         The path is "-" where the equation does not give one: for an integrated deflection, whose slow part is unknown. The row is
-        empty for a direction of sliding.
+        empty for a direction of sliding, and for a spring that is not solved for, whose coefficient means nothing.
         """
         found: list[tuple[str, Row]] = [(path, row) for path, row, _ in self.unknown_rows(balance)]
         for other, sign in balance.others(element):
             if other.link is not None and not element.has_ends_of(other):
                 known = not self.integrated(other)
                 for order, name in enumerate(("stiffness", "damping")):
-                    row = {key: sign * weight for key, weight in self.motion_row(other.weights, order).items()}
-                    found.append((f"links.{other.link.name}.{name}" if known else "-", row))
+                    row = self.motion_row(other.weights, order) if order or self.springs(other.link) else {}
+                    path = f"links.{other.link.name}.{name}" if known else "-"
+                    found.append((path, {key: sign * weight for key, weight in row.items()}))
             if other.contact is not None:
                 found.append(("-", {}))
         return found

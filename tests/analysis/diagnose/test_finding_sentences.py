@@ -40,8 +40,7 @@ def test_agreement_is_about_the_lines_that_follow_the_drive() -> None:
     assert "agrees at gains 70, 7 to within 0.8 %" in linear.text
     assert {cause for cause, _ in linear.supported} == {
         "extra_mode", "wrong_mass", "wrong_stiffness", "sensor_gain", "channel_delay", "low_pass", "crosstalk", "moment_coupling",
-        "imperfect_lock",
-        "asymmetric_damping", "bilinear_stiffness",
+        "imperfect_lock", "asymmetric_damping", "bilinear_stiffness", "drive_lag",
     }  # fmt: skip
     other = homogeneity("locked", [70.0, 7.0], [AGREES], misfit=0.5, linear=0.04)
     assert "is not linear" in other.text
