@@ -20,6 +20,7 @@ from isorig.analysis.diagnose.suspects import Suspects
 from isorig.analysis.equations.balances import Element
 from isorig.analysis.equations.forms import ElementForce, fitted_form, force_left
 from isorig.analysis.fitting.candidate import Candidate
+from isorig.analysis.fitting.ladder import STAYS
 from isorig.analysis.fitting.score import score
 from isorig.analysis.fitting.solve import Fit, Free
 from isorig.analysis.fitting.trials import FIT_SHARE
@@ -92,7 +93,7 @@ def shown_by_force(job: Job, *, searched: bool) -> ShownByForce | None:
     if chosen is None or recorded is None:
         return None
     (element, force), start = recorded, suspects.started(chosen, job.current.free)[0]
-    stays = score(start, job.fine).figure < SENSITIVE  # a simulation that follows the records can follow them
+    stays = score(start, job.fine).figure < STAYS  # a simulation that follows the records can follow them
     sensitive = not stays and float(np.median(job.floors)) < SENSITIVE <= float(np.median(job.allowed(start)))
     early = force.until(FIT_SHARE)
     one_sided = early.all() or not early.any()  # samples near reversals of a sliding contact do not count

@@ -136,10 +136,13 @@ def required_drive(model: RigModel, motion: Motion) -> FloatArray:
     motion = _without_faults(motion, {sensor.channel: sensor.chain for sensor in model.sensors})
     scale, rate = chain.gain / (model.drive.factor * model.drive.pushes[pushed[0]]), motion.sample_rate
     command = shift((motion.drive - chain.offset) / chain.gain, -chain.delay, rate)
+    recorded = command * chain.gain / scale
     acting = delivered(model.drive, command, rate) * chain.gain / scale
-    beyond = command * chain.gain / scale - acting  # of the command, what no motion shows
+    # Errors are shares of what acts: a drive that delivers hardly anything of its command must not seem to fit.
+    size = float(np.std(recorded)) / max(float(np.std(acting)), 1e-300)
     needed = [_balanced(model, motion, group, acting) for group in motion.groups or (tuple(pushed),)]
-    drives = [shift(scale * (np.clip(acting, *ends) + beyond), chain.delay, rate) + chain.offset for ends in needed]
+    errors = (size * (np.clip(acting, *ends) - acting) for ends in needed)
+    drives = [shift(scale * (recorded + error), chain.delay, rate) + chain.offset for error in errors]
     return decimated(np.stack(drives), motion.decimation)
 
 

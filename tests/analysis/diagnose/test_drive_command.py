@@ -15,6 +15,9 @@ from isorig.analysis.diagnose.causes.drive_saturation import DriveSaturation
 from isorig.analysis.diagnose.causes.measurement_chain import with_drive
 from isorig.analysis.diagnose.diagnosis import diagnose
 from isorig.analysis.errors import ModelError
+from isorig.analysis.fitting.division import ends
+from isorig.analysis.fitting.score import score
+from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.model.rig_model import Body, Drive, Link, RigModel, Sensor
 
 SEED, RATE, FINER = 7100, 400.0, 10
@@ -109,6 +112,14 @@ def test_a_drive_that_saturates_gradually_has_a_static_curve() -> None:
     inside = np.abs(at) <= 9.0
     acting = (at + added)[inside]
     np.testing.assert_allclose(acting, 9.0 * np.tanh(at[inside] / 9.0), atol=0.2)
+
+
+@pytest.mark.parametrize("changes", [{"limit": 0.05}, {"lag": 20.0}], ids=["limit", "lag"])
+def test_a_drive_that_delivers_hardly_anything_does_not_seem_to_fit(changes: dict[str, float]) -> None:
+    """A rig that is judged by its drive: where nothing acts, nothing is required."""
+    campaign, rig = pushed(Amplifier(limit=6.0), springs=False)
+    judged = ends(prepare(campaign, rig)).judged
+    assert score(with_drive(rig, **changes), judged).figure > score(rig, judged).figure > 0.05
 
 
 def test_with_one_sensor_a_lag_of_the_drive_is_that_of_the_sensor() -> None:
