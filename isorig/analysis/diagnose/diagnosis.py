@@ -528,7 +528,8 @@ class _Search:
 
     def _only_disturbed(self, job: Job, *, searched: bool) -> bool:
         # Whether what a model leaves is a disturbance from outside, or noise: related to neither the drive nor the motion, and no
-        # explanation removes it from the equations of motion. Hum is one cause only in one channel, or if no search confirmed it.
+        # explanation removes it from the equations of motion. Hum is a disturbance, too, where several channels have it, or no
+        # search has confirmed it as a cause.
         if job.now.figure >= MOST_NOISE:
             return False
         several, disturbed = searched or len(job.evidence.mains) > 1, False

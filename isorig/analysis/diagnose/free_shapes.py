@@ -13,10 +13,10 @@ import msgspec
 import numpy as np
 
 from isorig.analysis import laws
-from isorig.analysis.campaign import MOTION, SI_UNIT, FloatArray
+from isorig.analysis.campaign import SI_UNIT, FloatArray
 from isorig.analysis.diagnose.causes.base import Evidence, Kind, exchange
 from isorig.analysis.diagnose.causes.coulomb_friction import SHARE_OF_PUSH
-from isorig.analysis.diagnose.causes.measurement_chain import with_chain, with_drive
+from isorig.analysis.diagnose.causes.measurement_chain import follows_command, with_chain, with_drive
 from isorig.analysis.fitting.candidate import Candidate, Shape
 from isorig.analysis.fitting.solve import Free
 from isorig.analysis.laws.base import NO_LINK
@@ -335,7 +335,7 @@ def _bend(model: RigModel, evidence: Evidence, channel: str) -> Candidate | None
 
 def _drive_curve(model: RigModel, evidence: Evidence) -> Candidate | None:
     drive, peak = model.drive, evidence.peak.get(model.drive.channel, 0.0)
-    if drive.quantity in MOTION or not drive.acts_as_recorded or peak <= 0.0:
+    if not follows_command(model) or peak <= 0.0:
         return None
     start = with_drive(model, curve=_flat(peak))
     return _static_curve(start, drive.channel, "drive.curve", peak, SI_UNIT[drive.quantity], dropped="drive.factor")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,10 +13,13 @@ from small_rigs import chain, guessed, played, with_law
 
 from isorig.analysis import laws
 from isorig.analysis.campaign import Campaign, Channel, FloatArray
-from isorig.analysis.diagnose.diagnosis import Diagnosis, diagnose
+from isorig.analysis.diagnose import diagnosis
+from isorig.analysis.diagnose.diagnosis import Diagnosis, _Search, diagnose
+from isorig.analysis.diagnose.suspects import SHOWN
 from isorig.analysis.fitting.ladder import baseline_fit
 from isorig.analysis.fitting.related import DETECTABLE, _chance, related
 from isorig.analysis.fitting.trials import prepare
+from isorig.analysis.fitting.uncertainty import MOST_NOISE
 from isorig.analysis.model.rig_model import RigModel
 
 SEED = 8300
@@ -58,6 +62,32 @@ def test_a_cause_on_a_shaking_floor_is_named_alone() -> None:
     answer = found(with_law(chain(), "l1", laws.Cubic(cubic_stiffness=2e7)), 0.03)
     assert [(step.cause, step.location) for step in answer.steps] == [("hardening_stiffness", "l1")]
     assert answer.verdict == "explained"
+
+
+@pytest.mark.parametrize(
+    ("figure", "score", "what", "channels", "searched", "only"),
+    [
+        (0.99 * MOST_NOISE, 0.0, "mass", 0, False, True),
+        (MOST_NOISE, 0.0, "mass", 0, False, False),
+        (0.01, 0.99 * SHOWN, "mass", 0, True, True),
+        (0.01, SHOWN, "mass", 0, True, False),
+        (0.01, SHOWN, "hum", 1, False, False),
+        (0.01, SHOWN, "hum", 2, False, True),
+        (0.01, SHOWN, "hum", 1, True, True),
+    ],
+)
+def test_a_disturbance_is_small_and_nothing_explains_it(
+    figure: float, score: float, what: str, channels: int, searched: bool, only: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    explanation = SimpleNamespace(what=what, score=score)
+    monkeypatch.setattr(diagnosis, "ranking", lambda equations: SimpleNamespace(explanations=[explanation]))
+    monkeypatch.setattr(diagnosis, "related", lambda model, trials: False)
+    search = _Search(None, None, None, None, [], lambda text: None, 0.0, 1)
+    job = SimpleNamespace(
+        now=SimpleNamespace(figure=figure), evidence=SimpleNamespace(mains=dict.fromkeys(map(str, range(channels)), 50.0)),
+        equations=None, current=SimpleNamespace(model=None),
+    )  # fmt: skip
+    assert search._only_disturbed(job, searched=searched) is only
 
 
 def test_a_tone_counts_as_related() -> None:

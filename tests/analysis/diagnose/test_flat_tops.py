@@ -8,7 +8,7 @@ import pytest
 from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, Run
 from isorig.analysis.diagnose.observe import FLAT_ROWS, FLAT_SAMPLES, FLAT_SHARE, PILE, flat_tops
 from isorig.analysis.equations.errors import clipped
-from isorig.analysis.spectra.overload import SCATTER, noisy_limit, plateaus
+from isorig.analysis.spectra.overload import SCATTER, SCATTER_NOISE, WIDE_NOISE, WIDEST, noisy_limit, plateaus
 
 TIME = np.arange(4000) / 400.0
 
@@ -47,6 +47,18 @@ def test_what_is_missing_beyond_a_noisy_limit_is_computed_all_the_same(noise: fl
 @pytest.mark.parametrize(("far", "limited"), [(0.99 * SCATTER, True), (1.01 * SCATTER, False)])
 def test_noise_scatters_a_limit_up_to_a_share_of_it(far: float, limited: bool) -> None:
     assert (noisy_limit(np.repeat([1.0, 1.0 + far], [60, 40])) is not None) is limited
+
+
+@pytest.mark.parametrize(("far", "limited"), [(0.99, True), (1.01, False)])
+def test_noise_of_known_size_scatters_a_limit_further(far: float, limited: bool) -> None:
+    noise = 0.5 * WIDEST / WIDE_NOISE
+    assert (noisy_limit(np.repeat([1.0, 1.0 + far * SCATTER_NOISE * noise], [60, 40]), noise) is not None) is limited
+
+
+@pytest.mark.parametrize(("share", "limited"), [(0.99, True), (1.01, False)])
+def test_more_noise_than_the_widest_range_allows_is_no_reason_to_look_further(share: float, limited: bool) -> None:
+    noise = share * WIDEST / WIDE_NOISE / 0.98
+    assert (noisy_limit(np.repeat([1.0, 0.98 + 0.02 * 1.9], [60, 40]), noise) is not None) is limited
 
 
 def test_values_spread_evenly_up_to_a_largest_one_have_no_limit() -> None:

@@ -37,15 +37,19 @@ def sensor_channels(model: RigModel) -> tuple[str, ...]:
     return tuple(sensor.channel for sensor in model.sensors)
 
 
+def follows_command(model: RigModel) -> bool:
+    """Whether the drive pushes as it is recorded by what may be a command: a recorded motion is none."""
+    return model.drive.quantity not in MOTION and model.drive.acts_as_recorded
+
+
 class DriveCause(Cause):
     """A drive whose force differs from the command that its channel records."""
 
     rank = 0
 
     def places(self, model: RigModel) -> tuple[str, ...]:
-        """The channel of a drive that pushes as it is recorded; a recorded motion is no command."""
-        drive = model.drive
-        return (drive.channel,) if drive.quantity not in MOTION and drive.acts_as_recorded else ()
+        """The channel of a drive whose record may be a command that it follows so far."""
+        return (model.drive.channel,) if follows_command(model) else ()
 
 
 class ChannelCause(Cause):
