@@ -139,7 +139,7 @@ def required_drive(model: RigModel, motion: Motion) -> FloatArray:
     recorded = command * chain.gain / scale
     acting = delivered(model.drive, command, rate) * chain.gain / scale
     # Errors are shares of what acts: a drive that delivers hardly anything of its command must not seem to fit.
-    size = float(np.std(recorded)) / max(float(np.std(acting)), 1e-300)
+    size = 1.0 if model.drive.acts_as_recorded else float(np.std(recorded)) / max(float(np.std(acting)), 1e-300)
     needed = [_balanced(model, motion, group, acting) for group in motion.groups or (tuple(pushed),)]
     errors = (size * (np.clip(acting, *ends) - acting) for ends in needed)
     drives = [shift(scale * (recorded + error), chain.delay, rate) + chain.offset for error in errors]

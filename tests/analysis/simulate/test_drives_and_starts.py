@@ -233,7 +233,7 @@ def test_a_floating_rig_moves_as_its_momentum_says() -> None:
     ("change", "said"),
     [
         ({"drive": {"channel": "f"}}, "pushes nothing"),
-        ({"drive": {"channel": "f", "imposes": "l", "pushes": {"r": 1.0}}}, "has pushes or a factor as well"),
+        ({"drive": {"channel": "f", "imposes": "l", "pushes": {"r": 1.0}}}, "has pushes, a factor, a curve"),
         ({"drive": {"channel": "f", "imposes": "l", "quantity": "force"}}, "its quantity is force"),
         ({"drive": {"channel": "f", "imposes": "q"}}, "which does not exist"),
         ({"more_drives": [{"channel": "f1", "pushes": {"l": 1.0}}]}, "the channel name 'f1' occurs 2 times"),
