@@ -444,6 +444,7 @@ class _Search:
         self.cut_short = False
         self._noise_floors: _Floors = {}
         self._disturbances: _Floors = {}
+        self._related: dict[bytes, bool] = {}
 
     def causes(self, baseline: Fit, divide: Divide) -> _Found:
         division = divide(self._trials)
@@ -536,8 +537,14 @@ class _Search:
         with self.until_the_time_ends():
             explained = [item for item in ranking(job.equations).explanations if not (several and item.what == "hum")]
             if not explained or explained[0].score < SHOWN:
-                disturbed = not related(job.current.model, [refined(trial) for trial in self._trials])
+                disturbed = not self._is_related(job.current.model)
         return disturbed
+
+    def _is_related(self, model: RigModel) -> bool:
+        # Whether what a model leaves is related to the drive or the motion, computed once.
+        if model.encoded not in self._related:
+            self._related[model.encoded] = related(model, [refined(trial) for trial in self._trials])
+        return self._related[model.encoded]
 
     def _by_required_force(
         self, job: Job, stages: Sequence[SearchStage], division: Division, enough: float, *, searched: bool
@@ -648,8 +655,7 @@ class _Search:
         # runs tell whether there may be one.
         model = without_step(better, now.fit)
         predicts = log_excess(now.score.error, floors) - log_excess(score(model, division.judged).error, floors) > POLICY.refitted
-        whole = Problem(division.fits)
-        if not (predicts and misfit(model, whole) <= misfit(now.fit.model, whole)):
+        if not (predicts and _fits_no_worse(model, now.fit.model, Problem(division.fits))):
             rung = ladder(division.fits)[-1]
             glance = tried(model, now.fit.free, rung)
             before = bare_cost(now.fit, rung)
@@ -760,6 +766,10 @@ class _Search:
             while more_draws(measured, draws):
                 draws.append(calibrated(stage.fit, self._trials, divide, floors, len(draws)))
         return max(draws, default=None)
+
+
+def _fits_no_worse(model: RigModel, other: RigModel, problem: Problem) -> bool:
+    return misfit(model, problem) <= misfit(other, problem)
 
 
 def _once(known: _Floors, model: RigModel, judged: Sequence[Trial], compute: Callable[[], FloatArray]) -> FloatArray:

@@ -35,6 +35,7 @@ from isorig.analysis.equations.sliding import Sliding, SlidingFit, SlidingRun
 from isorig.analysis.equations.spectral import Prepared, Row
 from isorig.analysis.equations.system import CUT, HOLDS, Equations
 from isorig.analysis.lowpass import low_passed
+from isorig.analysis.simulate.sampling import lagging
 
 #: Attached resonators: damping ratios, number of frequencies over the band, and the refinement around the best.
 COARSE_DAMPING, FINE_DAMPING = 0.02, (0.008, 0.015, 0.03, 0.06)
@@ -83,13 +84,8 @@ def _late(force: FloatArray, samples: float) -> FloatArray:
 
 
 def _lagging(force: FloatArray, samples: float) -> FloatArray:
-    # First-order, by the bilinear transform, from its first value; a search may look below zero, where nothing lags.
-    from scipy.signal import lfilter
-
-    samples = max(samples, 0.0)
-
-    fed, own = 1.0 + 2.0 * samples, 1.0 - 2.0 * samples
-    return np.asarray(lfilter([1.0, 1.0], [fed, own], force - force[0]) + force[0])
+    # A search may look below zero, where nothing lags.
+    return lagging(force, 1.0 / (2.0 * np.pi * samples), 1.0) if samples > 0.0 else force
 
 
 #: How a drive acts otherwise than its record tells, by samples: the values of a search, and the force.

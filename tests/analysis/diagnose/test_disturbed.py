@@ -85,7 +85,7 @@ def test_a_disturbance_is_small_and_nothing_explains_it(
     search = _Search(None, None, None, None, [], lambda text: None, 0.0, 1)
     job = SimpleNamespace(
         now=SimpleNamespace(figure=figure), evidence=SimpleNamespace(mains=dict.fromkeys(map(str, range(channels)), 50.0)),
-        equations=None, current=SimpleNamespace(model=None),
+        equations=None, current=SimpleNamespace(model=SimpleNamespace(encoded=b"")),
     )  # fmt: skip
     assert search._only_disturbed(job, searched=searched) is only
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from isorig.analysis.diagnose.causes.base import Amplitudes, Evidence, RigWithCause, Sizes
-from isorig.analysis.diagnose.causes.measurement_chain import ChannelCause, sensor_channels, with_chain
-from isorig.analysis.fitting.candidate import Candidate, Reported
+from isorig.analysis.diagnose.causes.measurement_chain import ChannelCause, sensor_channels, with_chain, with_one_value
+from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.solve import Free
 from isorig.analysis.model.rig_model import RigModel
 
@@ -33,11 +33,8 @@ class AcCoupling(ChannelCause):
 
     def proposed(self, model: RigModel, evidence: Evidence, place: str) -> Iterator[Candidate]:
         path = f"sensors.{place}.chain.corner"
-        yield Candidate(
-            cause=self.name, location=place, family=self.family, rank=self.rank,
-            starts=tuple(with_chain(model, place, corner=corner) for corner in STARTS),
-            free=(Free(path=path, low=1e-3, high=HIGHEST),), reported=(Reported(name="corner", path=path, unit="Hz"),),
-        )  # fmt: skip
+        starts = (with_chain(model, place, corner=corner) for corner in STARTS)
+        yield with_one_value(self, place, starts, Free(path=path, low=1e-3, high=HIGHEST), "corner", "Hz")
 
     def supposed_places(self, model: RigModel) -> tuple[str, ...]:
         # Virtual rigs hide it with a filter of their own ("slow sensor").

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from isorig.analysis.diagnose.causes.base import Amplitudes, Evidence, RigWithCause, Sizes
-from isorig.analysis.diagnose.causes.measurement_chain import ChannelCause, chain_of, with_chain
-from isorig.analysis.fitting.candidate import Candidate, Reported
+from isorig.analysis.diagnose.causes.measurement_chain import ChannelCause, chain_of, with_chain, with_one_value
+from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.solve import Free
 from isorig.analysis.model.rig_model import RigModel
 
@@ -28,12 +28,8 @@ class ChannelDelay(ChannelCause):
         like = evidence.guess.free == model.free
         before = model.replace({path: evidence.guess.get(path) for path in model.free}) if like else model
         grid = (before.replace({path: 0.5 * k * sample}) for k in range(-8, 9) if k and like)
-        yield Candidate(
-            cause=self.name, location=place, family=self.family, rank=self.rank,
-            starts=(model, *grid),
-            free=(Free(path=path, low=-50 * sample, high=50 * sample, log=False, step=0.02 * sample),),
-            reported=(Reported(name="delay", path=path, unit="s"),),
-        )  # fmt: skip
+        free = Free(path=path, low=-50 * sample, high=50 * sample, log=False, step=0.02 * sample)
+        yield with_one_value(self, place, (model, *grid), free, "delay", "s")
 
     def sized(self, model: RigModel, runs: Amplitudes, place: str, size: float, sizes: Sizes) -> RigWithCause:
         delay = size * sizes.weak_to_strong(0.8, 2.5) / runs.sample_rate

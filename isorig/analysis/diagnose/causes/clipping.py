@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 from isorig.analysis.campaign import SI_UNIT
 from isorig.analysis.diagnose.causes.base import Amplitudes, Evidence, RigWithCause, Sizes
-from isorig.analysis.diagnose.causes.measurement_chain import ChannelCause, chain_of, sensor_channels, with_chain
-from isorig.analysis.fitting.candidate import Candidate, Reported
+from isorig.analysis.diagnose.causes.measurement_chain import ChannelCause, chain_of, sensor_channels, with_chain, with_one_value
+from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.solve import Free
 from isorig.analysis.model.rig_model import RigModel
 
@@ -30,11 +30,8 @@ class Clipping(ChannelCause):
             return
         path = f"{chain_of(model, place)[1]}.limit"
         quantity = model.drive.quantity if place == model.drive.channel else model.sensor(place).quantity
-        yield Candidate(
-            cause=self.name, location=place, family=self.family, rank=self.rank,
-            starts=(with_chain(model, place, limit=level),), free=(Free(path=path, low=0.9 * level, high=1.1 * level),),
-            reported=(Reported(name="limit", path=path, unit=SI_UNIT[quantity]),),
-        )  # fmt: skip
+        free = Free(path=path, low=0.9 * level, high=1.1 * level)
+        yield with_one_value(self, place, (with_chain(model, place, limit=level),), free, "limit", SI_UNIT[quantity])
 
     def supposed_places(self, model: RigModel) -> tuple[str, ...]:
         return sensor_channels(model)

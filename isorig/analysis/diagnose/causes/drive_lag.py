@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from isorig.analysis.diagnose.causes.base import Amplitudes, Evidence, RigWithCause, Sizes
-from isorig.analysis.diagnose.causes.measurement_chain import DriveCause, with_drive
-from isorig.analysis.fitting.candidate import Candidate, Reported
+from isorig.analysis.diagnose.causes.measurement_chain import DriveCause, with_drive, with_one_value
+from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.solve import Free
 from isorig.analysis.model.rig_model import RigModel
 
@@ -26,13 +26,10 @@ class DriveLag(DriveCause):
 
     def proposed(self, model: RigModel, evidence: Evidence, place: str) -> Iterator[Candidate]:
         sample = 1.0 / evidence.sample_rate
-        yield Candidate(
-            cause=self.name, location=place, family=self.family, rank=self.rank,
-            starts=tuple(with_drive(model, lag=samples * sample) for samples in STARTS),
-            free=(Free(path="drive.lag", low=LEAST * sample, high=MOST * sample),),
-            reported=(Reported(name="time_constant", path="drive.lag", unit="s"),),
-            twin=("low_pass", model.sensors[0].channel) if len(model.sensors) == 1 else None,
-        )  # fmt: skip
+        starts = (with_drive(model, lag=samples * sample) for samples in STARTS)
+        free = Free(path="drive.lag", low=LEAST * sample, high=MOST * sample)
+        twin = ("low_pass", model.sensors[0].channel) if len(model.sensors) == 1 else None
+        yield with_one_value(self, place, starts, free, "time_constant", "s", twin)
 
     def sized(self, model: RigModel, runs: Amplitudes, place: str, size: float, sizes: Sizes) -> RigWithCause:
         lag = size * sizes.weak_to_strong(0.8, 2.5) / runs.sample_rate

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 from isorig.analysis.campaign import SI_UNIT
 from isorig.analysis.diagnose.causes.base import Amplitudes, Evidence, RigWithCause, Sizes
-from isorig.analysis.diagnose.causes.measurement_chain import DriveCause, with_drive
-from isorig.analysis.fitting.candidate import Candidate, Reported
+from isorig.analysis.diagnose.causes.measurement_chain import DriveCause, with_drive, with_one_value
+from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.solve import Free
 from isorig.analysis.model.rig_model import RigModel
 
@@ -27,12 +27,9 @@ class DriveSaturation(DriveCause):
 
     def proposed(self, model: RigModel, evidence: Evidence, place: str) -> Iterator[Candidate]:
         peak = evidence.peak.get(place, 0.0)
-        yield Candidate(
-            cause=self.name, location=place, family=self.family, rank=self.rank,
-            starts=tuple(with_drive(model, limit=share * peak) for share in STARTS if peak),
-            free=(Free(path="drive.limit", low=LOWEST * peak, high=peak),),
-            reported=(Reported(name="limit", path="drive.limit", unit=SI_UNIT[model.drive.quantity]),),
-        )  # fmt: skip
+        starts = (with_drive(model, limit=share * peak) for share in STARTS if peak)
+        free = Free(path="drive.limit", low=LOWEST * peak, high=peak)
+        yield with_one_value(self, place, starts, free, "limit", SI_UNIT[model.drive.quantity])
 
     def sized(self, model: RigModel, runs: Amplitudes, place: str, size: float, sizes: Sizes) -> RigWithCause:
         limit = (1.0 - size * sizes.weak_to_strong(0.3, 0.6)) * runs.peak[place]

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import msgspec
 
 from isorig.analysis.campaign import MOTION
 from isorig.analysis.diagnose.causes.base import Cause, Evidence, exchange
-from isorig.analysis.fitting.candidate import Candidate
+from isorig.analysis.fitting.candidate import Candidate, Reported
+from isorig.analysis.fitting.solve import Free
 from isorig.analysis.model.rig_model import Chain, RigModel
 
 
@@ -30,6 +32,16 @@ def with_chain(model: RigModel, channel: str, **changes: Any) -> RigModel:
 def with_drive(model: RigModel, **changes: Any) -> RigModel:
     """The rig with changes of its drive."""
     return msgspec.structs.replace(model, drive=msgspec.structs.replace(model.drive, **changes))
+
+
+def with_one_value(
+    cause: Cause, place: str, starts: Iterable[RigModel], free: Free, name: str, unit: str, twin: tuple[str, str] | None = None
+) -> Candidate:
+    """The candidate of a cause with one value of its own, reported by this name and unit."""
+    return Candidate(
+        cause=cause.name, location=place, family=cause.family, rank=cause.rank, starts=tuple(starts), free=(free,), twin=twin,
+        reported=(Reported(name=name, path=free.path, unit=unit),),
+    )  # fmt: skip
 
 
 def sensor_channels(model: RigModel) -> tuple[str, ...]:
