@@ -24,7 +24,6 @@ from isorig.analysis.diagnose.forms_of_curves import starts_from_curve
 from isorig.analysis.diagnose.free_shapes import free_shapes
 from isorig.analysis.diagnose.kinds import SHAPED, kind_of
 from isorig.analysis.diagnose.observe import observe
-from isorig.analysis.diagnose.places import Places, compared_places
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.diagnose.step import (
     Entry,
@@ -40,6 +39,7 @@ from isorig.analysis.diagnose.step import (
 )
 from isorig.analysis.diagnose.suspects import ALWAYS, BROKEN, STANDS_ALIKE, Suspects, suspects
 from isorig.analysis.equations.system import HOLDS, Equations, equations_of
+from isorig.analysis.equations.unknown_force import Places, compared_places, equations_at
 from isorig.analysis.errors import FitError, ModelError, OutOfTimeError
 from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.excess import excess, log_excess, ratio, share_removed
@@ -80,6 +80,8 @@ from isorig.analysis.wording import in_per_cent
 
 #: Number of candidates with a full fit, of free shapes, and of pairs of suspected causes.
 FINALISTS, CURVES, PAIRS = 4, 3, 2
+#: Number of places of a partly measured rig whose equations are solved.
+PLACES = 3
 #: Longest time for pairs of causes in multiples of that for single ones before, and at least in s. Chosen: pairs that were found
 #: took up to six times as long, of 4 s; where they need more, the best single cause is named.
 FOR_PAIRS, LEAST_FOR_PAIRS = 5.0, 45.0
@@ -452,16 +454,19 @@ def sources(job: Job) -> Iterator[Source]:
         return  # what the free shape leaves there, no law of its kind explains
     if equations.hidden and job.left < POLICY.settled:
         return  # with estimated motions this little may be due to the form that was found
-    compared = compared_places(job.current.model, job.trials) if equations.hidden else None
+    guess = [job.guess] if job.left >= 1.0 else []
+    compared = compared_places(job.current.model, job.trials, guess) if equations.hidden else None
     possible = compared if compared is not None and compared.possible else None
     refuted = False
     if possible is not None:
         # Where bodies have no sensors, the misfit of all records tells more about the place than equations that rest on
         # estimates.
-        job.progress("the misfit can come from " + ", ".join(sorted(possible.possible)))
-        found = job.suspects
-        if found is not None and found.exact and possible.includes(found.chosen[0].place):
-            yield Suspected(job=job, found=found)
+        listed = (f"{one.place.kind} {one.place.name} (leaves {one.left:.3g} times the noise)" for one in possible.possible)
+        job.progress("the misfit can come from " + ", ".join(listed))
+        for one in possible.possible[:PLACES]:
+            there = suspects(equations_at(one, job.campaign, job.trials))
+            if there is not None:
+                yield Suspected(job=job, found=there)
         yield Screened(job=job, places=possible)
     elif job.suspects is not None and (not job.judged_by_drive or job.suspects.clear is not None):
         yield Suspected(job=job, found=job.suspects)

@@ -18,6 +18,7 @@ from isorig.analysis.equations.known import law_columns
 from isorig.analysis.equations.ranking import Explanation
 from isorig.analysis.equations.sliding import Sliding, SlidingFit
 from isorig.analysis.equations.system import CHANNEL_FAULTS, HOLDS, Equations
+from isorig.analysis.equations.unknown_force import is_linear, is_own
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.solve import Free, base_parameters
 from isorig.analysis.laws.base import NO_LINK, Law
@@ -103,7 +104,8 @@ def element_force(equations: Equations, place: str, shape: Shape | None) -> Elem
         if found is not None:
             size = abs(next(s for e, s in balance.crossing if e.name == element.name))
             force = _sliding_force(equations, balance, element, shape, size, *found)
-            hidden = float(np.mean(force.left**2)) > HIDDEN * float(np.mean(force.force**2))
+            # An estimated force has no content where noise hides it, at low frequencies above all.
+            hidden = equations.only is not None or np.mean(force.left**2) > HIDDEN * np.mean(force.force**2)
             if hidden and balance.name in equations.prepared and element.link is not None and not law_columns(element):
                 return _spectral_force(equations, balance, element, shape, force)
             return force
@@ -336,6 +338,8 @@ def start_values(equations: Equations, explanation: Explanation | None = None) -
             element = next((e for e, _ in balance.crossing if path == f"links.{e.name}.stiffness"), None)
             if element is None or not bends(element):
                 take(path, value)
+    if equations.only is not None:  # all records together tell more of the rest of the rig than each equation
+        found |= {path: model.get(path) for path in model.free if is_linear(path) and not is_own(path, equations.only)}
     return found
 
 

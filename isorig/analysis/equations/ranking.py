@@ -33,7 +33,7 @@ from isorig.analysis.equations.motion import derivatives
 from isorig.analysis.equations.repeats import pitch_of
 from isorig.analysis.equations.sliding import Sliding, SlidingFit, SlidingRun
 from isorig.analysis.equations.spectral import Prepared, Row
-from isorig.analysis.equations.system import CUT, HOLDS, Equations
+from isorig.analysis.equations.system import CUT, HOLDS, Equations, Place
 from isorig.analysis.lowpass import low_passed
 from isorig.analysis.simulate.sampling import lagging
 
@@ -148,7 +148,8 @@ class Regressions:
         self.least = HOLDS if worst >= HOLDS else HINTS  # residual from which an equation is explained
         # What breaks an equation of measured motions is in it; an error of the model anywhere breaks those of estimated ones.
         measured = {name: value for name, value in on.residuals().items() if name not in on.with_estimates}
-        self._counted = measured if max(measured.values(), default=0.0) >= HOLDS else on.residuals()
+        counted = measured if max(measured.values(), default=0.0) >= HOLDS else on.residuals()
+        self._counted = {name: value for name, value in counted.items() if on.only is None or on.contains(name, on.only)}
         self._balances = [balance for balance in on.balances if balance.name in self._counted]
         self._prepared = {name: item for name, item in on.prepared.items() if name in self._counted}
         self._sliding = {name: item for name, item in on.sliding.items() if name in self._counted}
@@ -174,9 +175,9 @@ class Regressions:
             )  # fmt: skip
 
         parts: list[Callable[[], None]] = [
-            *(partial(self._shape, one, shape, add) for one in self.on.elements() for shape in self._shapes(one, before)),
+            *(partial(self._shape, one, shape, add) for one in self._elements for shape in self._shapes(one, before)),
             *(partial(self._rarer, balance, add, before, found) for balance in self._balances),
-            *(partial(self._body, body, add, before) for body in self.on.combos.measured),
+            *(partial(self._body, body, add, before) for body in self.on.combos.measured if self.on.tested("body", body)),
             partial(self._rocking, add), partial(self._locks, add), *self._sensors(add, before),
         ]  # fmt: skip
         for part in parts[self._done.parts :]:
@@ -184,6 +185,11 @@ class Regressions:
             part()
             self._done.parts += 1
         return Ranking(residuals=before, explanations=tuple(sorted(found, key=lambda item: -item.score)))
+
+    @property
+    def _elements(self) -> list[Element]:
+        # Those at which causes are tested.
+        return [one for one in self.on.elements() if self.on.tested("link", one.name)]
 
     def _shapes(self, element: Element, before: Mapping[str, float]) -> list[Shape]:
         rubbing = element.contact is not None
@@ -224,7 +230,7 @@ class Regressions:
         whole = before.get(balance.name, 0.0)  # none where nothing of it remains to be tested
         if whole < self.least or min((item.residuals[balance.name] for item in found), default=whole) < self.least:
             return
-        for element, _ in balance.crossing:
+        for element in (element for element in self._elements if balance.contains(element)):
             if all((item.place, item.what) != (element.name, RARE_STOP.name) for item in found):
                 self._shape(element, RARE_STOP, add)
             in_time = self.on.in_time(balance, element)
@@ -456,7 +462,7 @@ class Regressions:
         key = (drive.channel, -1)
         if key not in self.on.spectra.index:
             return
-        for pushed in drive.pushes:
+        for pushed in (body for body in drive.pushes if self.on.tested("body", body)):
             links = {link.name for link in self.on.model.links if link.name in blocked and pushed in (link.a, link.b)}
             if not links:
                 continue
@@ -554,10 +560,12 @@ class Regressions:
         orders = self.on.combos.orders
         channels = [c for c in self.on.model.channels if c in orders or (c, -1) in self.on.spectra.index]
         for channel in channels:
+            if not (self.on.tested("sensor", channel) or self.on.tested("drive", channel)):
+                continue
             inside = {
                 name: item for name, item in self._prepared.items() if any(key[0] == channel for row in item.rows for key in row)
             }
-            slid = {name: pair for name, pair in self._sliding.items() if self._uses(name, channel)}
+            slid = {name: pair for name, pair in self._sliding.items() if self.on.contains(name, Place("sensor", channel))}
             # A fault of a channel breaks all equations that contain it.
             seen = [before[name] for name in inside] or [before[name] for name in slid]
             if all(value < self.least for value in seen):
@@ -715,12 +723,6 @@ class Regressions:
                 if other == channel:
                     total += factor * float(np.real(weight)) * found[order]  # type: ignore[arg-type]
         return total
-
-    def _uses(self, name: str, channel: str) -> bool:
-        balance = self.on.balance_of(name)
-        rows: list[Row] = [self.on.force_row(balance)]
-        rows += [self.on.motion_row(element.weights, 0) for element, _ in balance.crossing]
-        return any(key[0] == channel for row in rows for key in row)
 
     def _signed_rows(self, name: str, base: SlidingFit) -> tuple[list[Row], FloatArray, float]:
         # The known row of a sliding equation, its other rows with their coefficients, and the sign of the force.

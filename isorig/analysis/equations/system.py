@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -75,6 +76,13 @@ FITTED_BINS = 100
 HOLDS = 2.0
 
 
+class Place(NamedTuple):
+    """A place in a rig, and what it is: a sensor is named by its channel, as is a drive."""
+
+    kind: Literal["link", "body", "drive", "sensor"]
+    name: str
+
+
 @dataclass(kw_only=True)
 class Record:
     """A run: its samples and noise by channel, the seconds since the campaign's start, and whether its drive is broad-band."""
@@ -100,13 +108,16 @@ class Equations:
         Standard deviation of each channel's sensor noise in each run, by channel.
     wandering
         Channels of acceleration whose zero wanders.
+    only
+        The only place where causes are tested; None for all.
     """
 
     def __init__(
-        self, campaign: Campaign, model: RigModel, noise: Sequence[Mapping[str, float]], wandering: Collection[str] = ()
+        self, campaign: Campaign, model: RigModel, noise: Sequence[Mapping[str, float]], wandering: Collection[str] = (),
+        only: Place | None = None,
     ) -> None:  # fmt: skip
-        self.wandering = frozenset(wandering)
-        self.hidden = estimable(model)
+        self.wandering, self.only = frozenset(wandering), only
+        self.hidden = estimable(model) if only is None else ()
         self.model, self.combos = model, Combinations(model, self.hidden)
         # Where no spring holds a body, its position counts from the start of a run.
         self.counted = floats(model) and max(self.combos.orders.values(), default=0) < 2
@@ -684,6 +695,22 @@ class Equations:
         named = {name for element in self.elements() for name in element.names}
         every = {link.name for link in self.model.links} | {contact.name for contact in self.model.contacts}
         return bool(self.prepared or self.sliding) and not self.hidden and every <= named
+
+    def tested(self, kind: str, name: str) -> bool:
+        """Whether causes at a place are tested."""
+        return self.only is None or self.only == (kind, name)
+
+    def contains(self, name: str, place: Place) -> bool:
+        """Whether a fault at a place breaks the equation of this name."""
+        balance = next((balance for balance in self.balances if balance.name == name), None)
+        if place.kind == "link":
+            return balance is not None and any(element.name == place.name for element, _ in balance.crossing)
+        if place.kind == "body":
+            return balance is not None and place.name in balance.bodies
+        rows: Sequence[Row] = self.prepared[name].rows if balance is None else [self.force_row(balance)]
+        if balance is not None:
+            rows = [*rows, *(self.motion_row(element.weights, 0) for element, _ in balance.crossing)]
+        return any(key[0] == place.name for row in rows for key in row)
 
     def balance_of(self, name: str) -> Balance:
         return next(balance for balance in self.balances if balance.name == name)
