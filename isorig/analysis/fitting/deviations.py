@@ -15,7 +15,7 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.fitting.division import coarsened
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
-from isorig.analysis.fitting.solve import Fit, Free, Problem, bending, fit
+from isorig.analysis.fitting.solve import Fit, Free, Problem, bending, fit, slopes_of
 from isorig.analysis.fitting.trials import Trial
 
 #: Largest number of times that the derivatives are computed, and the relative decrease of the cost that ends the fit.
@@ -95,8 +95,7 @@ def line_moves(done: Fit, trials: Sequence[Trial]) -> FloatArray:
         left = np.eye(rows) - np.einsum("kap,pq,kbq->kab", own, bread, own, optimize=True)
         alone = np.linalg.solve(left + 1e-9 * np.eye(rows), residual[:, :, None])
         scores.append(np.einsum("kap,ka->kp", own, alone[:, :, 0]))
-    slope = np.array([done.model.get(f.path) if f.log else 1.0 for f in done.free])
-    return np.asarray(np.concatenate(scores) @ bread / scale * slope)
+    return np.asarray(np.concatenate(scores) @ bread / scale * slopes_of(done.model, done.free))
 
 
 def given_moves(done: Fit, trials: Sequence[Trial], given: Mapping[str, float]) -> FloatArray:
@@ -124,8 +123,7 @@ def given_moves(done: Fit, trials: Sequence[Trial], given: Mapping[str, float]) 
     changes = np.nan_to_num(np.array(there) - here) / np.array(shares)[:, None]
     scale, jacobian, bread = normalised(done)
     back = bread @ jacobian.T
-    slope = np.array([done.model.get(f.path) if f.log else 1.0 for f in done.free])
-    return np.asarray(-(changes @ back.T) / scale * slope)
+    return np.asarray(-(changes @ back.T) / scale * slopes_of(done.model, done.free))
 
 
 def grid_shift(done: Fit, trials: Sequence[Trial]) -> FloatArray:
@@ -134,4 +132,4 @@ def grid_shift(done: Fit, trials: Sequence[Trial]) -> FloatArray:
     change = Problem(finer, share=SIMULATION_LIMIT).residuals([done.model])[0] - done.residual
     scale, jacobian, bread = normalised(done)
     moved = bread @ (jacobian.T @ np.nan_to_num(change)) / scale
-    return np.asarray(moved * [done.model.get(f.path) if f.log else 1.0 for f in done.free])
+    return np.asarray(moved * slopes_of(done.model, done.free))

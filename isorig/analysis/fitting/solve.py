@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, field
+from functools import partial
 from math import remainder
 from typing import Protocol, Self
 
@@ -69,6 +70,21 @@ class Free:
     def at_upper_bound(self, coordinate: float) -> bool:
         """Whether less than half a finite difference remains between a search coordinate and the upper bound."""
         return self.decode(coordinate + 0.5 * self.step) == self.high
+
+
+def coordinates_of(model: RigModel, free: Sequence[Free]) -> FloatArray:
+    """Search coordinates of a model's values, shape (k,)."""
+    return np.array([f.encode(model.get(f.path)) for f in free])
+
+
+def at_coordinates(model: RigModel, free: Sequence[Free], coordinates: FloatArray) -> RigModel:
+    """The model with the values at other search coordinates, shape (k,). Raises ModelError if physics excludes them."""
+    return model.replace({f.path: f.decode(c) for f, c in zip(free, coordinates, strict=True)})
+
+
+def slopes_of(model: RigModel, free: Sequence[Free]) -> FloatArray:
+    """Derivatives of a model's values with respect to their search coordinates, shape (k,)."""
+    return np.array([model.get(f.path) if f.log else 1.0 for f in free])
 
 
 class Spread(Protocol):
@@ -278,11 +294,8 @@ def fit(
         The time limit was reached before the fit has ended.
     """
     free = tuple(free)
-    theta = np.array([f.encode(model.get(f.path)) for f in free])
-
-    def build(coordinates: FloatArray) -> RigModel:
-        return model.replace({f.path: f.decode(c) for f, c in zip(free, coordinates, strict=True)})
-
+    theta = coordinates_of(model, free)
+    build = partial(at_coordinates, model, free)
     # Rows of the tethers and of the curves' smoothness, below those of the data: ties @ coordinates - ties_at.
     hold = np.diag([_tethered(f, tether) for f in free])
     bend, straight = bending(model, free)
@@ -336,8 +349,9 @@ def fit(
         if converged:
             break
         fresh = small or (not fresh and (coarse is None or steps > len(free))) or before - cost < FORETOLD * (before - foretold)
+    fitted = build(theta)
     return Fit(
-        model=build(theta), free=free, covariance=_covariance(jacobian, residual, theta, free), cost=cost / problem.size,
+        model=fitted, free=free, covariance=_covariance(jacobian, residual, fitted, free), cost=cost / problem.size,
         evaluations=evaluations, jacobian=jacobian, residual=residual, sizes=problem.sizes, converged=converged,
     )  # fmt: skip
 
@@ -435,7 +449,7 @@ def _limited(step: FloatArray, free: Sequence[Free]) -> FloatArray:
     return np.clip(step / max(worst, 1.0), -most, most)
 
 
-def _covariance(jacobian: FloatArray, residual: FloatArray, theta: FloatArray, free: Sequence[Free]) -> FloatArray:
+def _covariance(jacobian: FloatArray, residual: FloatArray, fitted: RigModel, free: Sequence[Free]) -> FloatArray:
     # White's (1980) sandwich: frequency bins are independent, so a coloured residual only has unequal variances.
     if jacobian.shape[1] == 0:
         return np.zeros((0, 0))
@@ -447,7 +461,7 @@ def _covariance(jacobian: FloatArray, residual: FloatArray, theta: FloatArray, f
     normal = np.linalg.pinv(scaled.T @ scaled, rcond=1e-14)
     meat = scaled.T @ (scaled * (residual**2)[:, None])
     covariance = normal @ meat @ normal
-    slope = np.array([f.decode(c) if f.log else 1.0 for f, c in zip(free, theta, strict=True)]) / scale
+    slope = slopes_of(fitted, free) / scale
     return np.asarray(covariance * np.outer(slope, slope))
 
 
@@ -492,5 +506,5 @@ def disagreement(fitted: Fit) -> FloatArray:
         moves.append(axes @ (ways @ (inverse * (ways.T @ (own.T @ residual)))) / scale)
     count = len(moves)
     steps = np.array(moves) - np.mean(moves, axis=0)
-    slope = np.array([fitted.model.get(f.path) if f.log else 1.0 for f in fitted.free])
+    slope = slopes_of(fitted.model, fitted.free)
     return np.asarray((count - 1.0) / count * steps.T @ steps * np.outer(slope, slope))

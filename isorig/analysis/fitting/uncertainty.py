@@ -22,7 +22,7 @@ from isorig.analysis.fitting.excess import SIMULATION_LIMIT
 from isorig.analysis.fitting.related import related
 from isorig.analysis.fitting.repeats import disturbance
 from isorig.analysis.fitting.score import Score, adequate, noise_floor, score
-from isorig.analysis.fitting.solve import Fit, Free, bending, disagreement
+from isorig.analysis.fitting.solve import Fit, Free, bending, disagreement, slopes_of
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.jackknife import deviation
 from isorig.analysis.model.rig_model import RigModel
@@ -229,6 +229,5 @@ def _held(done: Fit) -> FloatArray:
     if not len(rows):
         return np.zeros((len(done.free),) * 2)
     scale, _, bread = normalised(done)
-    slope = np.array([done.model.get(f.path) if f.log else 1.0 for f in done.free])
-    pulled = (rows / scale) @ bread / scale * slope
+    pulled = (rows / scale) @ bread / scale * slopes_of(done.model, done.free)
     return np.asarray(pulled.T @ pulled)
