@@ -333,8 +333,7 @@ def _free_decay(model: RigModel, configuration: str, rate: float, n: int) -> Flo
 
 def _records(model: RigModel, excitation: Excitation, configuration: str, start_time: float, n: int, start: State) -> FloatArray:
     motion = simulate(model, excitation, configuration=configuration, start_time=start_time, samples=n, start=start).channels
-    drives = {name: values[:n] for name, values in true_drives(model, excitation).items()}
-    recorded = record(model, {**drives, **motion}, excitation.sample_rate)
+    recorded = record(model, {**true_drives(model, excitation, n), **motion}, excitation.sample_rate)
     return np.stack([recorded[sensor.channel] for sensor in model.sensors])
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from isorig.analysis.campaign import MOTION, Campaign, ComplexArray, FloatArray, IntArray, Run, usable_stop
 from isorig.analysis.derivative import derivative
-from isorig.analysis.model.linear import floats, imposed_coordinates, linear_part
+from isorig.analysis.model.linear import floats, imposed_coordinates, linear_part, pushes_of
 from isorig.analysis.model.rig_model import GROUND, RigModel, Sensor, direction
 from isorig.analysis.spectra.noise import noise_levels, rests
 from isorig.analysis.spectra.welch import DRIVEN
@@ -191,11 +191,6 @@ def _product(rows: FloatArray, columns: ComplexArray) -> ComplexArray:
     # Shapes (m, n) and (n, ...) to (m, ...), in half the time of `np.tensordot` with a real factor.
     flat = np.ascontiguousarray(columns).reshape(len(columns), -1).view(np.float64)
     return (rows @ flat).view(np.complex128).reshape(len(rows), *columns.shape[1:])
-
-
-def pushes_of(model: RigModel) -> FloatArray:
-    """Force on each body per unit of each drive's channel, shape (bodies, drives)."""
-    return np.array([[d.pushes.get(b.name, 0.0) * d.factor for d in model.drives] for b in model.bodies])
 
 
 class LinearRig:

@@ -209,8 +209,7 @@ class Trial:
                 sound, self.excitation, configuration=self.run.configuration, start_time=self.start_time, samples=samples,
                 start=self.start_of(model),
             )  # fmt: skip
-            drives = {name: values[:samples] for name, values in true_drives(sound, self.excitation).items()}
-            motion = {**drives, **response.channels}
+            motion = {**true_drives(sound, self.excitation, samples), **response.channels}
             with cache.lock:
                 while len(cache.motions) >= CACHED:
                     del cache.motions[next(iter(cache.motions))]

@@ -77,10 +77,11 @@ def _bent(values: FloatArray, curve: Sequence[tuple[float, float]]) -> FloatArra
     return values + read(at, added, values, straight=True)
 
 
-def true_drives(model: RigModel, excitation: Excitation) -> dict[str, FloatArray]:
-    """True values of every drive by channel: its record with its chain's offset, gain and delay corrected, as it acts."""
+def true_drives(model: RigModel, excitation: Excitation, samples: int | None = None) -> dict[str, FloatArray]:
+    """True values of every drive by channel, the first `samples` or all: its record with its chain's offset, gain and delay
+    corrected, as it acts."""
     return {
-        drive.channel: acting(drive, each.recorded, each.sample_rate)
+        drive.channel: acting(drive, each.recorded, each.sample_rate)[:samples]
         for drive, each in zip(model.drives, (excitation, *excitation.others), strict=True)
     }
 
@@ -143,8 +144,7 @@ def response_of(model: RigModel, excitation: Excitation, motion: FloatArray, n: 
         for k, sensor in enumerate(model.sensors)
     }
     if as_recorded:
-        drives = {name: values[:n] for name, values in true_drives(model, excitation).items()}
-        recorded = record(model, {**drives, **channels}, rate)
+        recorded = record(model, {**true_drives(model, excitation, n), **channels}, rate)
         channels = {name: recorded[name] for name in channels}
     units = {sensor.channel: SI_UNIT[sensor.quantity] for sensor in model.sensors}
     return Response(sample_rate=rate, channels=channels, units=units)
