@@ -100,9 +100,9 @@ def test_draws_that_disagree_are_followed_by_more_and_the_largest_is_allowed(mon
     trial, size = trial_of(SIGNAL, 0.0), float(np.sqrt(np.mean(SIGNAL[N // 2 :] ** 2)))
     # Powers of two draws that differ by less than 1.3, and by more.
     monkeypatch.setattr(trials, "simulate", simulated([0.010, 0.0113, 9.0]))
-    assert scores.noise_floor(RIG, [replace(trial, drive_noise=1.0)])[0, 0] == pytest.approx(0.0113 / size)
+    assert scores.noise_floors(RIG, [replace(trial, drive_noise=1.0)])[0, 0, 0] == pytest.approx(0.0113 / size)
     monkeypatch.setattr(trials, "simulate", simulated([0.010, 0.0115, 0.02, 0.03, 0.01, 0.01, 0.01, 0.05]))
-    assert scores.noise_floor(RIG, [replace(trial, drive_noise=1.0)])[0, 0] == pytest.approx(0.05 / size)
+    assert scores.noise_floors(RIG, [replace(trial, drive_noise=1.0)])[0, 0, 0] == pytest.approx(0.05 / size)
 
 
 def stepped(jump: float, beside: float, distance: int) -> FloatArray:
@@ -151,9 +151,9 @@ def test_a_jump_between_two_samples_adds_to_the_floor(monkeypatch: pytest.Monkey
     monkeypatch.setattr(trials, "simulate", simulate)
     half = 0.5 / np.sqrt(N - N // 2)
     size = float(np.sqrt(np.mean(SIGNAL[N // 2 :] ** 2)))
-    np.testing.assert_allclose(scores.noise_floor(RIG, [trial])[0], half / size * np.array([1.0, 3.0, 3.0]))
+    np.testing.assert_allclose(scores.noise_floors(RIG, [trial])[0, 0], half / size * np.array([1.0, 3.0, 3.0]))
     held = replace(trial, excitation=replace(trial.excitation, held=True))
-    assert scores.noise_floor(RIG, [held])[0, 0] == pytest.approx(0.0, abs=1e-9)
+    assert scores.noise_floors(RIG, [held])[0, 0, 0] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_half_overlapping_hann_segments_share_a_sixth() -> None:
@@ -245,12 +245,12 @@ def test_one_channel_that_disagrees_is_enough_for_more_draws(monkeypatch: pytest
 
     monkeypatch.setattr(trials, "simulate", simulate)
     size = float(np.sqrt(np.mean(SIGNAL[N // 2 :] ** 2)))
-    found = scores.noise_floor(RIG, [replace(three, drive_noise=1.0)])[0]
+    found = scores.noise_floors(RIG, [replace(three, drive_noise=1.0)])[0, 0]
     # A quarter of the samples off by 0.06 is 0.03 rms; sensor noise adds in square.
     np.testing.assert_allclose(found, [0.03 / size, np.hypot(0.01, 0.3) / size, 0.02 / size], rtol=1e-6)
     assert sum(calls) == 8
     # The same draws typically cause less.
-    found = scores.noise_floor(RIG, [replace(three, drive_noise=1.0)], typical=True)[0]
+    found = scores.noise_floors(RIG, [replace(three, drive_noise=1.0)])[1, 0]
     np.testing.assert_allclose(found, [0.005 / size, np.hypot(0.01, 0.3) / size, 0.02 / size], rtol=1e-6)
 
 
@@ -262,7 +262,7 @@ def test_the_noise_added_to_the_drive_has_no_mean_and_the_given_deviation(monkey
         return SimpleNamespace(channels={"m": SIGNAL})
 
     monkeypatch.setattr(trials, "simulate", simulate)
-    scores.noise_floor(RIG, [replace(trial_of(SIGNAL, 1e-3), drive_noise=0.2)])
+    scores.noise_floors(RIG, [replace(trial_of(SIGNAL, 1e-3), drive_noise=0.2)])
     clean, *noisy = drives
     assert not clean.any()
     assert len(noisy) == 2
@@ -454,4 +454,4 @@ def test_a_rig_scored_by_its_drive_gets_the_noise_of_its_positions(monkeypatch: 
     )
     part = slice(len(force) // 2, len(force))
     expected = np.sqrt(np.mean((required_drive(RIG, other)[0] - force)[part] ** 2) / np.mean(force[part] ** 2))
-    assert scores.noise_floor(RIG, [trial])[0, 0] == pytest.approx(expected)
+    assert scores.noise_floors(RIG, [trial])[0, 0, 0] == pytest.approx(expected)

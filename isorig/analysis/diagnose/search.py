@@ -21,7 +21,7 @@ from isorig.analysis.diagnose.cause_in_model import without_cause
 from isorig.analysis.diagnose.causes import containing, contains, proposed, same_form
 from isorig.analysis.diagnose.causes.base import Evidence, Kind
 from isorig.analysis.diagnose.forms_of_curves import starts_from_curve
-from isorig.analysis.diagnose.free_shapes import free_shapes
+from isorig.analysis.diagnose.free_shapes import free_shapes, with_more_points
 from isorig.analysis.diagnose.kinds import SHAPED, kind_of
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.places import Places, compared_places
@@ -68,7 +68,6 @@ from isorig.analysis.fitting.ladder import (
     tried,
     unrolled,
     verified,
-    with_more_points,
     without,
 )
 from isorig.analysis.fitting.score import Score, adequate, confidence, score

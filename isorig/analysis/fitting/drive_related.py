@@ -9,6 +9,7 @@ import numpy as np
 
 from isorig.analysis.campaign import ComplexArray, FloatArray
 from isorig.analysis.fitting.trials import Trial
+from isorig.analysis.spectra.windows import hanning, segment_spectra
 
 #: Longest segment in s, minimum number of segments of a record, and minimum samples of a segment.
 SEGMENT, SEGMENTS, FEWEST = 4.0, 7, 64
@@ -27,10 +28,8 @@ def segments(trial: Trial, values: FloatArray) -> ComplexArray:
     n = _segment(trial, len(values))
     if n < FEWEST:
         return np.zeros((0, 1), dtype=np.complex128)
-    starts = range(0, len(values) - n + 1, n // 2)
-    window = np.hanning(n)
-    window /= np.sqrt(np.sum(window**2))
-    return np.asarray(np.fft.rfft(np.stack([values[s : s + n] * window for s in starts]), axis=1))
+    window = hanning(n)
+    return segment_spectra(values, window / np.sqrt(np.sum(window**2)), n // 2)
 
 
 def related_density(drive: ComplexArray, spectra: ComplexArray) -> FloatArray:

@@ -46,8 +46,6 @@ SCREENS = (4.0, 10.0)
 SHOWN = 0.3
 #: Ratio of misfits above which a fit is far worse.
 FAR_WORSE = 2.0
-#: A curve with a misfit above this, in allowed errors, is tried with more points, as long as that reduces it by this share.
-FLAT, REFINES = 1.2, 0.15
 #: A candidate whose misfit exceeds the best's by this factor is eliminated.
 BEHIND = 6.0
 #: The largest number of candidates that is followed to a longer part of the runs.
@@ -331,16 +329,3 @@ def bare_cost(current: Fit, rung: Rung) -> float:
     """Misfit of a model refitted on a rung."""
     done = tried(current.model, current.free, rung)
     return done.cost if done else np.inf
-
-
-def with_more_points(candidate: Candidate, rough: Fit, rung: Rung) -> tuple[Candidate, Fit]:
-    """A fitted curve with more points, as long as they improve the fit."""
-    if candidate.shape is None or rough.cost < FLAT:
-        return candidate, rough
-    while (denser := candidate.refined(rough.model)) is not None:
-        kept = tuple(free for free in rough.free if all(free.path != own.path for own in candidate.free))
-        done = tried(denser.starts[0], (*kept, *denser.free), rung)
-        if done is None or done.cost > (1.0 - REFINES) * rough.cost:
-            break
-        candidate, rough = denser, done
-    return candidate, rough

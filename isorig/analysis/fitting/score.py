@@ -86,11 +86,6 @@ def score(model: RigModel, trials: Sequence[Trial]) -> Score:
     return Score(*(np.stack([r[k] for r in results]) for k in range(3)))
 
 
-def noise_floor(model: RigModel, trials: Sequence[Trial], *, typical: bool = False) -> FloatArray:
-    """The error of a perfect model in each run and channel, or its `typical` one (`noise_floors`), shape (runs, channels)."""
-    return np.asarray(noise_floors(model, trials)[int(typical)])
-
-
 def noise_floors(model: RigModel, trials: Sequence[Trial]) -> FloatArray:
     """The error of a perfect model in each run and channel, which it hardly exceeds, and its typical one.
 

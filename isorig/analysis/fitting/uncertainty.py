@@ -21,7 +21,7 @@ from isorig.analysis.fitting.drive_noise import DriveNoise, drive_noise_effect, 
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
 from isorig.analysis.fitting.related import related
 from isorig.analysis.fitting.repeats import disturbance
-from isorig.analysis.fitting.score import Score, adequate, noise_floor, score
+from isorig.analysis.fitting.score import Score, adequate, noise_floors, score
 from isorig.analysis.fitting.solve import Fit, Free, bending, disagreement, slopes_of
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.jackknife import deviation
@@ -67,7 +67,7 @@ class Assessed:
 
 def stated_floor(model: RigModel, trials: Sequence[Trial]) -> float:
     """The error that noise and disturbance alone typically cause: the median over runs and channels."""
-    return float(np.median(np.hypot(noise_floor(model, trials, typical=True), disturbance(model, trials))))
+    return float(np.median(np.hypot(noise_floors(model, trials)[1], disturbance(model, trials))))
 
 
 def uncertain_values(known: Mapping[str, float], fitted: Fit) -> dict[str, float]:
@@ -122,7 +122,7 @@ def assessed(
         computed if None.
     """
     if floors is None:  # the noise of the sensors, that of the drive through the model, and what repeated runs do not share
-        floors = np.hypot(noise_floor(done.model, trials), disturbance(done.model, trials))
+        floors = np.hypot(noise_floors(done.model, trials)[0], disturbance(done.model, trials))
     judged = score(done.model, trials)
     biased = _excess(judged, floors) >= BIASED and not _noisy(done, judged, trials)
     done = polished(done, trials, steps=1 if biased else STEPS)

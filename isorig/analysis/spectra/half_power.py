@@ -9,6 +9,7 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.spectra.modes import Mode
 from isorig.analysis.spectra.welch import Frf
+from isorig.analysis.spectra.windows import vertex
 
 #: Frequency bins per half-power bandwidth below which half-power is refused, and below which a warning is given for its bias.
 REFUSED, WARNED = 4.0, 10.0
@@ -57,7 +58,8 @@ def half_power(frf: Frf, band: tuple[float, float]) -> HalfPower:
         return HalfPower(
             mode=None, refused=f"the magnitude is largest at the edge of the band, {f[top]:g} Hz: there is no peak in it"
         )
-    peak, amplitude = _vertex(f, size, top)
+    shift, amplitude = vertex(size, top)
+    peak = float(f[top] + shift * (f[1] - f[0]))
     below, above = (_crossing(f, size, top, step, amplitude / np.sqrt(2.0)) for step in (-1, 1))
     if below is None or above is None:
         return HalfPower(
@@ -85,14 +87,6 @@ def half_power(frf: Frf, band: tuple[float, float]) -> HalfPower:
     )  # fmt: skip
     coarse = f"only {lines:.1f} frequency bins in the bandwidth: below {WARNED:g} the window increases a half-power damping"
     return replace(found, mode=mode, warning=coarse if lines < WARNED else "")
-
-
-def _vertex(f: FloatArray, size: FloatArray, top: int) -> tuple[float, float]:
-    # The parabola through the logarithms of the highest bin and its neighbours.
-    a, b, c = np.log(np.maximum(size[top - 1 : top + 2], np.finfo(float).tiny))
-    bend = a - 2.0 * b + c
-    shift = 0.5 * (a - c) / bend if bend < 0.0 else 0.0
-    return float(f[top] + shift * (f[1] - f[0])), float(np.exp(b - 0.25 * (a - c) * shift))
 
 
 def _crossing(f: FloatArray, size: FloatArray, top: int, step: int, level: float) -> tuple[float, float, int] | None:

@@ -11,6 +11,7 @@ from isorig.analysis.campaign import FloatArray
 from isorig.analysis.fitting.score import Score
 from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.spectra.windows import hanning, segment_spectra
 from isorig.analysis.wording import displayed_unit, sized_unit
 from isorig.rig.report.charts import Chart, ChartTrace, Panel, Role, spread_over
 from isorig.rig.report.sections import label, words
@@ -74,9 +75,8 @@ def misfit_charts(trials: Sequence[Trial], models: Mapping[Named, Simulated]) ->
 
 def _amplitude(values: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
     n = max(len(values) // SEGMENTS, 2)
-    window = np.hanning(n)
-    blocks = values[: len(values) // n * n].reshape(-1, n) * window
-    power = (np.abs(np.fft.rfft(blocks, axis=1)) ** 2).mean(axis=0) * 2.0 / (rate * (window**2).sum())
+    window = hanning(n)
+    power = (np.abs(segment_spectra(values, window, n)) ** 2).mean(axis=0) * 2.0 / (rate * (window**2).sum())
     return np.asarray(np.fft.rfftfreq(n, 1.0 / rate)[1:]), np.asarray(np.sqrt(power[1:]))
 
 
