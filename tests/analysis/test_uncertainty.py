@@ -14,8 +14,8 @@ from strange_rigs import StrangeRig, campaign
 import isorig as iso
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting import uncertainty
-from isorig.analysis.fitting.deviations import normalised
 from isorig.analysis.fitting.drive_noise import DriveNoise
+from isorig.analysis.fitting.influence import normalised
 from isorig.analysis.fitting.score import Score
 from isorig.analysis.fitting.solve import Fit, Free
 from isorig.analysis.fitting.trials import Trial

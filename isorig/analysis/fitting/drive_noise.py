@@ -19,9 +19,9 @@ from typing import NamedTuple
 import numpy as np
 
 from isorig.analysis.campaign import ComplexArray, FloatArray, IntArray
-from isorig.analysis.fitting.deviations import normalised
 from isorig.analysis.fitting.division import coarsened
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
+from isorig.analysis.fitting.influence import normalised
 from isorig.analysis.fitting.solve import FAINT, Fit, Problem, at_coordinates, coordinates_of, slopes_of
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.model.rig_model import RigModel

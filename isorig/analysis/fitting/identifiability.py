@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray
-from isorig.analysis.fitting.deviations import TRACE
+from isorig.analysis.fitting.influence import TRACE
 from isorig.analysis.fitting.solve import Free, Problem, at_coordinates, coordinates_of, jacobian_of, positive
 from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.model.rig_model import RigModel

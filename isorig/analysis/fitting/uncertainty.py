@@ -1,6 +1,6 @@
 """The uncertainty of fitted values and the noise floor, defined once for every command.
 
-The standard uncertainty of a value is the larger of that from the residual, frequency bin by bin (`deviations`), and that from
+The standard uncertainty of a value is the larger of that from the residual, frequency bin by bin (`influence`), and that from
 draws of the noise in drive and responses (`drive_noise`). Where runs ask for values that differ by more than this noise, that of
 the runs takes its place. A smaller time step is added. A model that misfits biases every value; its error relative to the signal
 bounds the bias and is added, too. If the description gives the uncertainty of a mass or of the drive's factor (`mass_std`,
@@ -16,11 +16,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.fitting.deviations import STEPS, given_moves, grid_shift, line_moves, normalised, polished
 from isorig.analysis.fitting.drive_noise import DriveNoise, drive_noise_effect, no_noise, without_bias
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
-from isorig.analysis.fitting.related import related
+from isorig.analysis.fitting.influence import (
+    STEPS,
+    at_minimum,
+    change_with_half_step,
+    changes_with_given_values,
+    changes_without_bins,
+    normalised,
+)
 from isorig.analysis.fitting.repeats import disturbance
+from isorig.analysis.fitting.residual_analysis import depends_on_drive
 from isorig.analysis.fitting.score import Score, adequate, noise_floors, score
 from isorig.analysis.fitting.solve import Fit, Free, bending, disagreement, slopes_of
 from isorig.analysis.fitting.trials import Trial
@@ -125,7 +132,7 @@ def assessed(
         floors = np.hypot(noise_floors(done.model, trials)[0], disturbance(done.model, trials))
     judged = score(done.model, trials)
     biased = _excess(judged, floors) >= BIASED and not _noisy(done, judged, trials)
-    done = polished(done, trials, steps=1 if biased else STEPS)
+    done = at_minimum(done, trials, steps=1 if biased else STEPS)
     judged, shaken = score(done.model, trials), no_noise(done)
     if not biased:
         shaken = drive_noise_effect(done, trials)
@@ -143,10 +150,10 @@ def assessed(
     misfit = 0.0 if explained else max(0.0, _excess(judged, floors) - 2.0 * SIMULATION_LIMIT)
     misfit = misfit if misfit >= STATED else 0.0
     known = Known(
-        moves=line_moves(done, trials), held=_held(done), shaken=shaken.covariance, runs=disagreement(done),
-        ratio=_by_chance(trials) if explained else 1.0, step=grid_shift(done, trials),
+        moves=changes_without_bins(done, trials), held=_held(done), shaken=shaken.covariance, runs=disagreement(done),
+        ratio=_by_chance(trials) if explained else 1.0, step=change_with_half_step(done, trials),
         bias=misfit * np.array([abs(value) for value in done.values.values()]),
-        given=given_moves(done, trials, uncertain_values(known_values, done)),
+        given=changes_with_given_values(done, trials, uncertain_values(known_values, done)),
         filters=np.array([unseen(done.model.get(free.path), value_kind(free)) for free in done.free]),
     )  # fmt: skip
     return Assessed(
@@ -169,7 +176,7 @@ def _excess(judged: Score, floors: FloatArray) -> float:
 
 def _noisy(done: Fit, judged: Score, trials: Sequence[Trial]) -> bool:
     # Whether what the model leaves may be taken as noise.
-    return judged.figure < MOST_NOISE and not related(done.model, trials)
+    return judged.figure < MOST_NOISE and not depends_on_drive(done.model, trials)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.spectra.modes import Mode
+from isorig.analysis.spectra.modal_fit import Mode
 from isorig.analysis.spectra.welch import Frf
 from isorig.analysis.spectra.windows import vertex
 

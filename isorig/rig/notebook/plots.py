@@ -13,7 +13,7 @@ from isorig.analysis.isolation.ratio import IsolationRatio
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.parameters.joint_fit import Characterization
 from isorig.analysis.simulate.free_run import Response
-from isorig.analysis.spectra.modal import ModalModel
+from isorig.analysis.spectra.modal_analysis import ModalModel
 from isorig.analysis.spectra.welch import Frf
 from isorig.analysis.views import shows
 from isorig.analysis.wording import displayed_unit

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from isorig.analysis.spectra.modal import ModalModel, ModeShape
+from isorig.analysis.spectra.modal_analysis import ModalModel, ModeShape
 from isorig.analysis.spectra.operating import OperatingModes
 from isorig.analysis.wording import capitalized, sized, unit_ratio
 from isorig.rig.report.charts import SERIES, Chart, ChartTrace, Panel, Role

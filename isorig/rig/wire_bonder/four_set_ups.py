@@ -19,7 +19,7 @@ from isorig.analysis.isolation.optimum import uncoupled_frequency
 from isorig.analysis.model.linear import transfer
 from isorig.analysis.model.rig_model import Drive, RigModel
 from isorig.analysis.spectra.half_power import HalfPower, half_power, peaks
-from isorig.analysis.spectra.modes import ModalFit, Mode, fit_modes
+from isorig.analysis.spectra.modal_fit import ModalFit, Mode, fit_modes
 from isorig.analysis.spectra.welch import Frf, estimate
 from isorig.rig.wire_bonder.description import LINKS, wire_bonder
 

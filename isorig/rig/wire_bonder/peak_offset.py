@@ -15,7 +15,7 @@ from isorig.analysis.campaign import Campaign, Run, broad
 from isorig.analysis.errors import AnalysisError, DataError
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate.natural import natural_modes
-from isorig.analysis.spectra.modes import Mode, fit_modes
+from isorig.analysis.spectra.modal_fit import Mode, fit_modes
 from isorig.analysis.spectra.welch import Frf, estimate
 
 #: Search range for the peak, relative to its expected frequency; required bins per bandwidth, and minimum segments in a record.

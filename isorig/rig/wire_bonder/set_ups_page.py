@@ -10,7 +10,7 @@ import numpy as np
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.fitting.uncertainty import CALIBRATION
 from isorig.analysis.parameters.joint_fit import Characterization
-from isorig.analysis.spectra.modes import Mode
+from isorig.analysis.spectra.modal_fit import Mode
 from isorig.analysis.spectra.quality import without
 from isorig.analysis.wording import with_std
 from isorig.rig.files.output import write_text

@@ -1,7 +1,7 @@
 """Modal analysis: natural frequencies, damping ratios and mode shapes common to all sensors and references, and their number.
 
 Poles come from the stabilization diagram of `poles`; those that persist over many orders are fitted to all transfer functions
-together (`residues`), and each is kept only if it reduces the error by more than its parameters do by chance (Schwarz 1978).
+together (`common_poles`), and each is kept only if it reduces the error by more than its parameters do by chance (Schwarz 1978).
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from isorig.analysis import campaign
 from isorig.analysis.campaign import SI_UNIT, ComplexArray, FloatArray
 from isorig.analysis.errors import DataError, FitError
 from isorig.analysis.given import all_of_type, given_guesses, interval, whole
+from isorig.analysis.spectra.common_poles import ITERATIONS, Data, SolvedPoles, fit, model, solve
 from isorig.analysis.spectra.poles import Pole, poles_by_order
-from isorig.analysis.spectra.residues import ITERATIONS, Data, SolvedPoles, fit, model, solve
 from isorig.analysis.spectra.welch import FEWEST, Frf
 from isorig.analysis.spectra.window_effect import WindowEffect, line_deviation, pole_of
 from isorig.analysis.views import Viewed

@@ -15,8 +15,8 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray, Run
 from isorig.analysis.errors import DataError
-from isorig.analysis.spectra.groups import Groups, Sums
 from isorig.analysis.spectra.hits import BEFORE, Hit, checked, longest_record, pulses
+from isorig.analysis.spectra.segment_groups import Groups, Sums
 from isorig.analysis.spectra.welch import Spectra
 
 #: A response that has decayed below this share of its start at the end of its record needs no exponential window; otherwise it is

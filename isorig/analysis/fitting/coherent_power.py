@@ -32,7 +32,7 @@ def segments(trial: Trial, values: FloatArray) -> ComplexArray:
     return segment_spectra(values, window / np.sqrt(np.sum(window**2)), n // 2)
 
 
-def related_density(drive: ComplexArray, spectra: ComplexArray) -> FloatArray:
+def coherent_density(drive: ComplexArray, spectra: ComplexArray) -> FloatArray:
     """Density of a record, in each frequency bin, that its transfer function from the drive explains; some of it by chance.
 
     Parameters
@@ -47,7 +47,7 @@ def related_density(drive: ComplexArray, spectra: ComplexArray) -> FloatArray:
     return np.asarray(np.abs(np.mean(drive.conj() * spectra, axis=0)) ** 2 / (np.mean(np.abs(drive) ** 2, axis=0) + 1e-300))
 
 
-def drive_related(trials: Sequence[Trial], left: Sequence[FloatArray]) -> FloatArray:
+def coherent_power(trials: Sequence[Trial], left: Sequence[FloatArray]) -> FloatArray:
     """Power that a transfer function from the drive takes away: one for all gains of a configuration, and each run's own.
 
     What chance alone takes away, one part in the number of averages, is left out.

@@ -16,7 +16,7 @@ import numpy as np
 
 from isorig.analysis.campaign import BoolArray, FloatArray, IntArray
 from isorig.analysis.errors import AnalysisError
-from isorig.analysis.spectra.modes import SolvedModes, solved_modes
+from isorig.analysis.spectra.modal_fit import SolvedModes, solved_modes
 from isorig.analysis.spectra.welch import FEWEST, Frf
 from isorig.analysis.spectra.window_effect import line_deviation
 

@@ -10,7 +10,7 @@ import numpy as np
 from isorig.analysis.campaign import BROAD, FloatArray, Run
 from isorig.analysis.errors import DataError
 from isorig.analysis.isolation.ratio import magnitude_ratio
-from isorig.analysis.spectra.welch import Frf, RunningSpectra, Spectra, averages_in, merged
+from isorig.analysis.spectra.welch import Frf, RunningSpectra, Spectra, averages_in, merged, segment_length
 from isorig.rig.report.charts import spread_over, unjoined
 from isorig.rig.view.messages import Planned
 
@@ -61,8 +61,7 @@ class GrowingSpectra:
 
     def averages_in(self, seconds: float) -> float:
         """Number of independent averages in the given seconds at this run's rate."""
-        length = 2 * max(4, round(self._rate / RESOLUTION / 2.0))
-        return averages_in(round(seconds * self._rate), length)
+        return averages_in(round(seconds * self._rate), segment_length(self._rate, RESOLUTION))
 
 
 @dataclass(frozen=True, kw_only=True)

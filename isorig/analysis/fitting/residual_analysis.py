@@ -37,7 +37,7 @@ MOTIONS: tuple[Literal["displacement", "velocity"], ...] = ("displacement", "vel
 PREFIX = "link "
 
 
-def related(model: RigModel, trials: Sequence[Trial]) -> bool:
+def depends_on_drive(model: RigModel, trials: Sequence[Trial]) -> bool:
     """Whether the difference between measurement and model is coherent with the drives or with functions of the motion.
 
     Also where the records are too short to exclude it: a share of `DETECTABLE` of its power would not show.
