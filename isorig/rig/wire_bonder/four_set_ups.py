@@ -131,12 +131,9 @@ def _reaching(runs: list[Run], band: Band, name: str) -> list[Run]:
 def _read(name: str, runs: list[Run], band: Band, alone: Band, guess: dict[str, float]) -> SetUp:
     reference = "table" if name == "heatblock" else "head"
     seconds = max(run.duration for run in runs)
-    rate = runs[0].sample_rate
 
     def estimated(resolution: float) -> Frf:
-        length = rate / resolution
-        asked = max(rate / (2.0 * round(length / 2.0)), 2.0 / seconds)
-        return estimate(runs, references=[reference], channels=[name], resolution=asked).frf(name, reference)
+        return estimate(runs, references=[reference], channels=[name], resolution=resolution).frf(name, reference)
 
     # A first estimate gives the bandwidth, the bandwidth determines the resolution.
     coarse = estimated(max(guess[name] / 100.0, SEGMENTS / seconds))
