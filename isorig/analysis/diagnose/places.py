@@ -15,7 +15,7 @@ import numpy as np
 from isorig.analysis.campaign import MOTION, ComplexArray, FloatArray
 from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.model.linear import free_matrices
-from isorig.analysis.model.rig_model import RigModel, direction
+from isorig.analysis.model.rig_model import RigModel, weights_of
 
 #: Share of the misfit's rms that the best place may leave to tell something. Chosen: half; a sound rig's noise leaves 0.8.
 EXPLAINS = 0.5
@@ -96,7 +96,7 @@ def _responses(model: RigModel, trial: Trial, omega: FloatArray) -> dict[str, Co
     # Records, in units of the noise, per unit of an unknown force at each place, or of an unknown signal in a record.
     basis, mass, damping, stiffness = free_matrices(model, trial.run.configuration)
     names = [body.name for body in model.bodies]
-    forces = {link.name: direction(model, link.a, link.b, link.arms) for link in model.links}
+    forces = {link.name: weights_of(model, link) for link in model.links}
     forces |= {name: np.eye(len(names))[k] for k, name in enumerate(names) if name not in model.imposed}
     for drive in model.drives:
         if drive.imposes is None:
@@ -104,7 +104,7 @@ def _responses(model: RigModel, trial: Trial, omega: FloatArray) -> dict[str, Co
     s = 1j * omega[:, None, None]
     side = basis.T @ np.stack(list(forces.values()), axis=1)
     moved = basis @ np.linalg.solve(mass * s**2 + damping * s + stiffness, np.broadcast_to(side, (len(omega), *side.shape)))
-    along = np.stack([direction(model, sensor.body, sensor.relative_to, sensor.arms) for sensor in model.sensors])
+    along = np.stack([weights_of(model, sensor) for sensor in model.sensors])
     order = np.array([MOTION[sensor.quantity] for sensor in model.sensors])
     gain = np.array([sensor.chain.gain for sensor in model.sensors])
     records = (along @ moved) * (s ** order[None, :, None]) * (gain / trial.noise)[None, :, None]

@@ -18,7 +18,7 @@ import numpy as np
 from isorig.analysis.campaign import MOTION, FloatArray
 from isorig.analysis.errors import ModelError, SimulationError
 from isorig.analysis.model.linear import free_part
-from isorig.analysis.model.rig_model import GROUND, RigModel, Sensor, direction
+from isorig.analysis.model.rig_model import GROUND, RigModel, Sensor, weights_of
 from isorig.analysis.simulate import Excitation, record, simulate
 from isorig.analysis.simulate.free_run import true_drives
 from isorig.analysis.simulate.natural import natural_modes
@@ -324,7 +324,7 @@ def _free_decay(model: RigModel, configuration: str, rate: float, n: int) -> Flo
         states.append(step @ states[-1])
     rows = []
     for sensor in model.sensors:
-        across = direction(model, sensor.body, sensor.relative_to, sensor.arms) @ basis
+        across = weights_of(model, sensor) @ basis
         order = MOTION[sensor.quantity]
         row = np.concatenate([across, np.zeros(width)])
         rows.append(sensor.chain.gain * row @ np.linalg.matrix_power(rates, order))

@@ -24,7 +24,7 @@ from isorig.analysis.fitting.initial_state import (
 from isorig.analysis.fitting.linear_spectra import SHORTEST
 from isorig.analysis.lowpass import fast_length
 from isorig.analysis.model.linear import drifts, floats
-from isorig.analysis.model.rig_model import GROUND, RigModel, Sensor, direction
+from isorig.analysis.model.rig_model import GROUND, RigModel, Sensor, weights_of
 from isorig.analysis.rounding import deviation_by_median, is_command, sensor_noise
 from isorig.analysis.simulate import Excitation, record, simulate
 from isorig.analysis.simulate.free_run import NOWHERE, excitation_of, true_drives
@@ -647,7 +647,7 @@ def _unknown(model: RigModel, integrated: Collection[str]) -> dict[str, float]:
     found = {}
     for link in model.links:
         if {link.a, link.b} <= set(integrated) and link.stiffness > 0.0:
-            weights = direction(model, link.a, link.b, link.arms)
+            weights = weights_of(model, link)
             of_both = sum(w**2 / body.mass for w, body in zip(weights.tolist(), model.bodies, strict=True))
             found[link.name] = UNKNOWN * float(np.sqrt(link.stiffness * of_both)) / (2.0 * np.pi)
     return found

@@ -13,7 +13,7 @@ from isorig.analysis.campaign import MOTION, SI_UNIT, FloatArray, IntArray, Run
 from isorig.analysis.errors import SimulationError
 from isorig.analysis.laws.tables import read
 from isorig.analysis.lowpass import velocity_corner
-from isorig.analysis.model.rig_model import Drive, RigModel, direction
+from isorig.analysis.model.rig_model import Drive, RigModel, weights_of
 from isorig.analysis.rounding import is_command
 from isorig.analysis.simulate.compiled import SETTLING, Compiled, compile_rig
 from isorig.analysis.simulate.curves import load_laws
@@ -132,7 +132,7 @@ def sense_of(model: RigModel, basis: FloatArray) -> FloatArray:
         if sensor.force_in is not None:
             continue
         place = slice(0, order) if MOTION[sensor.quantity] == 0 else slice(order, None)
-        sense[k, place] = direction(model, sensor.body, sensor.relative_to, sensor.arms) @ basis
+        sense[k, place] = weights_of(model, sensor) @ basis
     return sense
 
 

@@ -15,7 +15,7 @@ from isorig.analysis.errors import ModelError, SimulationError
 from isorig.analysis.given import all_of_type, finite, flag, given_mapping, number, of_type, whole
 from isorig.analysis.laws.base import NO_LINK
 from isorig.analysis.model.linear import imposed_coordinates, linear_part
-from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel, direction, given_configuration, given_rig
+from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel, direction, given_configuration, given_rig, weights_of
 from isorig.analysis.simulate.compiled import Compiled, compile_rig
 from isorig.analysis.simulate.free_run import NOWHERE, Response, imposed_start, response_of, run_rig, sense_of, true_fine
 from isorig.analysis.simulate.sampling import TAPS, Excitation, sampled
@@ -249,7 +249,7 @@ def _element_force(model: RigModel, inside: _Inside, part: Link | Contact) -> Fl
     for k in own:
         force = force + inside.forces[k]
     if not own and len(model.imposed):
-        d, v = _motion(inside, direction(model, part.a, part.b, part.arms))
+        d, v = _motion(inside, weights_of(model, part))
         if np.ptp(d) > 0.0:
             for law in (part.law,) if isinstance(part, Contact) else part.laws:
                 constants = NO_LINK if isinstance(part, Contact) else model.constants_of(part)
@@ -259,7 +259,7 @@ def _element_force(model: RigModel, inside: _Inside, part: Link | Contact) -> Fl
 
 def _through(model: RigModel, inside: _Inside, link: Link, configuration: str) -> FloatArray:
     # Force from a to b through the link, its laws and the contacts between the same two ends.
-    d, v = _motion(inside, direction(model, link.a, link.b, link.arms))
+    d, v = _motion(inside, weights_of(model, link))
     force = link.stiffness * d + link.damping * v + _element_force(model, inside, link)
     blocked = model.configurations[configuration].rigid
     for contact in model.contacts:
@@ -281,7 +281,7 @@ def _imposing(model: RigModel, inside: _Inside, which: int, configuration: str) 
     force = row @ (mass @ acceleration + damping @ v + stiffness @ x)
     blocked = model.configurations[configuration].rigid
     for part in model.joints:
-        weight = float(direction(model, part.a, part.b, part.arms) @ row)
+        weight = float(weights_of(model, part) @ row)
         if weight and part.name not in blocked and (isinstance(part, Contact) or part.laws):
             force = force + weight * _element_force(model, inside, part)
     for other, values in zip(model.drives, inside.drives, strict=True):

@@ -10,7 +10,7 @@ import numpy as np
 from isorig.analysis.campaign import MOTION, SI_UNIT, FloatArray
 from isorig.analysis.errors import ModelError
 from isorig.analysis.model.linear import accelerations
-from isorig.analysis.model.rig_model import RigModel, direction, given_configuration
+from isorig.analysis.model.rig_model import RigModel, given_configuration, weights_of
 from isorig.analysis.views import call, shows
 
 
@@ -72,7 +72,7 @@ def state_space(model: RigModel, configuration: str | None = None) -> StateSpace
     b = np.vstack([np.zeros_like(of_input), of_input])
     rows, through = [], []
     for sensor in model.sensors:
-        weights = direction(model, sensor.body, sensor.relative_to, sensor.arms) @ basis
+        weights = weights_of(model, sensor) @ basis
         order = MOTION[sensor.quantity]
         place = np.hstack([weights, np.zeros(n)]) if order == 0 else np.hstack([np.zeros(n), weights])
         rows.append(weights @ of_state if order == 2 else place)
