@@ -12,6 +12,7 @@ from isorig.analysis.errors import ModelError
 from isorig.analysis.model.linear import accelerations
 from isorig.analysis.model.rig_model import RigModel, given_configuration, weights_of
 from isorig.analysis.views import call, shows
+from isorig.analysis.wording import words
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +62,7 @@ def state_space(model: RigModel, configuration: str | None = None) -> StateSpace
     other = next((drive for drive in model.drives if drive.imposes is not None and MOTION.get(drive.quantity) != 2), None)
     if other is not None:
         raise ModelError(
-            f"the drive {other.channel!r} imposes a {other.quantity.replace('_', ' ')}, and the force of its inertia needs two "
+            f"the drive {other.channel!r} imposes a {words(other.quantity)}, and the force of its inertia needs two "
             "derivatives of it; a state-space model needs its acceleration, so change the drive's quantity"
         )
     force = next((sensor for sensor in model.sensors if sensor.force_in is not None), None)

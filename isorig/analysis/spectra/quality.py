@@ -18,6 +18,7 @@ from isorig.analysis.given import of_type
 from isorig.analysis.spectra.noise import ENOUGH, noise_level
 from isorig.analysis.spectra.overload import LONGEST, extents, extremes, plateaus
 from isorig.analysis.spectra.welch import Spectra, common_lines, estimate, stretches
+from isorig.analysis.wording import capitalized
 
 FaultKind = Literal["clipped", "dead", "stuck", "swapped", "noisy", "too short", "not at rest", "no drive", "spike"]
 #: Kinds that spoil an average of transfer functions; motion before the start spoils only free-run simulations.
@@ -70,7 +71,7 @@ def fault_sentences(faults: Sequence[Fault]) -> list[str]:
     for first, *others in alike.values():
         runs = " and ".join(repr(each.run) for each in others)
         also = f" The same applies to run{'s' if len(others) > 1 else ''} {runs}." if others else ""
-        said.append(f"{first.text[0].upper()}{first.text[1:]}{also}")
+        said.append(f"{capitalized(first.text)}{also}")
     return said
 
 

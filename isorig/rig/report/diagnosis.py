@@ -16,7 +16,7 @@ from isorig.analysis.diagnose.step import Curve, Step
 from isorig.analysis.equations.system import equations_of
 from isorig.analysis.fitting.score import Score
 from isorig.analysis.model.rig_model import Link, RigModel
-from isorig.analysis.wording import in_per_cent, state, with_article
+from isorig.analysis.wording import capitalized, in_per_cent, state, with_article, words
 from isorig.rig.files.findings import Findings, HeldValue
 from isorig.rig.report.charts import Chart, ChartTrace, Panel
 from isorig.rig.report.conclusion import KINDS, Conclusion, conclude
@@ -37,7 +37,7 @@ from isorig.rig.report.misfit import (
 )
 from isorig.rig.report.page import First, Report, Section, Table, build_report
 from isorig.rig.report.place import OVER, Over, force_chart, joint_of, marks, place_force
-from isorig.rig.report.sections import HOLD_OUT, parameters_table, provenance_section, runs_section, unbroken, with_unit, words
+from isorig.rig.report.sections import HOLD_OUT, parameters_table, provenance_section, runs_section, unbroken, with_unit
 from isorig.rig.report.sketch import sketch
 
 EVIDENCE = (
@@ -87,7 +87,7 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, findings: Findings)
     ]
     report = Report(
         title=f"Diagnosis of {Path(campaign.source).name}",
-        verdict=unbroken(f"{said.answer[0].upper()}{said.answer[1:]}."),
+        verdict=unbroken(f"{capitalized(said.answer)}."),
         summary=[said.check] if said.check else [],
         sections=sections,
         first=_first(diagnosis, campaign, said, findings.remarks, models, scores),

@@ -12,9 +12,9 @@ from isorig.analysis.fitting.score import Score
 from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.spectra.windows import hanning, segment_spectra
-from isorig.analysis.wording import displayed_unit, sized_unit
+from isorig.analysis.wording import displayed_unit, sized_unit, words
 from isorig.rig.report.charts import Chart, ChartTrace, Panel, Role, spread_over
-from isorig.rig.report.sections import label, words
+from isorig.rig.report.sections import label
 
 #: A model in charts: its name in the legend, and its role.
 Named = tuple[str, Role]

@@ -12,7 +12,7 @@ from isorig.analysis.fitting.uncertainty import CALIBRATION
 from isorig.analysis.parameters.joint_fit import Characterization
 from isorig.analysis.spectra.modal_fit import Mode
 from isorig.analysis.spectra.quality import without
-from isorig.analysis.wording import with_std
+from isorig.analysis.wording import with_std, words
 from isorig.rig.files.output import write_text
 from isorig.rig.frf.figures import save
 from isorig.rig.model.baseline import baseline_model
@@ -20,7 +20,7 @@ from isorig.rig.report.charts import Chart, ChartTrace, Panel, unjoined
 from isorig.rig.report.frequency import frf_panels, frf_traces
 from isorig.rig.report.measurement import fits_page
 from isorig.rig.report.page import Section, Table
-from isorig.rig.report.sections import with_unit, words
+from isorig.rig.report.sections import with_unit
 from isorig.rig.wire_bonder.figures import set_ups_figure, surface_figure
 from isorig.rig.wire_bonder.four_set_ups import ErrorSurface, FourSetUps, SetUp, evaluated_set_ups
 
