@@ -450,7 +450,7 @@ def test_a_rig_scored_by_its_drive_gets_the_noise_of_its_positions(monkeypatch: 
     motion, other = (motion_from(positions, 1024.0, np.zeros(len(time))) for positions in (clean, shaken))
     (force,) = required_drive(RIG, motion)
     trial = replace(
-        trial_of(np.zeros(N), 0.0), measured=force[None], channels=("head",), fitted=len(force) // 2, motion=motion, shaken=other
+        trial_of(np.zeros(N), 0.0), measured=force[None], channels=("head",), fitted=len(force) // 2, motion=motion, noisy=other
     )
     part = slice(len(force) // 2, len(force))
     expected = np.sqrt(np.mean((required_drive(RIG, other)[0] - force)[part] ** 2) / np.mean(force[part] ** 2))

@@ -103,13 +103,13 @@ def noise_floors(model: RigModel, trials: Sequence[Trial]) -> FloatArray:
 
     def through(trial: Trial, noises: Sequence[FloatArray]) -> FloatArray:
         part = trial.held_out
-        if trial.motion is not None and trial.shaken is not None:
-            off = required_drive(model, trial.motion) - required_drive(model, trial.shaken)
+        if trial.motion is not None and trial.noisy is not None:
+            off = required_drive(model, trial.motion) - required_drive(model, trial.noisy)
             return np.asarray(np.mean(off[:, part] ** 2, axis=1))[None]
         clean = true_motion(model, trial)
         drive = trial.excitation.recorded
-        shaken = (replace(trial, excitation=trial.excitation.with_drive(drive + noise)) for noise in noises)
-        others = [true_motion(model, other) for other in shaken]
+        with_noise = (replace(trial, excitation=trial.excitation.with_drive(drive + noise)) for noise in noises)
+        others = [true_motion(model, other) for other in with_noise]
         return np.array([[np.mean((clean[n] - other[n])[part] ** 2) for n in trial.channels] for other in others])
 
     def between_samples(trial: Trial) -> FloatArray | float:

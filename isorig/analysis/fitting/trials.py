@@ -116,9 +116,9 @@ class Trial:
     ceiling: float  #: Highest frequency in Hz of the residuals while a fit converges.
     onset: int = 0  #: First sample at which the drive acts: before it the rig is at rest.
     #: For a rig that no spring holds: the motion of its bodies. Such a trial is judged by its drive: `measured` is its channel,
-    #: decimated, and `shaken` the same motion with additional sensor noise.
+    #: decimated, and `noisy` the same motion with additional sensor noise.
     motion: Motion | None = None
-    shaken: Motion | None = None
+    noisy: Motion | None = None
     usable: float = np.inf  #: Highest frequency in Hz at which errors count.
     #: The start of a run that begins in motion; None of a run that begins at rest, or in a described state.
     moving: MovingStart | None = None
@@ -593,7 +593,7 @@ def _by_drive(campaign: Campaign, model: RigModel, levels: Sequence[Mapping[str,
                 run=run, start_time=campaign.seconds_since_start(run), channels=tuple(names),
                 measured=np.tile(force, (len(groups), 1)), excitation=Excitation.prepare(force, rate, oversample=1), noise=level,
                 fitted=0 if run.use == "holdout" else fit_samples(force[None]), ceiling=rate / 2.0, motion=moved,
-                shaken=noisy, disturbance=Disturbance(frequency=np.array([0.0, rate]), level=np.tile(off[:, None], 2)),
+                noisy=noisy, disturbance=Disturbance(frequency=np.array([0.0, rate]), level=np.tile(off[:, None], 2)),
             )
         )  # fmt: skip
     return tuple(found)
@@ -618,19 +618,19 @@ def _motions(
     def position(sensor: Sensor, values: FloatArray) -> FloatArray:
         return position_from(values, rate) if MOTION[sensor.quantity] else values
 
-    clean, shaken = {GROUND: np.zeros(stop)}, {GROUND: np.zeros(stop)}
+    clean, rough = {GROUND: np.zeros(stop)}, {GROUND: np.zeros(stop)}
     for body, sensor in sensors.items():
         values = run.channel(sensor.channel).read(0, stop)
         clean[body] = position(sensor, values) + clean[sensor.relative_to]
         with_noise = values + sensor_noise(values, noise.get(sensor.channel, 0.0), generator)
-        shaken[body] = position(sensor, with_noise) + shaken[sensor.relative_to]
-    del clean[GROUND], shaken[GROUND]
+        rough[body] = position(sensor, with_noise) + rough[sensor.relative_to]
+    del clean[GROUND], rough[GROUND]
     drive = run.channel(model.drive.channel).read(0, stop)
     drive = as_held(drive, 1) if is_command(drive) else drive
     # A velocity has less noise than the acceleration. Its own low-pass is as wide as that allows: a dry contact follows the sign
     # of the true velocity, which that of a low-passed one is not where a shaft oscillates above the corner frequency.
     for passed in DECIMATIONS[: DECIMATIONS.index(decimation) + 1]:
-        moved, noisy = motion_from(clean, rate, drive, passed), motion_from(shaken, rate, drive, passed)
+        moved, noisy = motion_from(clean, rate, drive, passed), motion_from(rough, rate, drive, passed)
         blur = {body: float(np.std(noisy.velocity[body] - moved.velocity[body])) for body in clean}
         if all(blur[body] <= QUIET * float(np.std(moved.velocity[body])) for body in clean):
             break

@@ -133,10 +133,10 @@ def assessed(
     judged = score(done.model, trials)
     biased = _excess(judged, floors) >= BIASED and not _noisy(done, judged, trials)
     done = at_minimum(done, trials, steps=1 if biased else STEPS)
-    judged, shaken = score(done.model, trials), no_noise(done)
+    judged, of_drive = score(done.model, trials), no_noise(done)
     if not biased:
-        shaken = drive_noise_effect(done, trials)
-        done, judged = _corrected(done, judged, shaken, trials)
+        of_drive = drive_noise_effect(done, trials)
+        done, judged = _corrected(done, judged, of_drive, trials)
     explained = adequate(judged, np.hypot(floors, SIMULATION_LIMIT))
     noise = ""
     if not explained and _noisy(done, judged, trials):
@@ -150,7 +150,7 @@ def assessed(
     misfit = 0.0 if explained else max(0.0, _excess(judged, floors) - 2.0 * SIMULATION_LIMIT)
     misfit = misfit if misfit >= STATED else 0.0
     known = Known(
-        moves=changes_without_bins(done, trials), held=_held(done), shaken=shaken.covariance, runs=disagreement(done),
+        moves=changes_without_bins(done, trials), held=_held(done), noise=of_drive.covariance, runs=disagreement(done),
         ratio=_by_chance(trials) if explained else 1.0, step=change_with_half_step(done, trials),
         bias=misfit * np.array([abs(value) for value in done.values.values()]),
         given=changes_with_given_values(done, trials, uncertain_values(known_values, done)),
@@ -162,9 +162,9 @@ def assessed(
     )  # fmt: skip
 
 
-def _corrected(done: Fit, judged: Score, shaken: DriveNoise, trials: Sequence[Trial]) -> tuple[Fit, Score]:
+def _corrected(done: Fit, judged: Score, of_drive: DriveNoise, trials: Sequence[Trial]) -> tuple[Fit, Score]:
     # The fit without its bias by noise in the drive, and its errors; with its bias where the correction makes them larger.
-    corrected = without_bias(done, shaken)
+    corrected = without_bias(done, of_drive)
     after = score(corrected.model, trials)
     return (done, judged) if after.figure >= HARMS * judged.figure else (corrected, after)
 
@@ -186,7 +186,7 @@ class Known:
     moves: FloatArray  #: Their changes without each frequency bin, shape (bins, k).
     held: FloatArray  #: Covariance of the points of curves by what their smoothness allows, shape (k, k).
     #: Covariance by draws of the noise in drive and responses, and by the differences between runs, shape (k, k).
-    shaken: FloatArray
+    noise: FloatArray
     runs: FloatArray
     ratio: float  #: Ratio of the variance by the runs to that by the noise from which the differences between runs count.
     step: FloatArray  #: Their changes with half the time step, shape (k,).
@@ -205,7 +205,7 @@ class Known:
 
     def _of_this_fit(self, slope: FloatArray) -> float:
         bins = deviation(self.moves, slope) ** 2 + float(slope @ self.held @ slope)
-        variance, runs = max(bins, float(slope @ self.shaken @ slope), 0.0), float(slope @ self.runs @ slope)
+        variance, runs = max(bins, float(slope @ self.noise @ slope), 0.0), float(slope @ self.runs @ slope)
         variance = runs if runs > self.ratio * variance else variance
         return float(np.sqrt(variance + (self.step @ slope) ** 2 + float(((self.bias * slope) ** 2).sum())))
 

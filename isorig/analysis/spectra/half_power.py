@@ -77,16 +77,16 @@ def half_power(frf: Frf, band: tuple[float, float]) -> HalfPower:
         np.hypot(frf.magnitude_std[at], frf.magnitude_std[top] / np.sqrt(2.0)) / slope
         for at, slope in ((at_low, slope_low), (at_high, slope_high))
     ]
-    lines = width / frf.resolution
+    bins = width / frf.resolution
     # The uncertainty of a parabola's vertex is that of its outer points divided by its curvature.
     curvature = abs(size[top - 1] - 2.0 * size[top] + size[top + 1])
     std = frf.resolution * frf.magnitude_std[top] / (np.sqrt(2.0) * max(curvature, 1e-300))
     mode = Mode(
         frequency=peak, frequency_std=float(min(std, frf.resolution)), damping=damping,
-        damping_std=float(np.hypot(*spread) / (2.0 * peak)), lines=lines,
+        damping_std=float(np.hypot(*spread) / (2.0 * peak)), bins=bins,
     )  # fmt: skip
-    coarse = f"only {lines:.1f} frequency bins in the bandwidth: below {WARNED:g} the window increases a half-power damping"
-    return replace(found, mode=mode, warning=coarse if lines < WARNED else "")
+    coarse = f"only {bins:.1f} frequency bins in the bandwidth: below {WARNED:g} the window increases a half-power damping"
+    return replace(found, mode=mode, warning=coarse if bins < WARNED else "")
 
 
 def _crossing(f: FloatArray, size: FloatArray, top: int, step: int, level: float) -> tuple[float, float, int] | None:
@@ -104,10 +104,10 @@ def _crossing(f: FloatArray, size: FloatArray, top: int, step: int, level: float
 
 
 def _doubt(frf: Frf, top: int, peak: float, low: float, high: float) -> str:
-    width, lines = high - low, (high - low) / frf.resolution
-    if lines < REFUSED:
+    width, bins = high - low, (high - low) / frf.resolution
+    if bins < REFUSED:
         return (
-            f"the bandwidth of {width:.3g} Hz has {lines:.1f} frequency bins, but half-power needs {REFUSED:g}: "
+            f"the bandwidth of {width:.3g} Hz has {bins:.1f} frequency bins, but half-power needs {REFUSED:g}: "
             f"use a resolution of {width / WARNED:.2g} Hz"
         )
     if width / (2.0 * peak) > LIGHT:

@@ -19,7 +19,7 @@ from isorig.analysis.given import all_of_type, given_guesses, interval, whole
 from isorig.analysis.spectra.common_poles import ITERATIONS, Data, SolvedPoles, fit, model, solve
 from isorig.analysis.spectra.poles import Pole, poles_by_order
 from isorig.analysis.spectra.welch import FEWEST, Frf
-from isorig.analysis.spectra.window_effect import WindowEffect, line_deviation, pole_of
+from isorig.analysis.spectra.window_effect import WindowEffect, bin_deviation, pole_of
 from isorig.analysis.views import Viewed
 
 #: A pole that persists over this many orders, allowing gaps of `GAP`, is tried as a mode.
@@ -76,7 +76,7 @@ class ShapedMode(ModeShape):
     """
 
     constants: ComplexArray
-    lines: float
+    bins: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,7 +207,7 @@ class _Grid:
         #: Whether error bars are known.
         self.known = first.averages >= FEWEST
         self._values = np.stack([frf.value for frf in self.frfs])
-        self._deviations = np.stack([line_deviation(frf) for frf in self.frfs])
+        self._deviations = np.stack([bin_deviation(frf) for frf in self.frfs])
         # Power of s relative to a receptance: 2 if the units are unknown.
         moved, driven = (MOTION.get(unit) for unit in first.units)
         self._power = 2 if moved is None or driven is not None else moved
@@ -251,7 +251,7 @@ class _Grid:
         return ShapedMode(
             frequency=f, frequency_std=f * float(relative[0]), damping=zeta, damping_std=zeta * float(relative[1]), shape=shape,
             constants=constants, collinearity=collinearity(shape),
-            lines=2.0 * zeta * f / self.frfs[0].resolution,
+            bins=2.0 * zeta * f / self.frfs[0].resolution,
         )  # fmt: skip
 
 
@@ -353,9 +353,9 @@ def collinearity(shape: ComplexArray) -> float:
 
 def _warnings(modes: Sequence[ShapedMode]) -> tuple[str, ...]:
     said = [
-        f"mode {k} at {mode.frequency:.4g} Hz has only {mode.lines:.1f} frequency bins in its bandwidth; use a finer resolution"
+        f"mode {k} at {mode.frequency:.4g} Hz has only {mode.bins:.1f} frequency bins in its bandwidth; use a finer resolution"
         for k, mode in enumerate(modes, 1)
-        if mode.lines < NARROW
+        if mode.bins < NARROW
     ]
     for k, (one, other) in enumerate(pairwise(modes)):
         apart = (other.frequency - one.frequency) / max(one.damping * one.frequency, other.damping * other.frequency)

@@ -359,7 +359,7 @@ def estimate(
         )
     if len(parts) == 1:
         return parts[0]
-    lines, spacing = common_lines(parts)
+    lines, spacing = common_bins(parts)
     return merged([_on_lines(part, lines, spacing) for part in parts])
 
 
@@ -367,7 +367,7 @@ def _units(run: Run, names: Sequence[str]) -> tuple[str, ...]:
     return tuple(run.channel(name).unit for name in names)
 
 
-def common_lines(parts: Sequence[Spectra | Frf]) -> tuple[FloatArray, float]:
+def common_bins(parts: Sequence[Spectra | Frf]) -> tuple[FloatArray, float]:
     """The frequency bins (Hz) common to spectra or transfer functions with several sample rates, and their distance (Hz).
 
     They have the coarsest resolution, up to the lowest of the highest frequencies. Segments consist of whole samples, so the
@@ -378,9 +378,9 @@ def common_lines(parts: Sequence[Spectra | Frf]) -> tuple[FloatArray, float]:
     return np.asarray(coarsest.frequency[coarsest.frequency <= end * (1.0 + 1e-9)]), coarsest.resolution
 
 
-def frfs_on_common_lines(frfs: Sequence[Frf]) -> list[Frf]:
+def frfs_in_common_bins(frfs: Sequence[Frf]) -> list[Frf]:
     """Transfer functions in their common frequency bins, so that they can be compared."""
-    lines, spacing = common_lines(frfs)
+    lines, spacing = common_bins(frfs)
     return [
         replace(
             frf,

@@ -21,7 +21,7 @@ Named = tuple[str, Role]
 BASELINE: Named = ("baseline", "simulated")
 EXTENDED: Named = ("extended model", "extended")
 #: Points of an amplitude spectrum, number of segments, and seconds of a time interval.
-LINES = 400
+POINTS = 400
 SEGMENTS = 24
 SECONDS = 1.5
 #: Seconds of the interval in which the models differ most.
@@ -55,7 +55,7 @@ def misfit_charts(trials: Sequence[Trial], models: Mapping[Named, Simulated]) ->
         traces = []
         for panel, channel in enumerate(trial.channels):
             frequency, measured = _amplitude(trial.measured[panel], rate)
-            kept = spread_over(frequency, LINES)
+            kept = spread_over(frequency, POINTS)
             traces.append(ChartTrace(name="measured", x=frequency[kept], y=measured[kept], panel=panel))
             for (title, role), responses in models.items():
                 _, error = _amplitude(responses[trial.run.id][channel] - trial.measured[panel], rate)

@@ -29,7 +29,7 @@ TAIL = 0.6
 #: Accelerations of the moves for which isolation is shown, m/s^2: from a bench's to the machine's.
 LEVELS = np.geomspace(8.0, 208.0, 16)
 #: Frequency bins for the drive offset, Hz.
-LINES = np.geomspace(0.5, 100.0, 1500)
+FREQUENCIES = np.geomspace(0.5, 100.0, 1500)
 #: Allowed isolation frequencies, and the band in which a drive offset is judged, Hz.
 TRIED, ISOLATED = (0.05, 100.0), (5.0, 50.0)
 TAKES = tuple(
@@ -217,9 +217,9 @@ def _offset(model: RigModel, offset: float, head: FloatArray, frequency: float) 
     except ModelError as error:
         raise PlanError(f"a drive offset of {offset:g} m cannot be studied: {error}") from None
     seen = histories(rocked, head, MOVE_RATE)
-    ratio = linear_ratio(rocked, LINES)
-    kept = (ISOLATED[0] <= LINES) & (ISOLATED[1] >= LINES)
+    ratio = linear_ratio(rocked, FREQUENCIES)
+    kept = (ISOLATED[0] <= FREQUENCIES) & (ISOLATED[1] >= FREQUENCIES)
     return DriveOffset(
         rocking=float(np.abs(seen["rocking"]).max()), stroke=stroke_of(seen),
-        frequency=LINES, ratio=ratio, worst=float(np.max((ratio / linear_ratio(model, LINES))[kept])),
+        frequency=FREQUENCIES, ratio=ratio, worst=float(np.max((ratio / linear_ratio(model, FREQUENCIES))[kept])),
     )  # fmt: skip

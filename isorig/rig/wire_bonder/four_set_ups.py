@@ -24,7 +24,7 @@ from isorig.analysis.spectra.welch import Frf, estimate
 from isorig.rig.wire_bonder.description import LINKS, wire_bonder
 
 #: Required frequency bins per bandwidth, and minimum segments in a record.
-LINES, SEGMENTS = 12.0, 12.0
+BINS, SEGMENTS = 12.0, 12.0
 #: Band for head to motor and head to table, relative to the expected frequencies of motor and table.
 LOW_BAND = (0.4, 1.7)
 #: Search range of a peak, and band of the heatblock's, relative to the expected frequency.
@@ -138,7 +138,7 @@ def _read(name: str, runs: list[Run], band: Band, alone: Band, guess: dict[str, 
     # A first estimate gives the bandwidth, the bandwidth determines the resolution.
     coarse = estimated(max(guess[name] / 100.0, SEGMENTS / seconds))
     width = _width(coarse, guess[name], band)
-    frf = estimated(max(width / LINES, SEGMENTS / seconds))
+    frf = estimated(max(width / BINS, SEGMENTS / seconds))
     found = half_power(frf, alone)
     fit, reason, mode, method = None, "", found.mode, "half-power"
     try:

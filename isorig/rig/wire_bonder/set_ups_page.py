@@ -123,7 +123,7 @@ def _set_up_section(item: SetUp) -> Section:
         m = item.mode
         text.append(
             f"By {item.method}: {with_std(m.frequency, m.frequency_std)} Hz, damping ratio "
-            f"{with_std(m.damping, m.damping_std)}, {m.lines:.1f} frequency bins of {frf.resolution:.3g} Hz in the bandwidth."
+            f"{with_std(m.damping, m.damping_std)}, {m.bins:.1f} frequency bins of {frf.resolution:.3g} Hz in the bandwidth."
         )
     text += [f"No fit: {item.refused}."] if item.refused else []
     if half.mode is None:
