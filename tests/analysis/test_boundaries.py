@@ -18,8 +18,8 @@ from isorig.analysis.diagnose.search import Suspected
 from isorig.analysis.equations.sliding import Sliding
 from isorig.analysis.fitting import solve, uncertainty
 from isorig.analysis.fitting.candidate import Candidate
+from isorig.analysis.fitting.held_out import decays, fit_samples
 from isorig.analysis.fitting.solve import Fit, Free, fit
-from isorig.analysis.fitting.trials import decays, fit_samples
 from isorig.analysis.laws import BoucWen, ElastoSlip
 from isorig.analysis.model.rig_model import Contact
 from isorig.analysis.spectra.noise import noise_level

@@ -16,8 +16,8 @@ from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
 from isorig.analysis.equations.ranking import ranking
 from isorig.analysis.equations.system import equations_of
 from isorig.analysis.errors import DataError, SimulationError
+from isorig.analysis.fitting import held_out, preparation, trials
 from isorig.analysis.fitting import score as scores
-from isorig.analysis.fitting import trials
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.laws import BoundedSoftening, Coulomb, Cubic, Stribeck
 from isorig.analysis.model.rig_model import Body, Chain, Configuration, Contact, Drive, Link, RigModel, Sensor
@@ -69,17 +69,17 @@ def moved(at: Sequence[float], rest: float = 0.0) -> FloatArray:
     ],
 )
 def test_a_run_that_comes_to_rest_is_divided_between_its_moves(at: tuple[float, ...], low: int, high: int) -> None:
-    assert low <= trials.fit_samples(np.stack([moved(at), moved(at, rest=0.2)])) <= high
+    assert low <= held_out.fit_samples(np.stack([moved(at), moved(at, rest=0.2)])) <= high
 
 
 def test_a_steady_run_is_divided_in_time() -> None:
     noise = np.random.default_rng(3).normal(0.0, 1.0, (2, 5000))
-    assert trials.fit_samples(noise) == 3000
+    assert held_out.fit_samples(noise) == 3000
 
 
 def test_a_run_in_which_nothing_moves_is_divided_by_time() -> None:
     """Dry friction may hold a body throughout a run, and a converter then records zero."""
-    assert trials.fit_samples(np.zeros((2, 5000))) == round(trials.FIT_SHARE * 5000)
+    assert held_out.fit_samples(np.zeros((2, 5000))) == round(held_out.FIT_SHARE * 5000)
 
 
 def simulated(scales: list[float]) -> Callable[..., Any]:
@@ -318,7 +318,7 @@ def test_friction_follows_the_sign_of_a_velocity_that_oscillates_above_the_corne
     }
     channels = {name: Channel(name=name, samples=of[0], quantity=of[1], unit=of[2]) for name, of in records.items()}
     run = Run(id="r", configuration="unlocked", sample_rate=rate, gain=1.0, channels=channels)
-    (trial,) = trials.prepare(Campaign(runs=(run,), source="turning"), rig)
+    (trial,) = preparation.prepare(Campaign(runs=(run,), source="turning"), rig)
     assert trial.motion is not None
     assert trial.motion.decimation > DECIMATIONS[0]
     off = trials.expected(rig, trial) - trial.measured
@@ -348,12 +348,12 @@ def test_the_motion_of_a_body_may_be_recorded_relative_to_another(joint: str) ->
         ),
     )  # fmt: skip
     run = Run(id="r", configuration="unlocked", sample_rate=500.0, gain=1.0, channels=channels)
-    (trial,) = trials.prepare(Campaign(runs=(run,), source="joint"), rig)
+    (trial,) = preparation.prepare(Campaign(runs=(run,), source="joint"), rig)
     assert trial.motion is not None
     assert np.std(trial.motion.position["arm"] - arm) < 1e-3 * np.std(arm)
     alone = msgspec.structs.replace(rig, sensors=rig.sensors[:1])
     with pytest.raises(DataError, match="absolute or relative to one whose own is measured"):
-        trials.prepare(Campaign(runs=(run,), source="joint"), alone)
+        preparation.prepare(Campaign(runs=(run,), source="joint"), alone)
 
 
 @pytest.mark.parametrize("zero", [0.0, 180.0])
@@ -371,7 +371,7 @@ def test_the_zero_of_a_load_cell_says_nothing_of_a_damper(zero: float) -> None:
         sensors=(Sensor(channel="F", quantity="force", force_in="drive.s"),),
     )  # fmt: skip
     run = Run(id="r", configuration="unlocked", sample_rate=500.0, gain=1.0, channels=channels)
-    (trial,) = trials.prepare(Campaign(runs=(run,), source="damper"), rig)
+    (trial,) = preparation.prepare(Campaign(runs=(run,), source="damper"), rig)
     assert trial.uncertain_end > 0
     off = trials.expected(rig, trial) - trial.measured
     assert np.abs(off[:, 100:-100]).max() < 1.0
@@ -390,9 +390,9 @@ def test_a_run_down_is_simulated_from_its_described_start() -> None:
         sensors=(Sensor(channel="n", body="rotor", quantity="angular_velocity"),),
     )  # fmt: skip
     with pytest.raises(DataError, match="nothing drives run 'r', and the description gives no start"):
-        trials.prepare(Campaign(runs=(run,), source="rotor"), rig)
+        preparation.prepare(Campaign(runs=(run,), source="rotor"), rig)
     begun = msgspec.structs.replace(rig, configurations={"unlocked": Configuration(initial_velocity={"rotor": 300.0})})
-    (trial,) = trials.prepare(Campaign(runs=(run,), source="rotor"), begun)
+    (trial,) = preparation.prepare(Campaign(runs=(run,), source="rotor"), begun)
     assert trial.motion is None
     off = trials.expected(begun, trial) - trial.measured
     assert np.std(off) < 1e-3 * np.std(trial.measured)
@@ -433,7 +433,7 @@ def two_inertias(softening: float, zero: float) -> tuple[Campaign, RigModel]:
 def test_the_zero_of_a_velocity_is_no_twist_of_a_shaft(softening: float, zero: float) -> None:
     """The zero integrates to a rad, ten times the twist; the equations and the required drive show the shaft nonetheless."""
     campaign, model = two_inertias(softening, zero)
-    (trial,) = trials.prepare(campaign, model)
+    (trial,) = preparation.prepare(campaign, model)
     assert trial.motion is not None
     assert trial.motion.groups == (("motor",), ("motor", "load"))
     off = np.std(trials.expected(model, trial) - trial.measured, axis=1) / np.std(trial.measured, axis=1)

@@ -15,12 +15,13 @@ from scipy.signal import lsim
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
 from isorig.analysis.diagnose.evidence import record_signs
 from isorig.analysis.errors import SimulationError
-from isorig.analysis.fitting import initial_state, trials
+from isorig.analysis.fitting import initial_state, preparation
 from isorig.analysis.fitting.division import ends
 from isorig.analysis.fitting.initial_state import PreparedRun, begins_in_motion, moving_start
+from isorig.analysis.fitting.preparation import DECAYS, prepare
 from isorig.analysis.fitting.screen import shortened
 from isorig.analysis.fitting.solve import Free, Problem, jacobian_of
-from isorig.analysis.fitting.trials import DECAYS, expected, prepare
+from isorig.analysis.fitting.trials import expected
 from isorig.analysis.laws import Cubic
 from isorig.analysis.model.rig_model import Body, Configuration, Drive, Link, RigModel, Sensor
 from isorig.analysis.simulate import Excitation, simulate
@@ -256,7 +257,7 @@ def test_records_of_a_decay_tell_the_described_state_at_its_start(monkeypatch: p
     (trial,) = prepare(measured, described)
     assert trial.start_of(described)["m"][0] == pytest.approx(5e-3, rel=1e-3)
     # Five of its periods are fewer samples than a run must have.
-    monkeypatch.setattr(trials, "DECAYS", 4.0 * DECAYS)
+    monkeypatch.setattr(preparation, "DECAYS", 4.0 * DECAYS)
     limit = 4.0 * DECAYS * 2.0 * np.pi * np.sqrt(MASS / STIFFNESS)
     told = [prepare(*releases((5e-3,), 1.0, share * limit))[0].moving is not None for share in (0.97, 1.03)]
     assert told == [False, True]

@@ -10,8 +10,9 @@ from scipy.signal import freqz
 from small_rigs import Take, chain, played
 
 from isorig.analysis.campaign import USABLE, Campaign, Channel, FloatArray, Run
+from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.fitting.score import score
-from isorig.analysis.fitting.trials import Trial, expected, prepare, true_motion
+from isorig.analysis.fitting.trials import Trial, expected, true_motion
 from isorig.analysis.simulate.sampling import FALL, FLAT, _lowpass, within
 from isorig.analysis.spectra.noise import noise_level, noise_levels
 

@@ -57,6 +57,7 @@ from isorig.analysis.fitting.ladder import (
     without_step,
 )
 from isorig.analysis.fitting.plausible import Doubt, doubts, doubts_of_records, explains_as_given, is_near
+from isorig.analysis.fitting.preparation import prepare, zero_errors
 from isorig.analysis.fitting.repeats import disturbance, with_disturbance
 from isorig.analysis.fitting.residual_analysis import depends_on_drive
 from isorig.analysis.fitting.score import (
@@ -71,7 +72,7 @@ from isorig.analysis.fitting.score import (
 )
 from isorig.analysis.fitting.screen import Progress
 from isorig.analysis.fitting.solve import Fit, Problem
-from isorig.analysis.fitting.trials import Trial, prepare, zero_errors
+from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.fitting.uncertainty import MOST_NOISE, assessed
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate.natural import lowest_mode

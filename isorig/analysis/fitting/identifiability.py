@@ -15,8 +15,8 @@ import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray
 from isorig.analysis.fitting.influence import TRACE
+from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.fitting.solve import Free, Problem, at_coordinates, coordinates_of, jacobian_of, positive
-from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.model.rig_model import RigModel
 
 #: Relative step of the finite differences: small compared with the width of a lightly damped peak, large compared with rounding.

@@ -13,10 +13,11 @@ from isorig.analysis.errors import FitError, OutOfTimeError
 from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.division import Divide, refined
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
+from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.fitting.score import score, worst
 from isorig.analysis.fitting.screen import Progress, shortened
 from isorig.analysis.fitting.solve import Fit, Free, Problem, base_parameters, disagreement, fit
-from isorig.analysis.fitting.trials import SIGNAL_SHARE, Trial, expected, prepare
+from isorig.analysis.fitting.trials import SIGNAL_SHARE, Trial, expected
 from isorig.analysis.model.rig_model import RigModel
 
 #: A fit sees the first seconds of each run, then more; steps that it may take at each, and the relative fall of the cost

@@ -408,7 +408,8 @@ def _released(given: RigModel, campaign: Campaign) -> Iterable[Doubt]:
     free = tuple(run for run in campaign.runs if not any(run.read(drive.channel).any() for drive in given.drives))
     if not free:
         return
-    from isorig.analysis.fitting.trials import prepare, simulated, true_motion
+    from isorig.analysis.fitting.preparation import prepare
+    from isorig.analysis.fitting.trials import simulated, true_motion
 
     ratios: dict[str, list[float]] = {}
     for trial in prepare(replace(campaign, runs=free), given):

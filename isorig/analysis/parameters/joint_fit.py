@@ -16,9 +16,10 @@ from isorig.analysis.fitting.division import refined
 from isorig.analysis.fitting.influence import from_smaller_friction, not_identifiable
 from isorig.analysis.fitting.ladder import baseline_fit, finished, fit_again
 from isorig.analysis.fitting.plausible import Doubt, doubts
+from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.fitting.score import Score
 from isorig.analysis.fitting.solve import Fit, Free
-from isorig.analysis.fitting.trials import Trial, prepare
+from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.fitting.uncertainty import (
     ANY_SIGN,
     CALIBRATION,

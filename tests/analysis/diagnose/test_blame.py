@@ -37,8 +37,8 @@ from isorig.analysis.equations.columns import OVER_POSITION
 from isorig.analysis.equations.forms import ElementForce
 from isorig.analysis.equations.ranking import Explanation, Ranking
 from isorig.analysis.equations.system import Equations
+from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.fitting.score import Score
-from isorig.analysis.fitting.trials import prepare
 
 POSSIBLE = SimpleNamespace(possible=frozenset({"rail"}), includes=lambda place: place == "rail")
 

@@ -12,10 +12,11 @@ from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose.budget import NATURES, budget
 from isorig.analysis.fitting.division import ends
 from isorig.analysis.fitting.ladder import misfit
+from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.fitting.repeats import disturbance, repeated, with_disturbance
 from isorig.analysis.fitting.score import noise_floors
 from isorig.analysis.fitting.solve import Problem
-from isorig.analysis.fitting.trials import Trial, prepare
+from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.model.rig_model import RigModel
 
 SEED = 20411

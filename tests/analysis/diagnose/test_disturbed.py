@@ -17,8 +17,8 @@ from isorig.analysis.diagnose import diagnosis
 from isorig.analysis.diagnose.diagnosis import Diagnosis, _Search, diagnose
 from isorig.analysis.diagnose.suspects import SHOWN
 from isorig.analysis.fitting.ladder import baseline_fit
+from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.fitting.residual_analysis import DETECTABLE, _chance, depends_on_drive
-from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.fitting.uncertainty import MOST_NOISE
 from isorig.analysis.model.rig_model import RigModel
 

@@ -41,9 +41,10 @@ from isorig.analysis.fitting.ladder import (
     followed,
     verified,
 )
+from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.fitting.score import Score
 from isorig.analysis.fitting.solve import Fit, Free, Problem, base_parameters, positive
-from isorig.analysis.fitting.trials import SIGNAL_SHARE, prepare
+from isorig.analysis.fitting.trials import SIGNAL_SHARE
 from isorig.analysis.laws import Asymmetric, Stribeck
 from isorig.analysis.model.rig_model import RigModel
 

@@ -11,7 +11,7 @@ from strange_rigs import StrangeRig
 
 from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.diagnose.places import EXCLUDED, EXPLAINS, Places, compared_places
-from isorig.analysis.fitting.trials import prepare
+from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.laws import Cubic
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate import Excitation, simulate

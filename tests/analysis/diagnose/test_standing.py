@@ -42,9 +42,10 @@ from isorig.analysis.equations.system import equations_of
 from isorig.analysis.fitting.candidate import Candidate, Reported, Shape
 from isorig.analysis.fitting.division import ends
 from isorig.analysis.fitting.plausible import Doubt
+from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.fitting.score import BLOCKS, Score, score
 from isorig.analysis.fitting.solve import Fit, Free, base_parameters
-from isorig.analysis.fitting.trials import Trial, prepare
+from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.laws import BoucWen, ContactLaw, Coulomb
 from isorig.analysis.model.rig_model import Contact, RigModel
 

@@ -20,8 +20,8 @@ from motion import Elongation, Law, Rub, Seen, Spring
 from isorig.analysis.campaign import MOTION, ROTARY
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
 from isorig.analysis.fitting.plausible import doubts_of_records
+from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.fitting.score import adequate, noise_floors, score
-from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.spectra.quality import faults
 from isorig.rig.cli import main
 from isorig.rig.files.recording import read
