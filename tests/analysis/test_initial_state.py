@@ -19,8 +19,9 @@ from isorig.analysis.fitting import initial_state, preparation
 from isorig.analysis.fitting.division import ends
 from isorig.analysis.fitting.initial_state import PreparedRun, begins_in_motion, moving_start
 from isorig.analysis.fitting.preparation import DECAYS, prepare
+from isorig.analysis.fitting.residuals import Problem
 from isorig.analysis.fitting.screen import shortened
-from isorig.analysis.fitting.solve import Free, Problem, jacobian_of
+from isorig.analysis.fitting.solve import Free, jacobian_of
 from isorig.analysis.fitting.trials import expected
 from isorig.analysis.laws import Cubic
 from isorig.analysis.model.rig_model import Body, Configuration, Drive, Link, RigModel, Sensor

@@ -60,6 +60,7 @@ from isorig.analysis.fitting.plausible import Doubt, doubts, doubts_of_records, 
 from isorig.analysis.fitting.preparation import prepare, zero_errors
 from isorig.analysis.fitting.repeats import disturbance, with_disturbance
 from isorig.analysis.fitting.residual_analysis import depends_on_drive
+from isorig.analysis.fitting.residuals import Problem
 from isorig.analysis.fitting.score import (
     Improvement,
     Score,
@@ -71,7 +72,7 @@ from isorig.analysis.fitting.score import (
     worst,
 )
 from isorig.analysis.fitting.screen import Progress
-from isorig.analysis.fitting.solve import Fit, Problem
+from isorig.analysis.fitting.solve import Fit
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.fitting.uncertainty import MOST_NOISE, assessed
 from isorig.analysis.model.rig_model import RigModel

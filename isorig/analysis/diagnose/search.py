@@ -70,9 +70,10 @@ from isorig.analysis.fitting.ladder import (
     verified,
     without,
 )
+from isorig.analysis.fitting.residuals import Problem
 from isorig.analysis.fitting.score import Score, adequate, confidence, score
 from isorig.analysis.fitting.screen import Progress, Screen, ScreenedCandidate, shortened
-from isorig.analysis.fitting.solve import Fit, Problem, fit
+from isorig.analysis.fitting.solve import Fit, fit
 from isorig.analysis.fitting.trials import SIGNAL_SHARE, Trial
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.wording import in_per_cent

@@ -22,7 +22,8 @@ from isorig.analysis.campaign import ComplexArray, FloatArray, IntArray
 from isorig.analysis.fitting.division import coarsened
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
 from isorig.analysis.fitting.influence import normalised
-from isorig.analysis.fitting.solve import FAINT, Fit, Problem, at_coordinates, coordinates_of, slopes_of
+from isorig.analysis.fitting.residuals import Problem
+from isorig.analysis.fitting.solve import FAINT, Fit, at_coordinates, coordinates_of, slopes_of
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.model.rig_model import RigModel
 

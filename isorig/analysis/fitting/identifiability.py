@@ -16,7 +16,8 @@ import numpy as np
 from isorig.analysis.campaign import Campaign, FloatArray
 from isorig.analysis.fitting.influence import TRACE
 from isorig.analysis.fitting.preparation import prepare
-from isorig.analysis.fitting.solve import Free, Problem, at_coordinates, coordinates_of, jacobian_of, positive
+from isorig.analysis.fitting.residuals import Problem
+from isorig.analysis.fitting.solve import Free, at_coordinates, coordinates_of, jacobian_of, positive
 from isorig.analysis.model.rig_model import RigModel
 
 #: Relative step of the finite differences: small compared with the width of a lightly damped peak, large compared with rounding.

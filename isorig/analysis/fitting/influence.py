@@ -15,7 +15,8 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.fitting.division import coarsened
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
-from isorig.analysis.fitting.solve import Fit, Free, Problem, bending, fit, slopes_of
+from isorig.analysis.fitting.residuals import Problem
+from isorig.analysis.fitting.solve import Fit, Free, bending, fit, slopes_of
 from isorig.analysis.fitting.trials import Trial
 
 #: Largest number of times that the derivatives are computed, and the relative decrease of the cost that ends the fit.

@@ -14,9 +14,10 @@ from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.division import Divide, refined
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
 from isorig.analysis.fitting.preparation import prepare
+from isorig.analysis.fitting.residuals import Problem
 from isorig.analysis.fitting.score import score, worst
 from isorig.analysis.fitting.screen import Progress, shortened
-from isorig.analysis.fitting.solve import Fit, Free, Problem, base_parameters, disagreement, fit
+from isorig.analysis.fitting.solve import Fit, Free, base_parameters, disagreement, fit
 from isorig.analysis.fitting.trials import SIGNAL_SHARE, Trial, expected
 from isorig.analysis.model.rig_model import RigModel
 

@@ -10,7 +10,7 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray, IntArray
 from isorig.analysis.errors import ModelError, SimulationError
 from isorig.analysis.fitting.excess import ADEQUATE, MOST_ERROR, excess, is_adequate
-from isorig.analysis.fitting.solve import QUIET
+from isorig.analysis.fitting.residuals import QUIET
 from isorig.analysis.fitting.trials import Trial, expected, true_motion
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.parallel import side_by_side

@@ -10,7 +10,8 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.candidate import Candidate
-from isorig.analysis.fitting.solve import Fit, Problem, at_coordinates, coordinates_of, damped_step
+from isorig.analysis.fitting.residuals import Problem
+from isorig.analysis.fitting.solve import Fit, at_coordinates, coordinates_of, damped_step
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.lowpass import fast_length
 from isorig.analysis.model.rig_model import RigModel

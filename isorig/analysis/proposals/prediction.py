@@ -20,8 +20,9 @@ from isorig.analysis.deadline import ask_time
 from isorig.analysis.errors import ModelError, OutOfTimeError
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
 from isorig.analysis.fitting.held_out import FIT_SHARE
+from isorig.analysis.fitting.residuals import Problem
 from isorig.analysis.fitting.screen import Progress
-from isorig.analysis.fitting.solve import Free, Problem, at_coordinates, coordinates_of, jacobian_of, slopes_of
+from isorig.analysis.fitting.solve import Free, at_coordinates, coordinates_of, jacobian_of, slopes_of
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.proposals.limits import LargestMotions, simulated_peaks

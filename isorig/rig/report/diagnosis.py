@@ -27,11 +27,11 @@ from isorig.rig.report.misfit import (
     Named,
     Simulated,
     bars_chart,
+    both_simulated,
     misfit_charts,
     residual_chart,
     scores_chart,
     second_chart,
-    simulated,
     time_charts,
     worst_second,
 )
@@ -48,11 +48,8 @@ EVIDENCE = (
 
 def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, findings: Findings) -> str:
     """The report of a diagnosis as HTML."""
-    models = {BASELINE: simulated(diagnosis.baseline.model, diagnosis.trials)}
-    scores = {BASELINE: diagnosis.scores[0]}
-    if diagnosis.steps:
-        models[EXTENDED] = simulated(diagnosis.extended.model, diagnosis.trials)
-        scores[EXTENDED] = diagnosis.scores[1]
+    models = both_simulated(diagnosis)
+    scores = dict(zip(models, diagnosis.scores, strict=False))
     said = conclude(findings)
     wrong = [d.text for d in diagnosis.discrepancies[:6]] or ["No discrepancy exceeds the noise."]
     frf, *isolation = frequency_sections(campaign, diagnosis.extended.model)

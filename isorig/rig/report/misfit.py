@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from isorig.analysis.spectra.windows import hanning, segment_spectra
 from isorig.analysis.wording import displayed_unit, sized_unit, words
 from isorig.rig.report.charts import Chart, ChartTrace, Panel, Role, spread_over
 from isorig.rig.report.sections import label
+
+if TYPE_CHECKING:
+    from isorig.analysis.diagnose.diagnosis import Diagnosis
 
 #: A model in charts: its name in the legend, and its role.
 Named = tuple[str, Role]
@@ -36,6 +40,12 @@ Simulated = Mapping[str, Mapping[str, FloatArray]]
 def simulated(model: RigModel, trials: Sequence[Trial]) -> Simulated:
     """The model's prediction of each run's responses."""
     return {trial.run.id: dict(zip(trial.channels, expected(model, trial), strict=True)) for trial in trials}
+
+
+def both_simulated(diagnosis: Diagnosis) -> dict[Named, Simulated]:
+    """The predictions of a diagnosis's baseline, and of its extended model if there is one."""
+    models = {BASELINE: diagnosis.baseline.model} | ({EXTENDED: diagnosis.extended.model} if diagnosis.steps else {})
+    return {name: simulated(model, diagnosis.trials) for name, model in models.items()}
 
 
 def _distinct(trials: Sequence[Trial]) -> list[tuple[Trial, str]]:

@@ -14,8 +14,8 @@ from isorig.analysis.fitting.division import ends
 from isorig.analysis.fitting.ladder import misfit
 from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.fitting.repeats import disturbance, repeated, with_disturbance
+from isorig.analysis.fitting.residuals import Problem
 from isorig.analysis.fitting.score import noise_floors
-from isorig.analysis.fitting.solve import Problem
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.model.rig_model import RigModel
 

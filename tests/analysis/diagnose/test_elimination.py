@@ -42,8 +42,9 @@ from isorig.analysis.fitting.ladder import (
     verified,
 )
 from isorig.analysis.fitting.preparation import prepare
+from isorig.analysis.fitting.residuals import Problem
 from isorig.analysis.fitting.score import Score
-from isorig.analysis.fitting.solve import Fit, Free, Problem, base_parameters, positive
+from isorig.analysis.fitting.solve import Fit, Free, base_parameters, positive
 from isorig.analysis.fitting.trials import SIGNAL_SHARE
 from isorig.analysis.laws import Asymmetric, Stribeck
 from isorig.analysis.model.rig_model import RigModel
