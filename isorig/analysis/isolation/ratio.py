@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from isorig.analysis.campaign import Campaign, FloatArray, Measured, Run, broad, given_campaign
 from isorig.analysis.errors import DataError
 from isorig.analysis.given import all_of_type, interval, number, of_type, positive, text
-from isorig.analysis.isolation.optimum import uncoupled_frequency
 from isorig.analysis.model.rig_model import RigModel, Sensor
+from isorig.analysis.model.spring import uncoupled_frequency
 from isorig.analysis.simulate import simulate
 from isorig.analysis.simulate.free_run import excitation_of
 from isorig.analysis.spectra.welch import Frf, estimate, frfs_in_common_bins

@@ -17,6 +17,7 @@ from isorig.analysis.campaign import SI_UNIT, ComplexArray, FloatArray
 from isorig.analysis.errors import DataError, FitError
 from isorig.analysis.given import all_of_type, given_guesses, interval, whole
 from isorig.analysis.spectra.common_poles import ITERATIONS, Data, SolvedPoles, fit, model, solve
+from isorig.analysis.spectra.modal_fit import NARROW
 from isorig.analysis.spectra.poles import Pole, poles_by_order
 from isorig.analysis.spectra.welch import FEWEST, Frf
 from isorig.analysis.spectra.window_effect import WindowEffect, bin_deviation, pole_of
@@ -37,8 +38,6 @@ VISIBLE = 0.05
 TIED, CLEAR = 1.5, 2.5
 #: Modes closer than this many half bandwidths are reported as close.
 CLOSE = 2.0
-#: Bins in a bandwidth below which a mode is reported as narrow.
-NARROW = 1.5
 #: Order of motion of a unit: power of s relative to a displacement.
 MOTION = {SI_UNIT[quantity]: order for quantity, order in campaign.MOTION.items()}
 

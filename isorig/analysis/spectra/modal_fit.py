@@ -26,6 +26,8 @@ from isorig.analysis.spectra.window_effect import WindowEffect, bin_deviation, b
 STEP = 1e-6
 #: Smallest damping ratio of a fitted mode, and the share of a limit of the fit within which a mode is at that limit.
 LEAST, EDGE = 1e-7, 1e-3
+#: Bins in a bandwidth below which a mode is reported as narrow.
+NARROW = 1.5
 #: Factor by which the scatter between groups must exceed the computed standard deviation to replace it. Chosen: 28 groups
 #: determine it to 13 %, ten to 22 %; sparse impulses give 6.
 CONTRADICTED = 1.6
@@ -143,7 +145,7 @@ def fit_modes(
     narrow = min(mode.bins for mode in modes)
     return ModalFit(
         modes=modes, kind=kind, frequency=found.frequency, fitted=found.fitted, misfit=found.misfit,
-        warning=f"only {narrow:.1f} frequency bins in the narrowest bandwidth; use a finer resolution" if narrow < 1.5 else "",
+        warning=f"only {narrow:.1f} frequency bins in the narrowest bandwidth; use a finer resolution" if narrow < NARROW else "",
         leakage=found.leakage,
     )  # fmt: skip
 

@@ -58,7 +58,7 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, findings: Findings)
         frf,
         Section(
             title="Parameters of the baseline",
-            tables=[parameters_table(findings.baseline.parameters, "Fitted to all runs at once, with standard uncertainties.")],
+            tables=[parameters_table(findings.baseline.parameters)],
         ),
         Section(title="Simulation compared with measurement", charts=time_charts(diagnosis.trials, models)),
         *isolation,

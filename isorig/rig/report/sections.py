@@ -99,8 +99,9 @@ def runs_section(campaign: Campaign) -> Section:
     )
 
 
-def parameters_table(parameters: Mapping[str, Value], caption: str) -> Table:
+def parameters_table(parameters: Mapping[str, Value]) -> Table:
     """Fitted values by path, as in findings.json."""
+    caption = "Fitted to all runs at once, with standard uncertainties."
     rows = [(name, with_unit(row.value, row.unit, row.std)) for name, row in parameters.items()]
     return Table(columns=("parameter", "value ± std"), rows=rows, caption=caption)
 

@@ -12,9 +12,9 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import ModelError
-from isorig.analysis.isolation.optimum import isolated, uncoupled_frequency
 from isorig.analysis.isolation.ratio import IsolationRatio, isolation_ratio
 from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.model.spring import uncoupled_frequency, with_frequency
 from isorig.analysis.simulate.move_profile import Move, head_acceleration
 from isorig.rig.errors import PlanError
 from isorig.rig.files.tomlfile import read_toml
@@ -183,8 +183,8 @@ def designed(
     compared = {f"present, {present:.2f} Hz with friction": rig}
     chosen = plan.shown or studies["without friction"].recommended
     if math.isfinite(chosen):
-        compared[f"{chosen:.2f} Hz with friction"] = isolated(rig, chosen)
-        compared[f"{chosen:.2f} Hz without friction"] = isolated(free[0], chosen)
+        compared[f"{chosen:.2f} Hz with friction"] = with_frequency(rig, "isolation", chosen)
+        compared[f"{chosen:.2f} Hz without friction"] = with_frequency(free[0], "isolation", chosen)
     last = list(compared.values())[-1]
     return Designed(
         studies=studies, head=head, cases={name: _case(model, plan.bond, head) for name, model in compared.items()},

@@ -15,9 +15,9 @@ import numpy as np
 
 from isorig.analysis.campaign import Campaign, ComplexArray, FloatArray, Run, broad
 from isorig.analysis.errors import AnalysisError, DataError
-from isorig.analysis.isolation.optimum import uncoupled_frequency
 from isorig.analysis.model.linear import transfer
 from isorig.analysis.model.rig_model import Drive, RigModel
+from isorig.analysis.model.spring import uncoupled_frequency
 from isorig.analysis.spectra.half_power import HalfPower, half_power, peaks
 from isorig.analysis.spectra.modal_fit import ModalFit, Mode, fit_modes
 from isorig.analysis.spectra.welch import Frf, estimate
