@@ -11,14 +11,9 @@ from isorig.analysis.campaign import MOTION, Campaign, FloatArray, Run, usable_s
 from isorig.analysis.errors import DataError
 from isorig.analysis.fitting.by_drive import trials_by_drive
 from isorig.analysis.fitting.held_out import fit_samples, lasting, with_decays_held_out
-from isorig.analysis.fitting.initial_state import (
-    PreparedRun,
-    begins_in_motion,
-    described_state,
-    moving_start,
-)
 from isorig.analysis.fitting.linear_spectra import SHORTEST
-from isorig.analysis.fitting.trials import SIGNAL_SHARE, Trial
+from isorig.analysis.fitting.motion_at_start import begins_in_motion, described_state, moving_start
+from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.lowpass import fast_length
 from isorig.analysis.model.linear import drifts, floats
 from isorig.analysis.model.rig_model import GROUND, RigModel
@@ -178,20 +173,16 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
 def _with_starts(trials: Sequence[Trial], model: RigModel) -> tuple[Trial, ...]:
     # Runs of one campaign are cut alike: if most begin in motion, so do all whose initial state is not described. A described
     # state is as accurate as a hand and a trigger are, and a decay repeats its error for many periods: the records tell more.
-    rest, released = dict[int, PreparedRun](), dict[int, PreparedRun]()
+    rest, released = dict[int, Trial](), dict[int, Trial]()
     for index, trial in enumerate(trials):
         if trial.motion is None:
-            described = described_state(model, trial.run.configuration)
-            (released if described else rest)[index] = PreparedRun(
-                configuration=trial.run.configuration, start_time=trial.start_time, excitation=trial.excitation,
-                measured=trial.measured, noise=trial.noise,
-            )  # fmt: skip
+            (released if described_state(model, trial.run.configuration) else rest)[index] = trial
     moving = sum(begins_in_motion(model, run) for run in rest.values())
     if moving == 0 or (len(rest) >= MANY and moving <= MOST * len(rest)):
         rest = {}
     long = DECAYS / max(lowest_mode(model), 1e-9)
-    decays = {index: run for index, run in released.items() if lasting(trials[index]) >= long}
-    starts = {index: moving_start(model, run, SIGNAL_SHARE) for index, run in (rest | decays).items()}
+    decays = {index: run for index, run in released.items() if lasting(run) >= long}
+    starts = {index: moving_start(model, run) for index, run in (rest | decays).items()}
     return tuple(replace(trial, moving=starts.get(index)) for index, trial in enumerate(trials))
 
 

@@ -12,10 +12,7 @@ import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray, Run
-from isorig.analysis.fitting.initial_state import (
-    MovingStart,
-    State,
-)
+from isorig.analysis.fitting.initial_state import MovingStart, State
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate import Excitation, record, simulate
 from isorig.analysis.simulate.free_run import NOWHERE, true_drives
