@@ -78,7 +78,7 @@ class Problem:
         self.size = sum(self.sizes)
         # Of the trials that are simulated, the configurations and fine steps; one judged by its drive is not.
         simulated = ((t.run.configuration, t.excitation) for t in self.trials if t.motion is None)
-        self._steps = {(name, 1.0 / (drive.sample_rate * drive.oversample)) for name, drive in simulated}
+        self._steps = {(name, drive.step) for name, drive in simulated}
         # The last model that was simulated alone: a parameter without effect in a run leaves its residual there.
         self._last: dict[int, tuple[bytes, FloatArray]] = {}
         self._near = b""

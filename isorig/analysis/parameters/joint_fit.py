@@ -238,11 +238,11 @@ class _Known:
     def __init__(self, fitted: Fit, trials: tuple[Trial, ...], note: str, given: Mapping[str, float]) -> None:
         self.fitted, self.trials, self._note = fitted, trials, note
         self.given = given
-        self._order, self._untraced = [free.path for free in fitted.free], not_identifiable(fitted)
+        self._order, self._not_identifiable = [free.path for free in fitted.free], not_identifiable(fitted)
 
     def entry(self, slopes: Mapping[str, float], value: float, unit: str, kind: str) -> Entry:
         """The row of a quantity with derivatives `slopes` with respect to the values at those paths."""
-        if self._untraced & slopes.keys():
+        if self._not_identifiable & slopes.keys():
             note = NO_SLIDING if kind == "friction" else NO_TRACE
             return Entry(value=None, std=None, unit=unit, method="joint fit", note=note)
         slope = np.array([slopes.get(path, 0.0) for path in self._order])

@@ -99,7 +99,7 @@ def scan(
 
 def _records(models: Sequence[RigModel], excitation: Excitation, configuration: str, room: Singles) -> Records:
     # Records of the sensors, shape (sensors, n, models).
-    rate, over, n = excitation.sample_rate, excitation.oversample, len(excitation.recorded)
+    over, n = excitation.oversample, len(excitation.recorded)
     fine = _lanes(models, excitation, configuration, room)
     if not np.isfinite(fine[:, -1]).all():
         raise SimulationError("a rig of the batch grows without bound; correct its stiffness and damping")
@@ -109,7 +109,7 @@ def _records(models: Sequence[RigModel], excitation: Excitation, configuration: 
     for k, sensor in enumerate(models[0].sensors):
         for lane in range(len(models)):
             values = fine[k, :, lane].astype(np.float64)
-            out[k, :, lane] = sampled(values, over, n, 1.0 / (rate * over), differentiate=MOTION[sensor.quantity] == 2)
+            out[k, :, lane] = sampled(values, over, n, excitation.step, differentiate=MOTION[sensor.quantity] == 2)
     return out
 
 
@@ -150,7 +150,7 @@ def _steppable(model: RigModel, configuration: str) -> bool:
 def _lanes(models: Sequence[RigModel], excitation: Excitation, configuration: str, out: Singles) -> Singles:
     # Responses of one block of models, written to `out`, shape (sensors, n, models).
     over = excitation.oversample
-    h = 1.0 / (excitation.sample_rate * over)
+    h = excitation.step
     first = models[0]
     setup = first.configurations[configuration]
     rigid = [first.link(name) for name in setup.rigid]

@@ -140,7 +140,7 @@ def response_of(model: RigModel, excitation: Excitation, motion: FloatArray, n: 
     """Records of `n` samples from the sensors' values on the fine grid, see `sense_of`."""
     rate, over = excitation.sample_rate, excitation.oversample
     channels = {
-        sensor.channel: sampled(motion[k], over, n, 1.0 / (rate * over), differentiate=MOTION.get(sensor.quantity) == 2)
+        sensor.channel: sampled(motion[k], over, n, excitation.step, differentiate=MOTION.get(sensor.quantity) == 2)
         for k, sensor in enumerate(model.sensors)
     }
     if as_recorded:

@@ -131,6 +131,11 @@ class Excitation:
     held: bool = False
     corner: float = np.inf
 
+    @property
+    def step(self) -> float:
+        """Duration of a fine step, s."""
+        return 1.0 / (self.sample_rate * self.oversample)
+
     def __repr__(self) -> str:
         more = f", {len(self.others)} more drives" if self.others else ""
         return f"Excitation({len(self.recorded)} samples at {self.sample_rate:g} Hz, rms {np.std(self.recorded):.3g}{more})"

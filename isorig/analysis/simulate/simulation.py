@@ -111,10 +111,8 @@ def simulate(
     start_time, as_recorded = finite(start_time, "the start time"), flag(as_recorded, "the argument as_recorded")
     samples = None if samples is None else whole(samples, "the number of samples", 0, len(excitation.recorded))
     _check_start(model, start)
-    rate, over = excitation.sample_rate, excitation.oversample
-    n = len(excitation.recorded) if samples is None else samples
-    total = min((n + 2 * TAPS) * over, len(excitation.fine))
-    h = 1.0 / (rate * over)
+    n, h = len(excitation.recorded) if samples is None else samples, excitation.step
+    total = min((n + 2 * TAPS) * excitation.oversample, len(excitation.fine))
     sense = sense_of(model, compile_rig(model, configuration, h).basis)
     if any(sensor.force_in is not None for sensor in model.sensors):
         inside = _run(model, excitation, configuration, start_time, total, start)
@@ -157,13 +155,12 @@ def trace(
     of_type(excitation, Excitation, "the drive", "an iso.Excitation; give iso.Excitation.prepare(VALUES, SAMPLE_RATE)")
     configuration = given_configuration(model, configuration)
     start_time, as_recorded = finite(start_time, "the start time"), flag(as_recorded, "the argument as_recorded")
-    rate, over, n = excitation.sample_rate, excitation.oversample, len(excitation.recorded)
-    h = 1.0 / (rate * over)
+    over, n = excitation.oversample, len(excitation.recorded)
     inside = _run(model, excitation, configuration, start_time, len(excitation.fine))
     compiled = inside.compiled
 
     def smooth(values: FloatArray) -> FloatArray:
-        return sampled(values, over, n, h, differentiate=False)
+        return sampled(values, over, n, excitation.step, differentiate=False)
 
     contacts = {name: k for k, (name, rubs) in enumerate(zip(compiled.elements, compiled.rubs, strict=True)) if rubs}
     held = {
@@ -202,7 +199,7 @@ def _run(
     model: RigModel, excitation: Excitation, configuration: str, start_time: float, total: int,
     start: Mapping[str, tuple[float, float]] = NOWHERE,
 ) -> _Inside:  # fmt: skip
-    h = 1.0 / (excitation.sample_rate * excitation.oversample)
+    h = excitation.step
     compiled = compile_rig(model, configuration, h)
     order, curves = compiled.basis.shape[1], len(compiled.rig.codes)
     u = true_fine(model, excitation)[:, :total]
