@@ -21,7 +21,7 @@ from table import Row, keep, options
 from isorig.analysis.campaign import Channel, FloatArray, Run
 from isorig.analysis.errors import AnalysisError
 from isorig.analysis.spectra.half_power import half_power
-from isorig.analysis.spectra.modes import FrfKind, fit_modes
+from isorig.analysis.spectra.modal_fit import FrfKind, fit_modes
 from isorig.analysis.spectra.welch import Frf, estimate
 
 SECONDS, NOISE = 300.0, 0.02

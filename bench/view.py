@@ -30,8 +30,8 @@ from isorig.rig.acquire.rig_operator import Operator
 from isorig.rig.acquire.session import acquire
 from isorig.rig.view.messages import planned_by
 from isorig.rig.view.process import session_screen
-from isorig.rig.view.requests import SessionControl
 from isorig.rig.view.server import read_frame
+from isorig.rig.view.session_control import SessionControl
 
 #: Rows of a frame of the instrument: the shortest of `bench/acquire.py`, and a usual one.
 ROWS = (64, 256)

@@ -7,8 +7,8 @@ from isorig.analysis.isolation.ratio import isolated_share, isolation_ratio
 from isorig.analysis.model.rig_model import RigModel as Rig
 from isorig.analysis.simulate.sampling import Excitation
 from isorig.analysis.simulate.simulation import simulate, trace
-from isorig.analysis.spectra.modal import modal_analysis as modes
-from isorig.analysis.spectra.modes import fit_modes
+from isorig.analysis.spectra.modal_analysis import modal_analysis as modes
+from isorig.analysis.spectra.modal_fit import fit_modes
 from isorig.analysis.spectra.quality import faults
 from isorig.analysis.spectra.welch import estimate
 from isorig.rig.errors import RigError

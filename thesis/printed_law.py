@@ -11,7 +11,7 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import ModelError
 from isorig.analysis.laws import Coulomb
-from isorig.analysis.model.rig_model import GROUND, RigModel, direction, matrices
+from isorig.analysis.model.rig_model import GROUND, RigModel, direction, matrices, weights_of
 
 #: Speed in m/s below which the thesis treats a contact as at rest.
 BAND = 1e-6
@@ -88,7 +88,7 @@ def literal_run(
     n = len(model.bodies)
     mass, damping, stiffness = matrices(model)
     weights = np.diag(mass)
-    rub = direction(model, contact.a, contact.b, contact.arms)
+    rub = weights_of(model, contact)
     alone = direction(model, contact.a, GROUND, {})
     holds = alone if holding == "body" else (rub / weights) / float(rub @ (rub / weights))
     seen = rub if velocity == "relative" else alone

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.parameters.joint_fit import Characterization, Entry
-from isorig.analysis.wording import in_per_cent, with_std
+from isorig.analysis.wording import in_per_cent, with_std, words
 from isorig.rig.model.prediction import predicted
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 from isorig.rig.wire_bonder.figures import surface_figure
@@ -115,7 +115,7 @@ def joint(base: Characterization, own: Characterization) -> Step:
         there = base.table[name]
         off = (entry.value - THESIS[name]) / entry.std if entry.value is not None and entry.std else float("nan")
         within = f"{abs(off):.1f} standard uncertainties, {'consistent' if abs(off) < SURE else 'inconsistent'}"
-        cells.append((name.replace("_", " "), entry.unit, f"{THESIS[name]:g}", _with_std(entry), within, _with_std(there)))
+        cells.append((words(name), entry.unit, f"{THESIS[name]:g}", _with_std(entry), within, _with_std(there)))
     heads = ("parameter", "unit", "thesis", "fit on a rig equal to the model", "difference", "fit on this page's rig")
     text = [
         "All runs fitted at once with Coulomb friction in the model (`rig characterize`). Uncertainties include a sensor "

@@ -139,6 +139,11 @@ def capitalized(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
+def words(name: str) -> str:
+    """A name for display: underscores become spaces."""
+    return name.replace("_", " ")
+
+
 def with_article(name: str) -> str:
     """The name of a place or channel in a sentence; one with a digit or a capital, or of one or two letters, needs no article.
 
@@ -147,7 +152,7 @@ def with_article(name: str) -> str:
     >>> with_article("heat_block"), with_article("l2"), with_article("a"), with_article("ACC_z")
     ('the heat block', 'l2', 'a', 'ACC z')
     """
-    plain = name.replace("_", " ")
+    plain = words(name)
     proper = len(name) <= INITIALS or any(letter.isdigit() or letter.isupper() for letter in name)
     return plain if proper else f"the {plain}"
 

@@ -16,8 +16,8 @@ from scipy.signal import lfilter
 
 from isorig.analysis.campaign import Channel, FloatArray, Run
 from isorig.analysis.errors import AnalysisError
-from isorig.analysis.spectra.limits import magnitude_limits
-from isorig.analysis.spectra.modes import Mode, fit_modes
+from isorig.analysis.spectra.magnitude_limits import magnitude_limits
+from isorig.analysis.spectra.modal_fit import Mode, fit_modes
 from isorig.analysis.spectra.welch import Frf, Spectra, estimate
 
 TABLE = Path(__file__).parents[2] / "docs" / "study" / "modal-coverage.csv"

@@ -18,8 +18,8 @@ from isorig.analysis.diagnose.search import Suspected
 from isorig.analysis.equations.sliding import Sliding
 from isorig.analysis.fitting import solve, uncertainty
 from isorig.analysis.fitting.candidate import Candidate
+from isorig.analysis.fitting.held_out import decays, fit_samples
 from isorig.analysis.fitting.solve import Fit, Free, fit
-from isorig.analysis.fitting.trials import decays, fit_samples
 from isorig.analysis.laws import BoucWen, ElastoSlip
 from isorig.analysis.model.rig_model import Contact
 from isorig.analysis.spectra.noise import noise_level
@@ -100,13 +100,13 @@ def test_a_channel_is_stuck_after_eight_times_its_usual_number_of_equal_samples(
 def test_a_fit_that_is_biased_by_two_percent_is_not_refined(error: float, steps: int, monkeypatch: pytest.MonkeyPatch) -> None:
     refined: list[int] = []
 
-    def polished(done: Fit, trials: object, steps: int) -> Fit:
+    def at_minimum(done: Fit, trials: object, steps: int) -> Fit:
         refined.append(steps)
         raise StopIteration
 
     monkeypatch.setattr(uncertainty, "score", lambda *_: SimpleNamespace(error=np.full((2, 3), error)))
     monkeypatch.setattr(uncertainty, "_noisy", lambda *_: False)
-    monkeypatch.setattr(uncertainty, "polished", polished)
+    monkeypatch.setattr(uncertainty, "at_minimum", at_minimum)
     done = Fit(model=stage(), free=(), covariance=np.zeros((0, 0)), cost=1.0, evaluations=1)
     with pytest.raises(StopIteration):
         uncertainty.assessed(done, (), {}, np.zeros((2, 3)))

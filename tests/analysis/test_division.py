@@ -7,7 +7,8 @@ from dataclasses import replace
 import pytest
 
 from isorig.analysis.fitting.division import beginnings, coarsened, ends, refined
-from isorig.analysis.fitting.trials import Trial, prepare
+from isorig.analysis.fitting.preparation import prepare
+from isorig.analysis.fitting.trials import Trial
 from isorig.rig.wire_bonder.description import wire_bonder
 from isorig.rig.wire_bonder.session import SESSION, virtual_campaign
 

@@ -8,7 +8,7 @@ import scipy.signal
 
 from isorig.analysis.campaign import Channel, ComplexArray, FloatArray, Run
 from isorig.analysis.errors import DataError
-from isorig.analysis.spectra.modes import fit_modes
+from isorig.analysis.spectra.modal_fit import fit_modes
 from isorig.analysis.spectra.welch import effective_averages, estimate
 from isorig.analysis.spectra.windows import WINDOWS, Window, window_named
 

@@ -15,8 +15,9 @@ from isorig.analysis.diagnose.estimate_pairs import Doubles, doubles
 from isorig.analysis.diagnose.evidence import Sign, signs, surfaces
 from isorig.analysis.diagnose.misfit import Discrepancy, discrepancies
 from isorig.analysis.fitting.division import refined
+from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.fitting.score import BLOCKS, Score, improvement
-from isorig.analysis.fitting.trials import Trial, prepare
+from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.model.rig_model import Chain, RigModel
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign

@@ -15,8 +15,10 @@ from isorig.analysis.diagnose.causes.extra_mode import ExtraMode
 from isorig.analysis.diagnose.observe import misfit_frequencies, observe
 from isorig.analysis.fitting import trials
 from isorig.analysis.fitting.division import beginnings, ends
-from isorig.analysis.fitting.solve import FAINT, FINEST, Free, Problem, base_parameters, damped_step, fit, jacobian_of, positive
-from isorig.analysis.fitting.trials import expected, prepare
+from isorig.analysis.fitting.preparation import prepare
+from isorig.analysis.fitting.residuals import FINEST, Problem
+from isorig.analysis.fitting.solve import FAINT, Free, base_parameters, damped_step, fit, jacobian_of, positive
+from isorig.analysis.fitting.trials import expected
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate import simulate
 from isorig.rig.model.baseline import baseline_model

@@ -16,8 +16,8 @@ from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
 from isorig.analysis.equations.ranking import ranking
 from isorig.analysis.equations.system import equations_of
 from isorig.analysis.errors import DataError, SimulationError
+from isorig.analysis.fitting import held_out, preparation, trials
 from isorig.analysis.fitting import score as scores
-from isorig.analysis.fitting import trials
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.laws import BoundedSoftening, Coulomb, Cubic, Stribeck
 from isorig.analysis.model.rig_model import Body, Chain, Configuration, Contact, Drive, Link, RigModel, Sensor
@@ -69,17 +69,17 @@ def moved(at: Sequence[float], rest: float = 0.0) -> FloatArray:
     ],
 )
 def test_a_run_that_comes_to_rest_is_divided_between_its_moves(at: tuple[float, ...], low: int, high: int) -> None:
-    assert low <= trials.fit_samples(np.stack([moved(at), moved(at, rest=0.2)])) <= high
+    assert low <= held_out.fit_samples(np.stack([moved(at), moved(at, rest=0.2)])) <= high
 
 
 def test_a_steady_run_is_divided_in_time() -> None:
     noise = np.random.default_rng(3).normal(0.0, 1.0, (2, 5000))
-    assert trials.fit_samples(noise) == 3000
+    assert held_out.fit_samples(noise) == 3000
 
 
 def test_a_run_in_which_nothing_moves_is_divided_by_time() -> None:
     """Dry friction may hold a body throughout a run, and a converter then records zero."""
-    assert trials.fit_samples(np.zeros((2, 5000))) == round(trials.FIT_SHARE * 5000)
+    assert held_out.fit_samples(np.zeros((2, 5000))) == round(held_out.FIT_SHARE * 5000)
 
 
 def simulated(scales: list[float]) -> Callable[..., Any]:
@@ -100,9 +100,9 @@ def test_draws_that_disagree_are_followed_by_more_and_the_largest_is_allowed(mon
     trial, size = trial_of(SIGNAL, 0.0), float(np.sqrt(np.mean(SIGNAL[N // 2 :] ** 2)))
     # Powers of two draws that differ by less than 1.3, and by more.
     monkeypatch.setattr(trials, "simulate", simulated([0.010, 0.0113, 9.0]))
-    assert scores.noise_floor(RIG, [replace(trial, drive_noise=1.0)])[0, 0] == pytest.approx(0.0113 / size)
+    assert scores.noise_floors(RIG, [replace(trial, drive_noise=1.0)])[0, 0, 0] == pytest.approx(0.0113 / size)
     monkeypatch.setattr(trials, "simulate", simulated([0.010, 0.0115, 0.02, 0.03, 0.01, 0.01, 0.01, 0.05]))
-    assert scores.noise_floor(RIG, [replace(trial, drive_noise=1.0)])[0, 0] == pytest.approx(0.05 / size)
+    assert scores.noise_floors(RIG, [replace(trial, drive_noise=1.0)])[0, 0, 0] == pytest.approx(0.05 / size)
 
 
 def stepped(jump: float, beside: float, distance: int) -> FloatArray:
@@ -151,9 +151,9 @@ def test_a_jump_between_two_samples_adds_to_the_floor(monkeypatch: pytest.Monkey
     monkeypatch.setattr(trials, "simulate", simulate)
     half = 0.5 / np.sqrt(N - N // 2)
     size = float(np.sqrt(np.mean(SIGNAL[N // 2 :] ** 2)))
-    np.testing.assert_allclose(scores.noise_floor(RIG, [trial])[0], half / size * np.array([1.0, 3.0, 3.0]))
+    np.testing.assert_allclose(scores.noise_floors(RIG, [trial])[0, 0], half / size * np.array([1.0, 3.0, 3.0]))
     held = replace(trial, excitation=replace(trial.excitation, held=True))
-    assert scores.noise_floor(RIG, [held])[0, 0] == pytest.approx(0.0, abs=1e-9)
+    assert scores.noise_floors(RIG, [held])[0, 0, 0] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_half_overlapping_hann_segments_share_a_sixth() -> None:
@@ -245,12 +245,12 @@ def test_one_channel_that_disagrees_is_enough_for_more_draws(monkeypatch: pytest
 
     monkeypatch.setattr(trials, "simulate", simulate)
     size = float(np.sqrt(np.mean(SIGNAL[N // 2 :] ** 2)))
-    found = scores.noise_floor(RIG, [replace(three, drive_noise=1.0)])[0]
+    found = scores.noise_floors(RIG, [replace(three, drive_noise=1.0)])[0, 0]
     # A quarter of the samples off by 0.06 is 0.03 rms; sensor noise adds in square.
     np.testing.assert_allclose(found, [0.03 / size, np.hypot(0.01, 0.3) / size, 0.02 / size], rtol=1e-6)
     assert sum(calls) == 8
     # The same draws typically cause less.
-    found = scores.noise_floor(RIG, [replace(three, drive_noise=1.0)], typical=True)[0]
+    found = scores.noise_floors(RIG, [replace(three, drive_noise=1.0)])[1, 0]
     np.testing.assert_allclose(found, [0.005 / size, np.hypot(0.01, 0.3) / size, 0.02 / size], rtol=1e-6)
 
 
@@ -262,7 +262,7 @@ def test_the_noise_added_to_the_drive_has_no_mean_and_the_given_deviation(monkey
         return SimpleNamespace(channels={"m": SIGNAL})
 
     monkeypatch.setattr(trials, "simulate", simulate)
-    scores.noise_floor(RIG, [replace(trial_of(SIGNAL, 1e-3), drive_noise=0.2)])
+    scores.noise_floors(RIG, [replace(trial_of(SIGNAL, 1e-3), drive_noise=0.2)])
     clean, *noisy = drives
     assert not clean.any()
     assert len(noisy) == 2
@@ -318,7 +318,7 @@ def test_friction_follows_the_sign_of_a_velocity_that_oscillates_above_the_corne
     }
     channels = {name: Channel(name=name, samples=of[0], quantity=of[1], unit=of[2]) for name, of in records.items()}
     run = Run(id="r", configuration="unlocked", sample_rate=rate, gain=1.0, channels=channels)
-    (trial,) = trials.prepare(Campaign(runs=(run,), source="turning"), rig)
+    (trial,) = preparation.prepare(Campaign(runs=(run,), source="turning"), rig)
     assert trial.motion is not None
     assert trial.motion.decimation > DECIMATIONS[0]
     off = trials.expected(rig, trial) - trial.measured
@@ -348,12 +348,12 @@ def test_the_motion_of_a_body_may_be_recorded_relative_to_another(joint: str) ->
         ),
     )  # fmt: skip
     run = Run(id="r", configuration="unlocked", sample_rate=500.0, gain=1.0, channels=channels)
-    (trial,) = trials.prepare(Campaign(runs=(run,), source="joint"), rig)
+    (trial,) = preparation.prepare(Campaign(runs=(run,), source="joint"), rig)
     assert trial.motion is not None
     assert np.std(trial.motion.position["arm"] - arm) < 1e-3 * np.std(arm)
     alone = msgspec.structs.replace(rig, sensors=rig.sensors[:1])
     with pytest.raises(DataError, match="absolute or relative to one whose own is measured"):
-        trials.prepare(Campaign(runs=(run,), source="joint"), alone)
+        preparation.prepare(Campaign(runs=(run,), source="joint"), alone)
 
 
 @pytest.mark.parametrize("zero", [0.0, 180.0])
@@ -371,7 +371,7 @@ def test_the_zero_of_a_load_cell_says_nothing_of_a_damper(zero: float) -> None:
         sensors=(Sensor(channel="F", quantity="force", force_in="drive.s"),),
     )  # fmt: skip
     run = Run(id="r", configuration="unlocked", sample_rate=500.0, gain=1.0, channels=channels)
-    (trial,) = trials.prepare(Campaign(runs=(run,), source="damper"), rig)
+    (trial,) = preparation.prepare(Campaign(runs=(run,), source="damper"), rig)
     assert trial.uncertain_end > 0
     off = trials.expected(rig, trial) - trial.measured
     assert np.abs(off[:, 100:-100]).max() < 1.0
@@ -390,9 +390,9 @@ def test_a_run_down_is_simulated_from_its_described_start() -> None:
         sensors=(Sensor(channel="n", body="rotor", quantity="angular_velocity"),),
     )  # fmt: skip
     with pytest.raises(DataError, match="nothing drives run 'r', and the description gives no start"):
-        trials.prepare(Campaign(runs=(run,), source="rotor"), rig)
+        preparation.prepare(Campaign(runs=(run,), source="rotor"), rig)
     begun = msgspec.structs.replace(rig, configurations={"unlocked": Configuration(initial_velocity={"rotor": 300.0})})
-    (trial,) = trials.prepare(Campaign(runs=(run,), source="rotor"), begun)
+    (trial,) = preparation.prepare(Campaign(runs=(run,), source="rotor"), begun)
     assert trial.motion is None
     off = trials.expected(begun, trial) - trial.measured
     assert np.std(off) < 1e-3 * np.std(trial.measured)
@@ -433,7 +433,7 @@ def two_inertias(softening: float, zero: float) -> tuple[Campaign, RigModel]:
 def test_the_zero_of_a_velocity_is_no_twist_of_a_shaft(softening: float, zero: float) -> None:
     """The zero integrates to a rad, ten times the twist; the equations and the required drive show the shaft nonetheless."""
     campaign, model = two_inertias(softening, zero)
-    (trial,) = trials.prepare(campaign, model)
+    (trial,) = preparation.prepare(campaign, model)
     assert trial.motion is not None
     assert trial.motion.groups == (("motor",), ("motor", "load"))
     off = np.std(trials.expected(model, trial) - trial.measured, axis=1) / np.std(trial.measured, axis=1)
@@ -450,8 +450,8 @@ def test_a_rig_scored_by_its_drive_gets_the_noise_of_its_positions(monkeypatch: 
     motion, other = (motion_from(positions, 1024.0, np.zeros(len(time))) for positions in (clean, shaken))
     (force,) = required_drive(RIG, motion)
     trial = replace(
-        trial_of(np.zeros(N), 0.0), measured=force[None], channels=("head",), fitted=len(force) // 2, motion=motion, shaken=other
+        trial_of(np.zeros(N), 0.0), measured=force[None], channels=("head",), fitted=len(force) // 2, motion=motion, noisy=other
     )
     part = slice(len(force) // 2, len(force))
     expected = np.sqrt(np.mean((required_drive(RIG, other)[0] - force)[part] ** 2) / np.mean(force[part] ** 2))
-    assert scores.noise_floor(RIG, [trial])[0, 0] == pytest.approx(expected)
+    assert scores.noise_floors(RIG, [trial])[0, 0, 0] == pytest.approx(expected)

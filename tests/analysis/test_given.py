@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from isorig.analysis.campaign import Campaign
-from isorig.analysis.fitting.deviations import given_moves
+from isorig.analysis.fitting.influence import changes_with_given_values
 from isorig.analysis.fitting.uncertainty import HEAD
 from isorig.analysis.parameters.joint_fit import Characterization, characterize
 from isorig.rig.model.baseline import baseline_model
@@ -53,7 +53,7 @@ def test_calibration_is_carried_through_the_fit(campaign: Campaign, bare: Charac
 
 def test_a_linear_step_equals_a_refit(campaign: Campaign, bare: Characterization) -> None:
     """A sensor that reads one per cent more, fitted anew, moves the values as the derivatives say."""
-    (moves,) = given_moves(bare.fit, bare.trials, {"sensors.table.chain.gain": 0.01})
+    (moves,) = changes_with_given_values(bare.fit, bare.trials, {"sensors.table.chain.gain": 0.01})
     runs = []
     for run in campaign.runs:
         table = run.channels["table"]

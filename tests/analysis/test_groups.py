@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from test_spectra import RATE, pair, run_of
 
-from isorig.analysis.spectra.groups import MOST, USUAL, group_size
+from isorig.analysis.spectra.segment_groups import MOST, USUAL, group_size
 from isorig.analysis.spectra.welch import RunningSpectra, estimate, merged
 
 LENGTH = 64

@@ -15,12 +15,14 @@ from scipy.signal import lsim
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
 from isorig.analysis.diagnose.evidence import record_signs
 from isorig.analysis.errors import SimulationError
-from isorig.analysis.fitting import initial_state, trials
+from isorig.analysis.fitting import initial_state, motion_at_start, preparation
 from isorig.analysis.fitting.division import ends
-from isorig.analysis.fitting.initial_state import PreparedRun, begins_in_motion, moving_start
+from isorig.analysis.fitting.motion_at_start import begins_in_motion, moving_start
+from isorig.analysis.fitting.preparation import DECAYS, prepare
+from isorig.analysis.fitting.residuals import Problem
 from isorig.analysis.fitting.screen import shortened
-from isorig.analysis.fitting.solve import Free, Problem, jacobian_of
-from isorig.analysis.fitting.trials import DECAYS, expected, prepare
+from isorig.analysis.fitting.solve import Free, jacobian_of
+from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.laws import Cubic
 from isorig.analysis.model.rig_model import Body, Configuration, Drive, Link, RigModel, Sensor
 from isorig.analysis.simulate import Excitation, simulate
@@ -143,10 +145,12 @@ def test_a_run_from_rest_is_simulated_from_rest() -> None:
     assert trial.start_of(RIG) == {}
 
 
-def run_of(measured: FloatArray, noise: float = 1e-9) -> PreparedRun:
-    return PreparedRun(
-        configuration="free", start_time=0.0, excitation=Excitation.prepare(motion()[0], RATE), measured=measured[None],
-        noise=np.array([noise]),
+def run_of(measured: FloatArray, noise: float = 1e-9) -> Trial:
+    channels = {"x": Channel(name="x", samples=measured, quantity="displacement", unit="m")}
+    return Trial(
+        run=Run(id="r", configuration="free", sample_rate=RATE, gain=1.0, channels=channels), start_time=0.0,
+        excitation=Excitation.prepare(motion()[0], RATE), channels=("x",), measured=measured[None], noise=np.array([noise]),
+        fitted=len(measured), ceiling=RATE / 2.0,
     )  # fmt: skip
 
 
@@ -163,8 +167,8 @@ def jumped(height: float) -> FloatArray:
 
 @pytest.mark.parametrize(("ratio", "moves"), [(0.97, False), (1.03, True)])
 def test_a_start_counts_from_three_tenths_of_the_motion(ratio: float, moves: bool) -> None:
-    assert begins_in_motion(LINEAR, run_of(jumped(ratio * initial_state.MOVING))) is moves
-    assert initial_state.MOVING == 0.3
+    assert begins_in_motion(LINEAR, run_of(jumped(ratio * motion_at_start.MOVING))) is moves
+    assert motion_at_start.MOVING == 0.3
 
 
 @pytest.mark.parametrize(("ratio", "moves"), [(0.97, False), (1.03, True)])
@@ -205,20 +209,20 @@ def test_the_evidence_says_that_runs_begin_in_motion(cut: float) -> None:
 
 def test_a_run_shorter_than_two_periods_is_simulated_from_rest() -> None:
     run = run_of(motion()[1])
-    assert moving_start(LINEAR, run, 0.01) is not None
-    assert moving_start(LINEAR, replace(run, measured=run.measured[:, :120]), 0.01) is None
+    assert moving_start(LINEAR, run) is not None
+    assert moving_start(LINEAR, replace(run, measured=run.measured[:, :120])) is None
 
 
 def test_a_start_from_which_the_rig_cannot_be_simulated_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     (trial,) = prepare(campaign(round(CUT * RATE)), LINEAR)
-    records, position = initial_state._records, trial.start_of(RIG)["m"][0]
+    records, position = initial_state.records_from, trial.start_of(RIG)["m"][0]
 
     def too_fast(*given: Any) -> FloatArray:
         if abs(given[-1]["m"][1]) > 1.2 * motion()[2].std():
             raise SimulationError("too fast")
         return records(*given)
 
-    monkeypatch.setattr(initial_state, "_records", too_fast)
+    monkeypatch.setattr(initial_state, "records_from", too_fast)
     assert trial.moving is not None
     assert trial.moving.state(RIG, trial.excitation)["m"][0] == pytest.approx(position, abs=0.02 * motion()[1].std())
 
@@ -256,7 +260,7 @@ def test_records_of_a_decay_tell_the_described_state_at_its_start(monkeypatch: p
     (trial,) = prepare(measured, described)
     assert trial.start_of(described)["m"][0] == pytest.approx(5e-3, rel=1e-3)
     # Five of its periods are fewer samples than a run must have.
-    monkeypatch.setattr(trials, "DECAYS", 4.0 * DECAYS)
+    monkeypatch.setattr(preparation, "DECAYS", 4.0 * DECAYS)
     limit = 4.0 * DECAYS * 2.0 * np.pi * np.sqrt(MASS / STIFFNESS)
     told = [prepare(*releases((5e-3,), 1.0, share * limit))[0].moving is not None for share in (0.97, 1.03)]
     assert told == [False, True]

@@ -7,8 +7,8 @@ import pytest
 from scipy.signal import lfilter
 
 from isorig.analysis.campaign import Channel, Run
-from isorig.analysis.spectra.impact import hammer_test
-from isorig.analysis.spectra.modal import modal_analysis
+from isorig.analysis.spectra.hammer_test import hammer_test
+from isorig.analysis.spectra.modal_analysis import modal_analysis
 from isorig.analysis.spectra.welch import estimate
 
 RATE = 1024.0

@@ -11,7 +11,7 @@ from modal_coverage import estimated, fitted_mode
 from isorig.analysis.campaign import Channel, FloatArray, Run
 from isorig.analysis.errors import DataError, FitError
 from isorig.analysis.spectra.half_power import half_power
-from isorig.analysis.spectra.modes import FrfKind, fit_modes
+from isorig.analysis.spectra.modal_fit import FrfKind, fit_modes
 from isorig.analysis.spectra.welch import Frf, estimate
 
 

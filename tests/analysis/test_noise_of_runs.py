@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
-from isorig.analysis.fitting.trials import drive_noises
+from isorig.analysis.fitting.preparation import drive_noises
 from isorig.analysis.spectra.noise import AGREE, WHITE, noise_levels, noise_of_runs
 
 RATE, N, LEVELS = 500.0, 30000, (1e-2, 2e-2, 4e-2)

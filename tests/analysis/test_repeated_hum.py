@@ -10,8 +10,8 @@ from small_rigs import Take, played, stage
 
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.fitting.division import begun
+from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.fitting.repeats import disturbance, with_disturbance
-from isorig.analysis.fitting.trials import prepare
 
 #: Amplitude of what differs between the runs, as a share of the rms of the record, and the Hz of hum and of a turning fan.
 SHARE, MAINS, FAN = 0.1, 50.0, 37.0

@@ -11,6 +11,8 @@ from small_rigs import chain, played
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.diagnose.policy import POLICY, Stage, step_counts, verdict, wins
 from isorig.analysis.fitting.excess import excess, log_excess, pooled, ratio, share_removed
+from isorig.analysis.fitting.preparation import prepare
+from isorig.analysis.fitting.residuals import QUIET
 from isorig.analysis.fitting.score import (
     BLOCKS,
     RUNS,
@@ -24,8 +26,6 @@ from isorig.analysis.fitting.score import (
     units,
     worst,
 )
-from isorig.analysis.fitting.solve import QUIET
-from isorig.analysis.fitting.trials import prepare
 
 ERROR = np.array([[0.1, 0.2, 0.9], [0.05, 0.4, 3.0], [0.5, 0.5, 0.5]])
 FLOORS = np.array([[0.1, 0.01, 0.3], [0.06, 0.02, 0.1], [0.5, 0.4, 0.25]])

@@ -10,7 +10,7 @@ import pytest
 
 import isorig as iso
 from isorig.analysis.campaign import Campaign
-from isorig.analysis.spectra.stated import wrong_bands
+from isorig.analysis.spectra.stated_drives import wrong_bands
 from isorig.rig.cli import main
 from isorig.rig.exchange.importing import shortcomings
 from isorig.rig.files.rigfile import SHIPPED, read_rig

@@ -8,7 +8,7 @@ from scipy.signal import chirp
 
 import isorig as iso
 from isorig.analysis.campaign import Campaign, FloatArray
-from isorig.analysis.spectra.stated import wrong_excitations
+from isorig.analysis.spectra.stated_drives import wrong_excitations
 from isorig.rig.files.rigfile import SHIPPED, read_rig
 from isorig.rig.virtual.described import described_campaign
 

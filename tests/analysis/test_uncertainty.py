@@ -14,8 +14,8 @@ from strange_rigs import StrangeRig, campaign
 import isorig as iso
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting import uncertainty
-from isorig.analysis.fitting.deviations import normalised
 from isorig.analysis.fitting.drive_noise import DriveNoise
+from isorig.analysis.fitting.influence import normalised
 from isorig.analysis.fitting.score import Score
 from isorig.analysis.fitting.solve import Fit, Free
 from isorig.analysis.fitting.trials import Trial
@@ -32,7 +32,7 @@ ONE = np.ones(1)
 def known(
     *,
     bins: float,
-    shaken: float = 0.0,
+    noise: float = 0.0,
     runs: float = 0.0,
     ratio: float = 4.0,
     step: float = 0.0,
@@ -46,7 +46,7 @@ def known(
     return Known(
         moves=moves,
         held=square,
-        shaken=square + shaken**2,
+        noise=square + noise**2,
         runs=square + runs**2,
         ratio=ratio,
         step=ONE * step,
@@ -60,8 +60,8 @@ def known(
     ("parts", "whole"),
     [
         ({"bins": 2.0}, 2.0),
-        ({"bins": 2.0, "shaken": 3.0}, 3.0),
-        ({"bins": 2.0, "shaken": 1.0}, 2.0),
+        ({"bins": 2.0, "noise": 3.0}, 3.0),
+        ({"bins": 2.0, "noise": 1.0}, 2.0),
         ({"bins": 2.0, "runs": 3.99}, 2.0),  # such differences between runs are chance
         ({"bins": 2.0, "runs": 4.01}, 4.01),
         ({"bins": 3.0, "step": 4.0}, 5.0),

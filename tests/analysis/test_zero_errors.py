@@ -12,8 +12,9 @@ import pytest
 
 import isorig as iso
 from isorig.analysis.campaign import Campaign, Run
-from isorig.analysis.fitting.trials import expected, prepare, without_zero
-from isorig.analysis.fitting.trials import zero_errors as wandering_zeros
+from isorig.analysis.fitting.preparation import prepare, without_zero
+from isorig.analysis.fitting.preparation import zero_errors as wandering_zeros
+from isorig.analysis.fitting.trials import expected
 from isorig.analysis.model.rig_model import Body, Drive, Link, RigModel, Sensor
 from isorig.analysis.spectra.zero_errors import MATTERS, WANDERS, wandering_in_words, zero_errors
 from isorig.rig.cli import main

@@ -36,9 +36,10 @@ from isorig.analysis.errors import AnalysisError
 from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.division import refined
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
+from isorig.analysis.fitting.preparation import prepare
+from isorig.analysis.fitting.residuals import Problem
 from isorig.analysis.fitting.score import score
-from isorig.analysis.fitting.solve import Fit, Problem, fit
-from isorig.analysis.fitting.trials import prepare
+from isorig.analysis.fitting.solve import Fit, fit
 from isorig.analysis.fitting.uncertainty import assessed
 from isorig.analysis.jackknife import NORMAL
 from isorig.analysis.model.rig_model import RigModel

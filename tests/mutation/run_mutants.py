@@ -110,7 +110,7 @@ OTHERS: dict[str, tuple[str, ...]] = {
     "isorig/analysis/diagnose/link_force.py": ("tests/analysis/diagnose/test_link_force.py",),
     **dict.fromkeys(
         (
-            "isorig/analysis/equations/sliding.py", "isorig/analysis/fitting/solve.py", "isorig/analysis/fitting/trials.py",
+            "isorig/analysis/equations/sliding.py", "isorig/analysis/fitting/held_out.py", "isorig/analysis/fitting/solve.py",
             "isorig/analysis/fitting/uncertainty.py", "isorig/analysis/spectra/noise.py", "isorig/analysis/spectra/overload.py",
         ),
         ("tests/analysis/test_boundaries.py",),
@@ -194,11 +194,11 @@ NAMED = (
         "EXPLAINED = 0.5", "EXPLAINED = 0.9",
     ),
     (
-        "a run is calm at a tenth of its motion", "isorig/analysis/fitting/trials.py",
+        "a run is calm at a tenth of its motion", "isorig/analysis/fitting/held_out.py",
         "CALM, FADED = 0.01, 1e-3", "CALM, FADED = 0.1, 1e-3",
     ),
     (
-        "a motion lasts until a ten-thousandth", "isorig/analysis/fitting/trials.py",
+        "a motion lasts until a ten-thousandth", "isorig/analysis/fitting/held_out.py",
         "CALM, FADED = 0.01, 1e-3", "CALM, FADED = 0.01, 1e-4",
     ),
     (

@@ -17,8 +17,8 @@ from isorig.analysis.diagnose.misfit import discrepancies
 from isorig.analysis.diagnose.step import _values
 from isorig.analysis.fitting.candidate import Reported
 from isorig.analysis.fitting.division import refined
+from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.fitting.solve import Fit, Free
-from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.laws import Cubic
 from isorig.analysis.model.rig_model import Body, Link
 from isorig.analysis.parameters.joint_fit import characterize

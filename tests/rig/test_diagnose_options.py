@@ -15,7 +15,7 @@ from isorig.analysis import deadline
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.diagnose import diagnosis
 from isorig.analysis.diagnose.diagnosis import AFTER_FITS, AFTER_SEARCH, KEPT, diagnose
-from isorig.analysis.fitting.solve import Problem
+from isorig.analysis.fitting.residuals import Problem
 from isorig.analysis.model.rig_model import RigModel
 from isorig.rig.cli import main
 from isorig.rig.diagnose.many import diagnose_file

@@ -11,7 +11,8 @@ from msgspec.structs import replace
 import isorig as iso
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
 from isorig.analysis.equations.system import equations_of
-from isorig.analysis.fitting.trials import ENDS, expected, prepare
+from isorig.analysis.fitting.preparation import prepare
+from isorig.analysis.fitting.trials import ENDS, expected
 from isorig.analysis.laws import Cubic
 from isorig.analysis.model.rig_model import Body, Drive, Link, RigModel, Sensor
 from isorig.analysis.simulate.sampling import TAPS

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from isorig.rig.view.process import session_screen
-from isorig.rig.view.requests import SessionControl
+from isorig.rig.view.session_control import SessionControl
 from isorig.rig.virtual.demo import virtual_instrument
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -19,8 +19,8 @@ from isorig.analysis.equations.forms import fit_start, start_values
 from isorig.analysis.equations.ranking import ranking
 from isorig.analysis.equations.system import equations_of
 from isorig.analysis.fitting.ladder import baseline_fit
+from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.fitting.score import signal_powers
-from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.laws import Coulomb, Stribeck
 from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel, Sensor
 

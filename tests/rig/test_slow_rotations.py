@@ -23,8 +23,8 @@ from isorig.analysis.diagnose.observe import observe, swings
 from isorig.analysis.diagnose.suspects import SHOWN
 from isorig.analysis.equations.ranking import ranking
 from isorig.analysis.equations.system import HOLDS, equations_of
-from isorig.analysis.fitting.solve import Problem
-from isorig.analysis.fitting.trials import prepare
+from isorig.analysis.fitting.preparation import prepare
+from isorig.analysis.fitting.residuals import Problem
 from isorig.analysis.laws import Coulomb
 from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel, Sensor
 from isorig.analysis.rounding import IS_ROUNDING, is_rounded, sensor_noise

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.fitting.drive_related import SEGMENT, drive_related, related_density, segments
+from isorig.analysis.fitting.coherent_power import SEGMENT, coherent_density, coherent_power, segments
 from isorig.analysis.fitting.repeats import disturbance, repeated
 from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.model.rig_model import RigModel
@@ -107,7 +107,7 @@ def _powers(trials: Sequence[Trial], left: Sequence[FloatArray], noise: FloatArr
     whole = np.stack([np.mean(error**2, axis=1) for error in left])
     noise = np.minimum(noise, whole)
     beyond = whole - noise
-    linear, coherent = np.minimum(drive_related(trials, left), beyond)
+    linear, coherent = np.minimum(coherent_power(trials, left), beyond)
     linear = np.minimum(linear, coherent)
     repeats, drifts = _shared(trials, left)
     if shaken is not None:
@@ -136,7 +136,7 @@ def _shared(trials: Sequence[Trial], left: Sequence[FloatArray]) -> tuple[FloatA
             error = segments(trials[one], apart[channel])
             if len(drive) and len(error) == len(drive):
                 size = float(np.sum(np.mean(np.abs(error) ** 2, axis=0))) + 1e-300
-                own = related_density(drive, error)
+                own = coherent_density(drive, error)
                 luck = 2.0 / len(drive)
                 share = max((float(np.sum(own)) / size - luck) / (1.0 - luck), 0.0)
                 drifts[[one, other], channel] = share * float(np.mean(apart[channel] ** 2))

@@ -57,8 +57,10 @@ from isorig.analysis.fitting.ladder import (
     without_step,
 )
 from isorig.analysis.fitting.plausible import Doubt, doubts, doubts_of_records, explains_as_given, is_near
-from isorig.analysis.fitting.related import related
+from isorig.analysis.fitting.preparation import prepare, zero_errors
 from isorig.analysis.fitting.repeats import disturbance, with_disturbance
+from isorig.analysis.fitting.residual_analysis import depends_on_drive
+from isorig.analysis.fitting.residuals import Problem
 from isorig.analysis.fitting.score import (
     Improvement,
     Score,
@@ -70,8 +72,8 @@ from isorig.analysis.fitting.score import (
     worst,
 )
 from isorig.analysis.fitting.screen import Progress
-from isorig.analysis.fitting.solve import Fit, Problem
-from isorig.analysis.fitting.trials import Trial, prepare, zero_errors
+from isorig.analysis.fitting.solve import Fit
+from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.fitting.uncertainty import MOST_NOISE, assessed
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate.natural import lowest_mode
@@ -543,7 +545,7 @@ class _Search:
     def _is_related(self, model: RigModel) -> bool:
         # Whether what a model leaves is related to the drive or the motion, computed once.
         if model.encoded not in self._related:
-            self._related[model.encoded] = related(model, [refined(trial) for trial in self._trials])
+            self._related[model.encoded] = depends_on_drive(model, [refined(trial) for trial in self._trials])
         return self._related[model.encoded]
 
     def _by_required_force(

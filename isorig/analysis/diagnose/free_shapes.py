@@ -18,7 +18,8 @@ from isorig.analysis.diagnose.causes.base import Evidence, Kind, exchange
 from isorig.analysis.diagnose.causes.coulomb_friction import SHARE_OF_PUSH
 from isorig.analysis.diagnose.causes.measurement_chain import follows_command, with_chain, with_drive
 from isorig.analysis.fitting.candidate import Candidate, Shape
-from isorig.analysis.fitting.solve import Free
+from isorig.analysis.fitting.ladder import Rung, tried
+from isorig.analysis.fitting.solve import Fit, Free
 from isorig.analysis.laws.base import NO_LINK
 from isorig.analysis.model.linear import floats
 from isorig.analysis.model.rig_model import Link, RigModel
@@ -31,6 +32,8 @@ POINTS, LEVELS, MOMENTS, BENDS, TAPS = 15, 8, 5, 9, 5
 FINEST_POINTS, FINEST_LEVELS = 57, 15
 #: Points of a curve with starting values from a record.
 RECORDED_POINTS = 45
+#: A curve with a misfit above this, in allowed errors, is tried with more points, as long as that reduces it by this share.
+FLAT, REFINES = 1.2, 0.15
 #: Range of a curve, in multiples of the largest swing.
 REACH = 1.05
 #: Finite difference of a value, and allowed deviation of a point from its neighbours' mean (see `Free.give`), as shares of the
@@ -138,7 +141,7 @@ def _added_curve(
     shape = Shape(over=over, unit=unit, value_unit=value_unit, path=path, tables=("values",))
     return Candidate(
         cause=kind, location=place, family=f"{kind} curve", starts=(start,), free=free, reported=(),
-        dropped=(f"links.{place}.{straight}", f"links.{place}.laws"), rank=9, shape=shape, denser=finer,
+        dropped=(f"links.{place}.{straight}", f"links.{place}.laws"), rank=9, shape=shape,
     )  # fmt: skip
 
 
@@ -253,7 +256,7 @@ def _friction(
     starts = (start, start.replace({point.path: more * start.get(point.path) for point in free})) if push else (start,)
     return Candidate(
         cause="friction_shape", location=place, family="friction_shape curve", starts=starts, free=free, reported=(),
-        dropped=(path, "drive.chain.offset"), rank=9, shape=shape, denser=finer,
+        dropped=(path, "drive.chain.offset"), rank=9, shape=shape,
     )  # fmt: skip
 
 
@@ -378,6 +381,19 @@ AT_LINKS: Mapping[Kind, Sequence[Maker]] = {
     "memory": (_memory,),
     "drift": (_drift, _damping_drift),
 }
+
+
+def with_more_points(candidate: Candidate, rough: Fit, rung: Rung) -> tuple[Candidate, Fit]:
+    """A fitted curve with more points, as long as they improve the fit."""
+    if rough.cost < FLAT:
+        return candidate, rough
+    while (denser := finer(candidate, rough.model)) is not None:
+        kept = tuple(free for free in rough.free if all(free.path != own.path for own in candidate.free))
+        done = tried(denser.starts[0], (*kept, *denser.free), rung)
+        if done is None or done.cost > (1.0 - REFINES) * rough.cost:
+            break
+        candidate, rough = denser, done
+    return candidate, rough
 
 
 def finer(candidate: Candidate, fitted: RigModel) -> Candidate | None:

@@ -9,13 +9,14 @@ from itertools import pairwise
 import msgspec
 import numpy as np
 
-from isorig.analysis.campaign import Campaign, Quantity
+from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose.causes.base import Evidence
 from isorig.analysis.diagnose.link_force import LinkForce, link_force
 from isorig.analysis.fitting.trials import Trial, expected, true_motion
-from isorig.analysis.model.rig_model import GROUND, Link, RigModel, Sensor, weights_of
+from isorig.analysis.model.rig_model import GROUND, Link, RigModel, weights_by_body
 from isorig.analysis.rounding import deviation_by_median
 from isorig.analysis.simulate import simulate
+from isorig.analysis.simulate.gauges import DEFLECTION, SPEED, link_sensors
 from isorig.analysis.spectra.hum import hum, mains_in
 from isorig.analysis.spectra.motion import motion_of
 from isorig.analysis.spectra.overload import cut_off, noisy_limit
@@ -148,18 +149,13 @@ def _simulated_swings(model: RigModel, trial: Trial) -> dict[str, tuple[float, f
     free = [link for link in model.links if link.name not in model.configurations[trial.run.configuration].rigid]
     if trial.motion is not None:
         return {link.name: (np.inf, np.inf) for link in free}
-    quantities: tuple[Quantity, ...] = ("velocity", "displacement")
-    gauges = tuple(
-        Sensor(channel=f"{quantity} {link.name}", body=link.a, relative_to=link.b, arms=link.arms, quantity=quantity)
-        for link in free
-        for quantity in quantities
-    )
+    gauges = link_sensors(free)
     seen = simulate(
         msgspec.structs.replace(model, sensors=(*model.sensors, *gauges)), trial.excitation,
         configuration=trial.run.configuration, start_time=trial.start_time, start=trial.start_of(model),
     ).channels  # fmt: skip
     most = {gauge.channel: float(np.abs(seen[gauge.channel]).max()) for gauge in gauges}
-    return {link.name: (most[f"velocity {link.name}"], most[f"displacement {link.name}"]) for link in free}
+    return {link.name: (most[SPEED + link.name], most[DEFLECTION + link.name]) for link in free}
 
 
 @dataclass(frozen=True)
@@ -171,7 +167,7 @@ class _Measured:
 
 def _measured_swing(model: RigModel, link: Link, trial: Trial) -> _Measured | None:
     # From the motion at the link's ends and arms; None if one is not measured.
-    weights = weights_of(model, link)
+    weights = weights_by_body(model, link)
     noise = 0.0
     if trial.motion is not None:
         if any(body not in trial.motion.velocity for body in weights):

@@ -20,10 +20,10 @@ from isorig.analysis.diagnose.suspects import Suspects
 from isorig.analysis.equations.balances import Element
 from isorig.analysis.equations.forms import ElementForce, fitted_form, force_left
 from isorig.analysis.fitting.candidate import Candidate
+from isorig.analysis.fitting.held_out import FIT_SHARE
 from isorig.analysis.fitting.ladder import STAYS
 from isorig.analysis.fitting.score import score
 from isorig.analysis.fitting.solve import Fit, Free
-from isorig.analysis.fitting.trials import FIT_SHARE
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.wording import in_per_cent
 

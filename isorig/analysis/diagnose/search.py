@@ -21,7 +21,7 @@ from isorig.analysis.diagnose.cause_in_model import without_cause
 from isorig.analysis.diagnose.causes import containing, contains, proposed, same_form
 from isorig.analysis.diagnose.causes.base import Evidence, Kind
 from isorig.analysis.diagnose.forms_of_curves import starts_from_curve
-from isorig.analysis.diagnose.free_shapes import free_shapes
+from isorig.analysis.diagnose.free_shapes import free_shapes, with_more_points
 from isorig.analysis.diagnose.kinds import SHAPED, kind_of
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.policy import POLICY
@@ -38,8 +38,9 @@ from isorig.analysis.diagnose.step import (
     zero_at_rest,
 )
 from isorig.analysis.diagnose.suspects import ALWAYS, BROKEN, STANDS_ALIKE, Suspects, suspects
+from isorig.analysis.equations.at_place import equations_at
 from isorig.analysis.equations.system import HOLDS, Equations, equations_of
-from isorig.analysis.equations.unknown_force import Places, compared_places, equations_at
+from isorig.analysis.equations.unknown_force import Places, compared_places
 from isorig.analysis.errors import FitError, ModelError, OutOfTimeError
 from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.excess import excess, log_excess, ratio, share_removed
@@ -68,12 +69,12 @@ from isorig.analysis.fitting.ladder import (
     tried,
     unrolled,
     verified,
-    with_more_points,
     without,
 )
+from isorig.analysis.fitting.residuals import Problem
 from isorig.analysis.fitting.score import Score, adequate, confidence, score
 from isorig.analysis.fitting.screen import Progress, Screen, ScreenedCandidate, shortened
-from isorig.analysis.fitting.solve import Fit, Problem, fit
+from isorig.analysis.fitting.solve import Fit, fit
 from isorig.analysis.fitting.trials import SIGNAL_SHARE, Trial
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.wording import in_per_cent
@@ -463,6 +464,9 @@ def sources(job: Job) -> Iterator[Source]:
         # estimates.
         listed = (f"{one.place.kind} {one.place.name} (leaves {one.left:.3g} times the noise)" for one in possible.possible)
         job.progress("the misfit can come from " + ", ".join(listed))
+        found = job.suspects
+        if found is not None and found.exact and possible.includes(found.chosen[0].place):
+            yield Suspected(job=job, found=found)
         for one in possible.possible[:PLACES]:
             there = suspects(equations_at(one, job.campaign, job.trials))
             if there is not None:

@@ -12,7 +12,7 @@ import numpy as np
 from isorig.analysis.deadline import ask_time
 from isorig.analysis.diagnose.causes import CATALOGUE, FOUND_AS, proposed
 from isorig.analysis.diagnose.causes.base import Evidence, Kind
-from isorig.analysis.diagnose.free_shapes import free_shapes
+from isorig.analysis.diagnose.free_shapes import finer, free_shapes
 from isorig.analysis.diagnose.kinds import OVER_VELOCITY, kind_of
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.equations.balances import Element
@@ -298,7 +298,7 @@ class Suspects:
                 chosen.append(shape)
                 continue
             by_key.setdefault(shape.key, []).append((begun.left, shape))
-            while (denser := by_key[shape.key][-1][1].refined(begun.models[0][1])) is not None:
+            while (denser := finer(by_key[shape.key][-1][1], begun.models[0][1])) is not None:
                 begun = self._begun(denser, current.free)
                 if begun.left is None or STANDS_ALIKE * begun.left > by_key[shape.key][-1][0]:
                     break

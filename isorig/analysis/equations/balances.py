@@ -11,7 +11,7 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.equations.motion import Combinations, estimate_of
 from isorig.analysis.model.linear import ROUNDED, floats, moving_together
-from isorig.analysis.model.rig_model import Contact, Link, RigModel, direction
+from isorig.analysis.model.rig_model import Contact, Link, RigModel, weights_of
 
 #: Up to this number of bodies all sets of bodies are considered, above it the single bodies and what lies beyond each link.
 ALL_SETS = 10
@@ -43,8 +43,8 @@ def elements(model: RigModel) -> tuple[Element, ...]:
     found: list[Element] = []
     free = list(model.contacts)
     for link in model.links:
-        weights = direction(model, link.a, link.b, link.arms)
-        mate = next((c for c in free if _parallel(direction(model, c.a, c.b, c.arms), weights)), None)
+        weights = weights_of(model, link)
+        mate = next((c for c in free if _parallel(weights_of(model, c), weights)), None)
         if mate is not None and not any(f.contact is mate for f in found):
             free.remove(mate)
             found.append(Element(link=link, contact=mate, weights=weights, name=link.name))
@@ -53,7 +53,7 @@ def elements(model: RigModel) -> tuple[Element, ...]:
     taken = {link.name for link in model.links}
     for contact in free:
         name = f"friction of {contact.name}" if contact.name in taken else contact.name
-        weights = direction(model, contact.a, contact.b, contact.arms)
+        weights = weights_of(model, contact)
         found.append(Element(link=None, contact=contact, weights=weights, name=name))
     return tuple(found)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from isorig.analysis.campaign import MOTION, FloatArray
 from isorig.analysis.lowpass import about_line, lowpass_gain, mirrored
-from isorig.analysis.model.rig_model import RigModel, direction
+from isorig.analysis.model.rig_model import RigModel, weights_of
 from isorig.analysis.simulate.inverse import position_from
 
 #: Residual of a body's motion as a combination of sensors above which the sensors do not determine it (rounding).
@@ -124,9 +124,7 @@ class Combinations:
         rows: list[tuple[str, int, FloatArray]] = []
         for sensor in model.sensors:
             if sensor.force_in is None and sensor.quantity in MOTION:
-                rows.append(
-                    (sensor.channel, MOTION[sensor.quantity], direction(model, sensor.body, sensor.relative_to, sensor.arms))
-                )
+                rows.append((sensor.channel, MOTION[sensor.quantity], weights_of(model, sensor)))
         for drive in model.drives:
             if drive.imposes is not None and drive.quantity in MOTION:
                 weights = np.zeros(len(names))

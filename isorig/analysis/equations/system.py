@@ -22,7 +22,7 @@ from isorig.analysis.equations.motion import (
 )
 from isorig.analysis.equations.sliding import ROUNDS, TAPS, Columns, Sliding, SlidingFit, SlidingRun
 from isorig.analysis.equations.spectral import SHORTEST, Prepared, Row, Solved, Spectra
-from isorig.analysis.fitting.trials import zero_errors
+from isorig.analysis.fitting.preparation import zero_errors
 from isorig.analysis.laws import Coulomb
 from isorig.analysis.laws.base import NO_LINK
 from isorig.analysis.lowpass import fast_length, force_edge, low_passed, signal_edge

@@ -40,10 +40,6 @@ def always(model: RigModel) -> bool:
     return True
 
 
-def never(candidate: Candidate, fitted: RigModel) -> None:
-    """Only a curve can have more points."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Candidate:
     """A cause at a place, as extended models from which fits start.
@@ -70,8 +66,6 @@ class Candidate:
         Cause and location with the same equations, so that no data of this rig can distinguish them.
     shape
         For a free shape: location of its curve.
-    denser
-        For a free shape: the shape with more points, started from a fitted model; None if no more are useful.
     """
 
     cause: str
@@ -85,16 +79,11 @@ class Candidate:
     plausible: Callable[[RigModel], bool] = always
     twin: tuple[str, str] | None = None
     shape: Shape | None = None
-    denser: Callable[[Candidate, RigModel], Candidate | None] = never
 
     @property
     def key(self) -> tuple[str, str]:
         """Cause and location."""
         return self.cause, self.location
-
-    def refined(self, fitted: RigModel) -> Candidate | None:
-        """The candidate with more points, started from a fitted model; None if no more are useful."""
-        return self.denser(self, fitted)
 
     def parameters(self, model: RigModel, known: Sequence[Free] = ()) -> tuple[Free, ...]:
         """Its fitted parameters: the current model's (the free ones if `known` is empty) and its own."""

@@ -6,7 +6,8 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from isorig.analysis.fitting.trials import FIT_SHARE, Trial
+from isorig.analysis.fitting.held_out import FIT_SHARE
+from isorig.analysis.fitting.trials import Trial
 
 #: Simulation steps per sample of the finest grid, on which models are judged.
 FINEST = 8

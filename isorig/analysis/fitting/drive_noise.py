@@ -19,10 +19,11 @@ from typing import NamedTuple
 import numpy as np
 
 from isorig.analysis.campaign import ComplexArray, FloatArray, IntArray
-from isorig.analysis.fitting.deviations import normalised
 from isorig.analysis.fitting.division import coarsened
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
-from isorig.analysis.fitting.solve import FAINT, Fit, Problem
+from isorig.analysis.fitting.influence import normalised
+from isorig.analysis.fitting.residuals import Problem
+from isorig.analysis.fitting.solve import FAINT, Fit, at_coordinates, coordinates_of, slopes_of
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.model.rig_model import RigModel
 
@@ -88,7 +89,7 @@ def drive_noise_effect(done: Fit, trials: Sequence[Trial]) -> DriveNoise:
     scale, jacobian, bread = normalised(done)
     # A value without any effect on the residual has no uncertainty here; it is reported as not identifiable.
     traced = (done.jacobian**2).sum(axis=0) > FAINT
-    slope = np.array([done.model.get(f.path) if f.log else 1.0 for f in done.free]) * traced / np.where(traced, scale, 1.0)
+    slope = slopes_of(done.model, done.free) * traced / np.where(traced, scale, 1.0)
     # The points of a curve hold each other, so noise moves them little.
     plain = np.flatnonzero([not free.follows for free in done.free])
     moved, steps = _moved(done, plain)
@@ -150,12 +151,11 @@ def _of_draws(moves: FloatArray) -> FloatArray:
 
 def _moved(done: Fit, which: IntArray) -> tuple[list[RigModel], FloatArray]:
     # Models with one of these values moved by its finite difference each.
-    theta = np.array([free.encode(done.model.get(free.path)) for free in done.free])
-    models = []
+    theta, models = coordinates_of(done.model, done.free), []
     for i in which:
         there = theta.copy()
         there[i] += done.free[i].step
-        models.append(done.model.replace({f.path: f.decode(c) for f, c in zip(done.free, there, strict=True)}))
+        models.append(at_coordinates(done.model, done.free, there))
     return models, np.array([done.free[i].step for i in which])
 
 

@@ -9,13 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray
-from isorig.analysis.fitting.deviations import TRACE
-from isorig.analysis.fitting.solve import Free, Problem, jacobian_of, positive
-from isorig.analysis.fitting.trials import prepare
+from isorig.analysis.fitting.influence import TRACE
+from isorig.analysis.fitting.preparation import prepare
+from isorig.analysis.fitting.residuals import Problem
+from isorig.analysis.fitting.solve import Free, at_coordinates, coordinates_of, jacobian_of, positive
 from isorig.analysis.model.rig_model import RigModel
 
 #: Relative step of the finite differences: small compared with the width of a lightly damped peak, large compared with rounding.
@@ -64,13 +66,9 @@ def identifiability(model: RigModel, campaign: Campaign, paths: Sequence[str]) -
     """
     problem = Problem(prepare(campaign, model))
     free = [replace(_free(path, model.get(path)), step=STEP) for path in paths]
-    theta = np.array([f.encode(model.get(f.path)) for f in free])
-
-    def build(coordinates: FloatArray) -> RigModel:
-        return model.replace({f.path: f.decode(c) for f, c in zip(free, coordinates, strict=True)})
-
     residual = problem.residuals([model])[0]
-    return from_sensitivity(jacobian_of(problem, build, theta, free, residual), tuple(paths))
+    build = partial(at_coordinates, model, free)
+    return from_sensitivity(jacobian_of(problem, build, coordinates_of(model, free), free, residual), tuple(paths))
 
 
 def from_sensitivity(jacobian: FloatArray, paths: tuple[str, ...]) -> Identifiability:

@@ -9,63 +9,35 @@ determined with them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import MOTION, FloatArray
-from isorig.analysis.errors import ModelError, SimulationError
+from isorig.analysis.errors import SimulationError
 from isorig.analysis.model.linear import free_part
-from isorig.analysis.model.rig_model import GROUND, RigModel, Sensor, direction
+from isorig.analysis.model.rig_model import RigModel, weights_of
 from isorig.analysis.simulate import Excitation, record, simulate
 from isorig.analysis.simulate.free_run import true_drives
-from isorig.analysis.simulate.natural import natural_modes
 from isorig.analysis.simulate.sampling import TAPS
 
 #: Position (m, rad) and velocity (m/s, rad/s) of each body.
 State = Mapping[str, tuple[float, float]]
-
-#: A run begins in motion if a simulation from rest has an error in its first moments of more than this share of a channel's rms,
-#: and of more than this multiple of its noise. Chosen: the free vibration of a smaller one is small.
-MOVING, ABOVE_NOISE = 0.3, 6.0
-#: How many times the first records may exceed a simulation from rest. Chosen: gains and masses of a description have smaller
-#: errors.
-SCALE = 3.0
-#: These moments, in periods of the highest mode, and their least number of samples: the springs have not acted much yet.
-MOMENTS, FEWEST = 0.1, 4
-#: Records that determine the state, in periods of the lowest mode, and their least number of samples for each unknown value.
-PERIODS, SAMPLES = 1.0, 4
 #: Least squares end where a step reduces the squared error by less than this share, and after this number of steps.
 ENDS, EVALUATIONS = 1e-4, 12
+#: Least number of samples of the records for each unknown value.
+SAMPLES = 4
 #: Shares of these records that determine it one after the other: a nonlinear rig soon leaves the motion of its linear part.
 GROWING = (0.25, 0.5, 1.0)
 #: Finite differences as a share of the motion.
 DIFFERENCE = 0.01
 #: Weighted error where a motion grows without bound or is too fast for any step.
 LOST = 1e6
-#: Allowed error of a sensor whose record is constant: it has no weight.
-DEAD = 1e12
 #: Motion (m, m/s) of a simulated rig below which friction holds it.
 HELD = 1e-9
 #: Standard deviation of the prior as a multiple of the rms of the motion: so weak that it only holds what no record shows.
 PRIOR = 10.0
-#: Standard deviation of a described state: of a position as a share of the largest one, of a velocity as a share of what that
-#: becomes at the lowest mode. Chosen: a hand pulls, and a trigger starts a record, about as accurately.
-DESCRIBED = 0.05
-
-
-@dataclass(frozen=True, kw_only=True)
-class PreparedRun:
-    """What decides whether a run begins in motion."""
-
-    #: Of the run; seconds since the start of the campaign.
-    configuration: str
-    start_time: float
-    excitation: Excitation  #: The recorded drive.
-    measured: FloatArray  #: The responses, shape (channels, n).
-    noise: FloatArray  #: Standard deviation of each channel's sensor noise, shape (channels,).
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,7 +148,9 @@ class _Errors:
     def left(self, values: FloatArray) -> FloatArray:
         start, state = self._start, values[: 2 * self._width]
         try:
-            predicted = _records(self._model, self._begin, start.configuration, start.start_time, self._n, self.state_of(values))
+            predicted = records_from(
+                self._model, self._begin, start.configuration, start.start_time, self._n, self.state_of(values)
+            )
         except SimulationError:  # least squares take a shorter step
             return np.full(len(self._offsets), LOST)
         errors = ((predicted - start.measured[:, : self._n]) / start.sigma[:, None])[:, TAPS:].ravel()
@@ -194,124 +168,6 @@ class _Errors:
         return np.column_stack([*((self.left(values + row) - middle) / row.sum() for row in moved), self._offsets])
 
 
-def moving_start(model: RigModel, run: PreparedRun, allowed: float) -> MovingStart | None:
-    """The start of a run, or None where too little is known of it: an overdamped rig, a motion that grows without bound.
-
-    Parameters
-    ----------
-    model
-        The rig as described.
-    run
-        The run.
-    allowed
-        Error that is allowed in addition to the noise, as a share of a channel's rms.
-    """
-    modes = natural_modes(model, run.configuration)
-    if not modes:
-        return None
-    width = free_part(model, run.configuration)[0].shape[1]
-    period = run.excitation.sample_rate / modes[0].frequency
-    unknowns = 2 * width + len(run.measured)
-    n = TAPS + int(max(PERIODS * period, SAMPLES * unknowns))
-    if n > run.measured.shape[1] // 2:
-        return None
-    linear = msgspec.structs.replace(
-        model, contacts=(), links=tuple(msgspec.structs.replace(link, laws=()) for link in model.links), free=()
-    )
-    given = described_state(model, run.configuration)
-    rms, offset = run.measured.std(axis=1), np.abs(run.measured.mean(axis=1))
-    sigma = np.hypot(run.noise, allowed * rms)
-    try:
-        begun = MovingStart(
-            configuration=run.configuration, start_time=run.start_time, measured=run.measured[:, :n], offset=offset,
-            sigma=np.where(sigma > 0.0, sigma, DEAD), given=given,
-            sizes=_accuracy(given, 2.0 * np.pi * modes[0].frequency) if given else _sizes(linear, run),
-        )  # fmt: skip
-        return replace(begun, near=begun.state(linear, run.excitation))
-    except (SimulationError, ModelError):
-        return None
-
-
-def described_state(model: RigModel, configuration: str) -> State:
-    """The described positions and velocities at the start of runs of a configuration; empty if none is described."""
-    setup = model.configurations[configuration]
-    names = {**setup.initial_position, **setup.initial_velocity}
-    return {name: (setup.initial_position.get(name, 0.0), setup.initial_velocity.get(name, 0.0)) for name in names}
-
-
-def _accuracy(given: State, lowest: float) -> State:
-    # The prior's sizes of a described state: all bodies move about as much as the largest.
-    most = max(max(abs(position), abs(velocity) / lowest) for position, velocity in given.values())
-    size = DESCRIBED / PRIOR * most
-    return dict.fromkeys(given, (size, lowest * size))
-
-
-def begins_in_motion(model: RigModel, run: PreparedRun) -> bool:
-    """Whether a run begins in motion: its first records do not follow from the drive since its first sample.
-
-    From rest, the first records of each sensor are between those of the described rig and those of the same without friction: a
-    sum of both simulations with factors from zero to `SCALE`. A friction that the description lacks may hold a link: then
-    they are between these and those of the rig with this link blocked. Those of the next moments suffice: where the drive begins
-    with a jump, the converter's filter smears the first ones.
-    """
-    modes = natural_modes(model, run.configuration)
-    if not modes:
-        return False
-    n = max(round(MOMENTS * run.excitation.sample_rate / modes[-1].frequency), FEWEST)
-    begin = run.excitation.beginning(2 * n)
-
-    def from_rest(rig: RigModel) -> FloatArray:
-        return _records(rig, begin, run.configuration, run.start_time, 2 * n, {})
-
-    def explained_by(rests: Sequence[FloatArray]) -> bool:
-        # A sensor with an offset shows no motion: about its mean it is at rest, too.
-        return any(
-            all(
-                min(_beyond(row[moments] - offset, *(rest[moments] for rest in each)) for offset in (0.0, row.mean()))
-                <= max(MOVING * row.std(), ABOVE_NOISE * noise)
-                for row, noise, *each in zip(run.measured, run.noise, *rests, strict=True)
-            )
-            for moments in (slice(0, n), slice(n, 2 * n))
-        )
-
-    rigs = (model, msgspec.structs.replace(model, contacts=(), free=())) if model.contacts else (model,)
-    try:
-        described = [from_rest(rig) for rig in rigs]
-    except (SimulationError, ModelError):
-        return False
-    if explained_by(described):
-        return False
-    for rig in _held(model, run.configuration):
-        try:
-            if explained_by([*described, from_rest(rig)]):
-                return False
-        except (SimulationError, ModelError):  # this link cannot be blocked
-            continue
-    return True
-
-
-def _held(model: RigModel, configuration: str) -> Iterator[RigModel]:
-    # The rig with one more link blocked in a configuration, for each link that is not.
-    setup = model.configurations[configuration]
-    if setup.lock_stiffness is None:
-        for link in model.links:
-            if link.name not in setup.rigid:
-                blocked = msgspec.structs.replace(setup, rigid=(*setup.rigid, link.name))
-                yield msgspec.structs.replace(model, configurations={**model.configurations, configuration: blocked})
-
-
-def _beyond(signal: FloatArray, *rest: FloatArray) -> float:
-    # Largest difference of a record from simulations from rest, each with a factor from zero to `SCALE`.
-    from scipy.optimize import lsq_linear
-
-    inputs = np.stack(rest, axis=1)
-    size = float(np.abs(signal).max())
-    if size == 0.0 or not inputs.any():  # at rest, or before the drive acts
-        return size
-    factors = lsq_linear(inputs / size, signal / size, bounds=(0.0, SCALE)).x
-    return float(np.abs(signal - inputs @ factors).max())
-
-
 def _free_decay(model: RigModel, configuration: str, rate: float, n: int) -> FloatArray:
     # Records of the linear rig's free vibration from each position and velocity of one, shape (channels, n, 2 coordinates).
     from scipy.linalg import expm
@@ -324,34 +180,18 @@ def _free_decay(model: RigModel, configuration: str, rate: float, n: int) -> Flo
         states.append(step @ states[-1])
     rows = []
     for sensor in model.sensors:
-        across = direction(model, sensor.body, sensor.relative_to, sensor.arms) @ basis
+        across = weights_of(model, sensor) @ basis
         order = MOTION[sensor.quantity]
         row = np.concatenate([across, np.zeros(width)])
         rows.append(sensor.chain.gain * row @ np.linalg.matrix_power(rates, order))
     return np.asarray(np.einsum("cs,nst->cnt", np.stack(rows), np.stack(states)))
 
 
-def _records(model: RigModel, excitation: Excitation, configuration: str, start_time: float, n: int, start: State) -> FloatArray:
+def records_from(
+    model: RigModel, excitation: Excitation, configuration: str, start_time: float, n: int, start: State
+) -> FloatArray:  # fmt: skip
+    """The first `n` records of a rig's sensors from a state, shape (channels, n); `start_time` is as in `simulate`. Raises
+    SimulationError if the motion grows without bound."""
     motion = simulate(model, excitation, configuration=configuration, start_time=start_time, samples=n, start=start).channels
-    drives = {name: values[:n] for name, values in true_drives(model, excitation).items()}
-    recorded = record(model, {**drives, **motion}, excitation.sample_rate)
+    recorded = record(model, {**true_drives(model, excitation, n), **motion}, excitation.sample_rate)
     return np.stack([recorded[sensor.channel] for sensor in model.sensors])
-
-
-def _sizes(model: RigModel, run: PreparedRun) -> State:
-    # Rms of each body's position and velocity in a simulation from rest, relative to an imposed motion: that may drift.
-    ground = next(iter(model.imposed), GROUND)
-    gauges = [
-        Sensor(channel=f"{quantity} {body.name}", body=body.name, relative_to=ground, quantity=quantity)
-        for body in model.bodies
-        if body.name != ground
-        for quantity in ("displacement", "velocity")
-    ]
-    watched = msgspec.structs.replace(model, sensors=tuple(gauges))
-    seen = simulate(watched, run.excitation, configuration=run.configuration, start_time=run.start_time).channels
-    rms = {name: float(np.sqrt(np.mean(values**2))) for name, values in seen.items()}
-    return {
-        body.name: (rms[f"displacement {body.name}"], rms[f"velocity {body.name}"])
-        for body in model.bodies
-        if body.name != ground
-    }

@@ -13,10 +13,12 @@ from isorig.analysis.errors import FitError, OutOfTimeError
 from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.division import Divide, refined
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
+from isorig.analysis.fitting.preparation import prepare
+from isorig.analysis.fitting.residuals import Problem
 from isorig.analysis.fitting.score import score, worst
 from isorig.analysis.fitting.screen import Progress, shortened
-from isorig.analysis.fitting.solve import Fit, Free, Problem, base_parameters, disagreement, fit
-from isorig.analysis.fitting.trials import SIGNAL_SHARE, Trial, expected, prepare
+from isorig.analysis.fitting.solve import Fit, Free, base_parameters, disagreement, fit
+from isorig.analysis.fitting.trials import SIGNAL_SHARE, Trial, expected
 from isorig.analysis.model.rig_model import RigModel
 
 #: A fit sees the first seconds of each run, then more; steps that it may take at each, and the relative fall of the cost
@@ -46,8 +48,6 @@ SCREENS = (4.0, 10.0)
 SHOWN = 0.3
 #: Ratio of misfits above which a fit is far worse.
 FAR_WORSE = 2.0
-#: A curve with a misfit above this, in allowed errors, is tried with more points, as long as that reduces it by this share.
-FLAT, REFINES = 1.2, 0.15
 #: A candidate whose misfit exceeds the best's by this factor is eliminated.
 BEHIND = 6.0
 #: The largest number of candidates that is followed to a longer part of the runs.
@@ -331,16 +331,3 @@ def bare_cost(current: Fit, rung: Rung) -> float:
     """Misfit of a model refitted on a rung."""
     done = tried(current.model, current.free, rung)
     return done.cost if done else np.inf
-
-
-def with_more_points(candidate: Candidate, rough: Fit, rung: Rung) -> tuple[Candidate, Fit]:
-    """A fitted curve with more points, as long as they improve the fit."""
-    if candidate.shape is None or rough.cost < FLAT:
-        return candidate, rough
-    while (denser := candidate.refined(rough.model)) is not None:
-        kept = tuple(free for free in rough.free if all(free.path != own.path for own in candidate.free))
-        done = tried(denser.starts[0], (*kept, *denser.free), rung)
-        if done is None or done.cost > (1.0 - REFINES) * rough.cost:
-            break
-        candidate, rough = denser, done
-    return candidate, rough

@@ -13,8 +13,8 @@ import numpy as np
 
 from isorig.analysis.campaign import MOTION, Campaign, ComplexArray, FloatArray, IntArray, Run, usable_stop
 from isorig.analysis.derivative import derivative
-from isorig.analysis.model.linear import floats, imposed_coordinates, linear_part
-from isorig.analysis.model.rig_model import GROUND, RigModel, Sensor, direction
+from isorig.analysis.model.linear import floats, imposed_coordinates, linear_part, pushes_of
+from isorig.analysis.model.rig_model import GROUND, RigModel, Sensor, weights_of
 from isorig.analysis.spectra.noise import noise_levels, rests
 from isorig.analysis.spectra.welch import DRIVEN
 from isorig.analysis.spectra.windows import hanning
@@ -193,21 +193,14 @@ def _product(rows: FloatArray, columns: ComplexArray) -> ComplexArray:
     return (rows @ flat).view(np.complex128).reshape(len(rows), *columns.shape[1:])
 
 
-def pushes_of(model: RigModel) -> FloatArray:
-    """Force on each body per unit of each drive's channel, shape (bodies, drives)."""
-    return np.array([[d.pushes.get(b.name, 0.0) * d.factor for d in model.drives] for b in model.bodies])
-
-
 class LinearRig:
     """The frequency response of a rig's linear part in one configuration, as a function of its parameters."""
 
     def __init__(self, model: RigModel, configuration: str) -> None:
         self._model = model
         self._basis, _, base_damping, base_stiffness = linear_part(model, configuration)
-        self._links = np.array([direction(model, link.a, link.b, link.arms) for link in model.links]).reshape(
-            -1, len(model.bodies)
-        )
-        self._rubs = np.array([direction(model, c.a, c.b, c.arms) for c in model.contacts]).reshape(-1, len(model.bodies))
+        self._links = np.array([weights_of(model, link) for link in model.links]).reshape(-1, len(model.bodies))
+        self._rubs = np.array([weights_of(model, c) for c in model.contacts]).reshape(-1, len(model.bodies))
         # What a lock adds.
         own = [np.array([getattr(link, key) for link in model.links]) for key in ("damping", "stiffness")]
         self._damping, self._stiffness = (
@@ -271,7 +264,7 @@ class LinearRig:
         rows = []
         for k, sensor in enumerate(self._model.sensors):
             if sensor.force_in is None:
-                along = direction(self._model, sensor.body, sensor.relative_to, sensor.arms)
+                along = weights_of(self._model, sensor)
                 seen = _product(along[None], x)[0] if places is None else np.einsum("bs,bdsg->dsg", places[k], x)
                 row = seen * s ** MOTION[sensor.quantity]
             else:

@@ -26,6 +26,7 @@ from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.spectra.clocks import clock_errors
 from isorig.analysis.units import GIVEN, mistaken
+from isorig.analysis.wording import words
 
 if TYPE_CHECKING:
     from isorig.analysis.fitting.solve import Fit, Free
@@ -357,9 +358,7 @@ def _of_derivative(given: RigModel, found: WrongScale, spectra: Sequence[Spectru
     drives = [drive.channel for drive in given.drives]
     said, paths = [], []
     for names in right or shown:
-        is_, but = (
-            f"{'an' if one[0] == 'a' else 'a'} {one.replace('_', ' ')}" for one in (shown[names], _quantity(given, names[0]))
-        )
+        is_, but = (f"{'an' if one[0] == 'a' else 'a'} {words(one)}" for one in (shown[names], _quantity(given, names[0])))
         varies = "varies" if len(names) == 1 else "vary"
         said.append(f"{' and '.join(names)} {varies} with frequency like {is_}, but the description has {but}")
         paths += [f"{'drive' if name in drives else 'sensors'}.{name}" for name in names]
@@ -409,7 +408,8 @@ def _released(given: RigModel, campaign: Campaign) -> Iterable[Doubt]:
     free = tuple(run for run in campaign.runs if not any(run.read(drive.channel).any() for drive in given.drives))
     if not free:
         return
-    from isorig.analysis.fitting.trials import prepare, simulated, true_motion
+    from isorig.analysis.fitting.preparation import prepare
+    from isorig.analysis.fitting.trials import simulated, true_motion
 
     ratios: dict[str, list[float]] = {}
     for trial in prepare(replace(campaign, runs=free), given):
@@ -503,5 +503,5 @@ def _value(given: RigModel, fitted: Fit, path: str) -> str:
 def _named(path: str) -> str:
     # bodies.block.mass is the mass of 'block'.
     parts = path.split(".")
-    words = parts[-1].replace("_", " ")
-    return f"The {words} of {parts[1]!r}" if len(parts) > 2 else f"The {parts[0]}'s {words}"
+    last = words(parts[-1])
+    return f"The {last} of {parts[1]!r}" if len(parts) > 2 else f"The {parts[0]}'s {last}"

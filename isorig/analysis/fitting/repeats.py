@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.fitting.drive_related import drive_related, related_density, segments
+from isorig.analysis.fitting.coherent_power import coherent_density, coherent_power, segments
 from isorig.analysis.fitting.score import signal_powers
 from isorig.analysis.fitting.trials import SIGNAL_SHARE, Disturbance, Trial, expected
 from isorig.analysis.model.rig_model import RigModel
@@ -164,7 +164,7 @@ def _spectrum(one: Trial, other: Trial, left: FloatArray, right: FloatArray) -> 
         spectra = segments(one, values)
         whole = np.mean(np.abs(spectra) ** 2, axis=0)
         # By chance one part in the number of averages looks related.
-        related = np.maximum(related_density(drive, spectra) - whole / averages, 0.0) / (1.0 - 1.0 / averages)
+        related = np.maximum(coherent_density(drive, spectra) - whole / averages, 0.0) / (1.0 - 1.0 / averages)
         noise = 0.5 * (one.noise[row] ** 2 + other.noise[row] ** 2)
         beyond = np.bincount(band, whole - related, minlength=BANDS)[kept] / counts[kept] - noise
         density.append(np.maximum(beyond, 0.0))
@@ -177,4 +177,4 @@ def _unrelated(trials: Sequence[Trial], left: Sequence[FloatArray]) -> FloatArra
     later = [values[:, trial.held_out] for trial, values in zip(trials, left, strict=True)]
     whole = np.stack([np.mean(values**2, axis=1) for values in later])
     noise = np.stack([trial.usable_noise**2 for trial in trials])
-    return np.asarray(np.maximum(whole - noise - drive_related(trials, later)[1], 0.0))
+    return np.asarray(np.maximum(whole - noise - coherent_power(trials, later)[1], 0.0))

@@ -10,7 +10,7 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray, IntArray
 from isorig.analysis.errors import ModelError, SimulationError
 from isorig.analysis.fitting.excess import ADEQUATE, MOST_ERROR, excess, is_adequate
-from isorig.analysis.fitting.solve import QUIET
+from isorig.analysis.fitting.residuals import QUIET
 from isorig.analysis.fitting.trials import Trial, expected, true_motion
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.parallel import side_by_side
@@ -86,11 +86,6 @@ def score(model: RigModel, trials: Sequence[Trial]) -> Score:
     return Score(*(np.stack([r[k] for r in results]) for k in range(3)))
 
 
-def noise_floor(model: RigModel, trials: Sequence[Trial], *, typical: bool = False) -> FloatArray:
-    """The error of a perfect model in each run and channel, or its `typical` one (`noise_floors`), shape (runs, channels)."""
-    return np.asarray(noise_floors(model, trials)[int(typical)])
-
-
 def noise_floors(model: RigModel, trials: Sequence[Trial]) -> FloatArray:
     """The error of a perfect model in each run and channel, which it hardly exceeds, and its typical one.
 
@@ -108,13 +103,13 @@ def noise_floors(model: RigModel, trials: Sequence[Trial]) -> FloatArray:
 
     def through(trial: Trial, noises: Sequence[FloatArray]) -> FloatArray:
         part = trial.held_out
-        if trial.motion is not None and trial.shaken is not None:
-            off = required_drive(model, trial.motion) - required_drive(model, trial.shaken)
+        if trial.motion is not None and trial.noisy is not None:
+            off = required_drive(model, trial.motion) - required_drive(model, trial.noisy)
             return np.asarray(np.mean(off[:, part] ** 2, axis=1))[None]
         clean = true_motion(model, trial)
         drive = trial.excitation.recorded
-        shaken = (replace(trial, excitation=trial.excitation.with_drive(drive + noise)) for noise in noises)
-        others = [true_motion(model, other) for other in shaken]
+        with_noise = (replace(trial, excitation=trial.excitation.with_drive(drive + noise)) for noise in noises)
+        others = [true_motion(model, other) for other in with_noise]
         return np.array([[np.mean((clean[n] - other[n])[part] ** 2) for n in trial.channels] for other in others])
 
     def between_samples(trial: Trial) -> FloatArray | float:

@@ -10,7 +10,8 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.candidate import Candidate
-from isorig.analysis.fitting.solve import Fit, Problem, damped_step
+from isorig.analysis.fitting.residuals import Problem
+from isorig.analysis.fitting.solve import Fit, at_coordinates, coordinates_of, damped_step
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.lowpass import fast_length
 from isorig.analysis.model.rig_model import RigModel
@@ -101,11 +102,11 @@ class Screen:
         base = [f for f in free if f not in candidate.free]
         columns = [self.current.free.index(f) for f in base]
         known = self.current.jacobian[:, columns]
-        theta = np.array([f.encode(start.get(f.path)) for f in free])
+        theta = coordinates_of(start, free)
 
         def build(coordinates: FloatArray) -> RigModel | None:
             try:
-                return start.replace({f.path: f.decode(c) for f, c in zip(free, coordinates, strict=True)})
+                return at_coordinates(start, free, coordinates)
             except ModelError:
                 return None
 

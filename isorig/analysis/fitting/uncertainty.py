@@ -1,6 +1,6 @@
 """The uncertainty of fitted values and the noise floor, defined once for every command.
 
-The standard uncertainty of a value is the larger of that from the residual, frequency bin by bin (`deviations`), and that from
+The standard uncertainty of a value is the larger of that from the residual, frequency bin by bin (`influence`), and that from
 draws of the noise in drive and responses (`drive_noise`). Where runs ask for values that differ by more than this noise, that of
 the runs takes its place. A smaller time step is added. A model that misfits biases every value; its error relative to the signal
 bounds the bias and is added, too. If the description gives the uncertainty of a mass or of the drive's factor (`mass_std`,
@@ -16,13 +16,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.fitting.deviations import STEPS, given_moves, grid_shift, line_moves, normalised, polished
 from isorig.analysis.fitting.drive_noise import DriveNoise, drive_noise_effect, no_noise, without_bias
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
-from isorig.analysis.fitting.related import related
+from isorig.analysis.fitting.influence import (
+    STEPS,
+    at_minimum,
+    change_with_half_step,
+    changes_with_given_values,
+    changes_without_bins,
+    normalised,
+)
 from isorig.analysis.fitting.repeats import disturbance
-from isorig.analysis.fitting.score import Score, adequate, noise_floor, score
-from isorig.analysis.fitting.solve import Fit, Free, bending, disagreement
+from isorig.analysis.fitting.residual_analysis import depends_on_drive
+from isorig.analysis.fitting.score import Score, adequate, noise_floors, score
+from isorig.analysis.fitting.solve import Fit, Free, bending, disagreement, slopes_of
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.jackknife import deviation
 from isorig.analysis.model.rig_model import RigModel
@@ -67,7 +74,7 @@ class Assessed:
 
 def stated_floor(model: RigModel, trials: Sequence[Trial]) -> float:
     """The error that noise and disturbance alone typically cause: the median over runs and channels."""
-    return float(np.median(np.hypot(noise_floor(model, trials, typical=True), disturbance(model, trials))))
+    return float(np.median(np.hypot(noise_floors(model, trials)[1], disturbance(model, trials))))
 
 
 def uncertain_values(known: Mapping[str, float], fitted: Fit) -> dict[str, float]:
@@ -122,14 +129,14 @@ def assessed(
         computed if None.
     """
     if floors is None:  # the noise of the sensors, that of the drive through the model, and what repeated runs do not share
-        floors = np.hypot(noise_floor(done.model, trials), disturbance(done.model, trials))
+        floors = np.hypot(noise_floors(done.model, trials)[0], disturbance(done.model, trials))
     judged = score(done.model, trials)
     biased = _excess(judged, floors) >= BIASED and not _noisy(done, judged, trials)
-    done = polished(done, trials, steps=1 if biased else STEPS)
-    judged, shaken = score(done.model, trials), no_noise(done)
+    done = at_minimum(done, trials, steps=1 if biased else STEPS)
+    judged, of_drive = score(done.model, trials), no_noise(done)
     if not biased:
-        shaken = drive_noise_effect(done, trials)
-        done, judged = _corrected(done, judged, shaken, trials)
+        of_drive = drive_noise_effect(done, trials)
+        done, judged = _corrected(done, judged, of_drive, trials)
     explained = adequate(judged, np.hypot(floors, SIMULATION_LIMIT))
     noise = ""
     if not explained and _noisy(done, judged, trials):
@@ -143,10 +150,10 @@ def assessed(
     misfit = 0.0 if explained else max(0.0, _excess(judged, floors) - 2.0 * SIMULATION_LIMIT)
     misfit = misfit if misfit >= STATED else 0.0
     known = Known(
-        moves=line_moves(done, trials), held=_held(done), shaken=shaken.covariance, runs=disagreement(done),
-        ratio=_by_chance(trials) if explained else 1.0, step=grid_shift(done, trials),
+        moves=changes_without_bins(done, trials), held=_held(done), noise=of_drive.covariance, runs=disagreement(done),
+        ratio=_by_chance(trials) if explained else 1.0, step=change_with_half_step(done, trials),
         bias=misfit * np.array([abs(value) for value in done.values.values()]),
-        given=given_moves(done, trials, uncertain_values(known_values, done)),
+        given=changes_with_given_values(done, trials, uncertain_values(known_values, done)),
         filters=np.array([unseen(done.model.get(free.path), value_kind(free)) for free in done.free]),
     )  # fmt: skip
     return Assessed(
@@ -155,9 +162,9 @@ def assessed(
     )  # fmt: skip
 
 
-def _corrected(done: Fit, judged: Score, shaken: DriveNoise, trials: Sequence[Trial]) -> tuple[Fit, Score]:
+def _corrected(done: Fit, judged: Score, of_drive: DriveNoise, trials: Sequence[Trial]) -> tuple[Fit, Score]:
     # The fit without its bias by noise in the drive, and its errors; with its bias where the correction makes them larger.
-    corrected = without_bias(done, shaken)
+    corrected = without_bias(done, of_drive)
     after = score(corrected.model, trials)
     return (done, judged) if after.figure >= HARMS * judged.figure else (corrected, after)
 
@@ -169,7 +176,7 @@ def _excess(judged: Score, floors: FloatArray) -> float:
 
 def _noisy(done: Fit, judged: Score, trials: Sequence[Trial]) -> bool:
     # Whether what the model leaves may be taken as noise.
-    return judged.figure < MOST_NOISE and not related(done.model, trials)
+    return judged.figure < MOST_NOISE and not depends_on_drive(done.model, trials)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -179,7 +186,7 @@ class Known:
     moves: FloatArray  #: Their changes without each frequency bin, shape (bins, k).
     held: FloatArray  #: Covariance of the points of curves by what their smoothness allows, shape (k, k).
     #: Covariance by draws of the noise in drive and responses, and by the differences between runs, shape (k, k).
-    shaken: FloatArray
+    noise: FloatArray
     runs: FloatArray
     ratio: float  #: Ratio of the variance by the runs to that by the noise from which the differences between runs count.
     step: FloatArray  #: Their changes with half the time step, shape (k,).
@@ -198,7 +205,7 @@ class Known:
 
     def _of_this_fit(self, slope: FloatArray) -> float:
         bins = deviation(self.moves, slope) ** 2 + float(slope @ self.held @ slope)
-        variance, runs = max(bins, float(slope @ self.shaken @ slope), 0.0), float(slope @ self.runs @ slope)
+        variance, runs = max(bins, float(slope @ self.noise @ slope), 0.0), float(slope @ self.runs @ slope)
         variance = runs if runs > self.ratio * variance else variance
         return float(np.sqrt(variance + (self.step @ slope) ** 2 + float(((self.bias * slope) ** 2).sum())))
 
@@ -229,6 +236,5 @@ def _held(done: Fit) -> FloatArray:
     if not len(rows):
         return np.zeros((len(done.free),) * 2)
     scale, _, bread = normalised(done)
-    slope = np.array([done.model.get(f.path) if f.log else 1.0 for f in done.free])
-    pulled = (rows / scale) @ bread / scale * slope
+    pulled = (rows / scale) @ bread / scale * slopes_of(done.model, done.free)
     return np.asarray(pulled.T @ pulled)

@@ -25,9 +25,9 @@ from isorig.analysis.fitting.linear_spectra import (
     dampers,
     friction_level,
     given_parameters,
-    pushes_of,
 )
 from isorig.analysis.fitting.resonances import Resonance, resonance
+from isorig.analysis.model.linear import pushes_of
 from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.model.rig_model import GROUND, Link, RigModel, direction
 from isorig.analysis.units import GIVEN

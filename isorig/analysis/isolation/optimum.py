@@ -13,6 +13,7 @@ from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import DataError, ModelError, SimulationError
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.model.spring import uncoupled_frequency, with_frequency
 from isorig.analysis.parallel import side_by_side
 from isorig.analysis.simulate import Excitation, simulate
 from isorig.analysis.simulate.free_run import true_drives
@@ -104,7 +105,7 @@ def with_values(model: RigModel, values: Mapping[str, float]) -> RigModel:
     model = model.replace({name: value for name, value in plain.items() if name.startswith("bodies.")})
     free = model.free
     for link, value in frequencies.items():
-        model = isolated(model, value, link=link)
+        model = with_frequency(model, link, value)
     return msgspec.structs.replace(model, free=free).replace(plain)
 
 
@@ -208,21 +209,3 @@ def optimum(
         at_bound=tuple(v.parameter for v, s in zip(varied, share, strict=True) if min(s, 1.0 - s) < AT_BOUND),
         designs=len(shares) + int(refined.nfev),
     )  # fmt: skip
-
-
-def uncoupled_frequency(model: RigModel, link: str) -> float:
-    """Natural frequency sqrt(k / m) / 2 pi of a link's body `a` alone, Hz."""
-    part = model.link(link)
-    return float(np.sqrt(part.stiffness / model.body(part.a).mass) / (2.0 * np.pi))
-
-
-def isolated(model: RigModel, frequency: float, *, link: str = "isolation") -> RigModel:
-    """The rig with another isolation frequency: k = (2 pi f)^2 m, with the same damping ratio."""
-    present = model.link(link)
-    mass = model.body(present.a).mass
-    stiffness = (2.0 * np.pi * frequency) ** 2 * mass
-    if present.stiffness <= 0.0:
-        raise DataError(f"link {link!r} has no stiffness, so its damping ratio is undefined; give that of the present design")
-    damping = present.damping * (stiffness / present.stiffness) ** 0.5
-    links = tuple(msgspec.structs.replace(p, stiffness=stiffness, damping=damping) if p.name == link else p for p in model.links)
-    return msgspec.structs.replace(model, links=links, free=())

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from isorig.analysis.campaign import Campaign, FloatArray, Measured, Run, broad, given_campaign
 from isorig.analysis.errors import DataError
 from isorig.analysis.given import all_of_type, interval, number, of_type, positive, text
-from isorig.analysis.isolation.optimum import uncoupled_frequency
 from isorig.analysis.model.rig_model import RigModel, Sensor
+from isorig.analysis.model.spring import uncoupled_frequency
 from isorig.analysis.simulate import simulate
 from isorig.analysis.simulate.free_run import excitation_of
-from isorig.analysis.spectra.welch import Frf, estimate, frfs_on_common_lines
+from isorig.analysis.spectra.welch import Frf, estimate, frfs_in_common_bins
 from isorig.analysis.views import Viewed
 
 #: The thesis's stitching frequency, Hz.
@@ -260,7 +260,7 @@ def _pieces(
         for runs in both
     ]
     # Runs may have different sample rates, and therefore different frequency bins.
-    lined_up = frfs_on_common_lines(found) if found else []
+    lined_up = frfs_in_common_bins(found) if found else []
     pieces = []
     for (gain, both), u, k in zip(gains, lined_up[::2], lined_up[1::2], strict=True):
         ratio, std = magnitude_ratio(u, k)

@@ -8,7 +8,7 @@ import numpy as np
 
 from isorig.analysis.campaign import MOTION, ComplexArray, FloatArray
 from isorig.analysis.errors import ModelError
-from isorig.analysis.model.rig_model import GROUND, Drive, Link, RigModel, direction, matrices
+from isorig.analysis.model.rig_model import GROUND, Link, RigModel, direction, matrices, weights_of
 
 #: Normalised eigenvalue of the stiffness matrix below which a motion counts as held by no spring (rounding).
 SLACK = 1e-12
@@ -49,7 +49,7 @@ def moving_together(model: RigModel, group: Collection[str], first: str) -> Floa
     found = np.zeros(len(index))
     found[[index[first], *others]] = 1.0
     inside = [joint for joint in model.joints if len(joint.joined - {GROUND}) > 1 and joint.joined <= {*group, GROUND}]
-    rows = np.array([direction(model, joint.a, joint.b, joint.arms) for joint in inside])
+    rows = np.array([weights_of(model, joint) for joint in inside])
     if len(rows) and np.any(rows @ found):
         strained = -rows[:, index[first]]
         moved, *_ = np.linalg.lstsq(rows[:, others], strained, rcond=None)
@@ -88,13 +88,13 @@ def accelerations(model: RigModel, configuration: str) -> tuple[FloatArray, Floa
     free = _not_imposed(len(whole), imposed)
     loose = np.ix_(free, free)
     inverse[loose] = np.linalg.inv(whole[loose])
-    by_drives = np.zeros((len(whole), len(model.drives)))
+    pushes, by_drives = pushes_of(model), np.zeros((len(whole), len(model.drives)))
     for k, drive in enumerate(model.drives):
         if drive.imposes is not None:
             by_drives[:, k] = -inverse @ whole[:, imposed[drive.imposes]]
             by_drives[imposed[drive.imposes], k] = 1.0
         else:
-            by_drives[:, k] = inverse @ basis.T @ _push(model, drive)
+            by_drives[:, k] = inverse @ basis.T @ pushes[:, k]
     return basis, inverse, inverse @ basis.T @ np.hstack([-stiffness @ basis, -damping @ basis]), by_drives
 
 
@@ -127,16 +127,16 @@ def transfer(model: RigModel, configuration: str, frequency: FloatArray) -> Comp
     basis, mass, damping, stiffness = linear_part(model, configuration)
     mass, damping, stiffness = (basis.T @ matrix @ basis for matrix in (mass, damping, stiffness))
     s = 2j * np.pi * frequency[:, None, None]
-    force = np.broadcast_to(basis.T @ _push(model, model.drive), (len(s), basis.shape[1]))
+    force = np.broadcast_to(basis.T @ pushes_of(model)[:, 0], (len(s), basis.shape[1]))
     motion = np.linalg.solve(s**2 * mass + s * damping + stiffness, force[..., None])[..., 0]
-    places = [direction(model, sensor.body, sensor.relative_to, sensor.arms) @ basis for sensor in model.sensors]
+    places = [weights_of(model, sensor) @ basis for sensor in model.sensors]
     orders = [MOTION[sensor.quantity] for sensor in model.sensors]
     return np.stack([motion @ place * s[:, 0, 0] ** order for place, order in zip(places, orders, strict=True)])
 
 
-def _push(model: RigModel, drive: Drive) -> FloatArray:
-    # Force on each body by a unit of the drive's channel.
-    return drive.factor * np.array([drive.pushes.get(body.name, 0.0) for body in model.bodies])
+def pushes_of(model: RigModel) -> FloatArray:
+    """Force on each body per unit of each drive's channel, shape (bodies, drives)."""
+    return np.array([[drive.factor * drive.pushes.get(body.name, 0.0) for drive in model.drives] for body in model.bodies])
 
 
 def constraint_basis(model: RigModel, rigid: Sequence[Link]) -> FloatArray:
@@ -144,7 +144,7 @@ def constraint_basis(model: RigModel, rigid: Sequence[Link]) -> FloatArray:
     rigid link joins two imposed motions."""
     basis = np.eye(len(model.bodies))
     for link in rigid:
-        row = direction(model, link.a, link.b, link.arms) @ basis
+        row = weights_of(model, link) @ basis
         # An imposed motion stays a coordinate; the body rigidly linked to it is removed.
         choice = np.abs(row)
         choice[list(imposed_coordinates(model, basis).values())] = 0.0

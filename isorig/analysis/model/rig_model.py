@@ -542,10 +542,15 @@ def direction(model: RigModel, a: str, b: str, arms: Mapping[str, float]) -> Flo
     return weights
 
 
-def weights_of(model: RigModel, part: Joint) -> dict[str, float]:
-    """The weights of `direction` by body, for the bodies whose coordinates are in the part's elongation."""
-    along = direction(model, part.a, part.b, part.arms).tolist()
-    return {body.name: weight for body, weight in zip(model.bodies, along, strict=True) if weight}
+def weights_of(model: RigModel, part: Joint | Sensor) -> FloatArray:
+    """Weights of the coordinates in a joint's elongation or in the motion that a sensor records, shape (bodies,)."""
+    a, b = (part.a, part.b) if isinstance(part, Joint) else (part.body, part.relative_to)
+    return direction(model, a, b, part.arms)
+
+
+def weights_by_body(model: RigModel, part: Joint) -> dict[str, float]:
+    """The same by body, for the bodies whose coordinates are in a joint's elongation."""
+    return {body.name: w for body, w in zip(model.bodies, weights_of(model, part).tolist(), strict=True) if w}
 
 
 def single_drive(model: RigModel, what: str) -> None:
@@ -573,7 +578,7 @@ def matrices(model: RigModel) -> tuple[FloatArray, FloatArray, FloatArray]:
     mass = np.diag([body.mass for body in model.bodies])
     damping, stiffness = np.zeros((n, n)), np.zeros((n, n))
     for link in model.links:
-        w = direction(model, link.a, link.b, link.arms)
+        w = weights_of(model, link)
         stiffness += link.stiffness * np.outer(w, w)
         damping += link.damping * np.outer(w, w)
     return mass, damping, stiffness

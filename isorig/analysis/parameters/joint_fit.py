@@ -12,13 +12,14 @@ import numpy as np
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.equations.forms import fit_start
 from isorig.analysis.equations.system import equations_of
-from isorig.analysis.fitting.deviations import awakened, untraced
 from isorig.analysis.fitting.division import refined
+from isorig.analysis.fitting.influence import from_smaller_friction, not_identifiable
 from isorig.analysis.fitting.ladder import baseline_fit, finished, fit_again
 from isorig.analysis.fitting.plausible import Doubt, doubts
+from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.fitting.score import Score
 from isorig.analysis.fitting.solve import Fit, Free
-from isorig.analysis.fitting.trials import Trial, prepare
+from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.fitting.uncertainty import (
     ANY_SIGN,
     CALIBRATION,
@@ -120,8 +121,8 @@ def characterize(
 
     Frequencies are the uncoupled sqrt(k / m) / 2 pi, damping ratios c / (2 sqrt(k m)). Values are corrected for the bias by
     noise in the recorded drive (`DriveNoise`). Standard uncertainties are those of `uncertainty`, of every command. A
-    misfit is an error above the white noise of the sensors that is related to the drive or the motion (`related`), or above
-    `MOST_NOISE`; other errors are noise. The head's mass is fitted too if the recording does not give it.
+    misfit is an error above the white noise of the sensors that is related to the drive or the motion (`depends_on_drive`), or
+    above `MOST_NOISE`; other errors are noise. The head's mass is fitted too if the recording does not give it.
 
     Parameters
     ----------
@@ -159,7 +160,7 @@ def characterize(
     progress(f"fitting {len(fitted or model.free)} parameters to all runs")
     rough, fine = fit_again(campaign, model, fitted, later) if fitted else fit_baseline(campaign, model)
     progress("computing the uncertainties")
-    final = assessed(awakened(rough, fine), fine, campaign.known)
+    final = assessed(from_smaller_friction(rough, fine), fine, campaign.known)
     done = final.fit
     note = f"the model leaves {of_signal(final.misfit)} unexplained; see rig diagnose" if final.misfit else ""
     known = _Known(done, fine, note, uncertain_values(campaign.known, done))
@@ -237,11 +238,11 @@ class _Known:
     def __init__(self, fitted: Fit, trials: tuple[Trial, ...], note: str, given: Mapping[str, float]) -> None:
         self.fitted, self.trials, self._note = fitted, trials, note
         self.given = given
-        self._order, self._untraced = [free.path for free in fitted.free], untraced(fitted)
+        self._order, self._not_identifiable = [free.path for free in fitted.free], not_identifiable(fitted)
 
     def entry(self, slopes: Mapping[str, float], value: float, unit: str, kind: str) -> Entry:
         """The row of a quantity with derivatives `slopes` with respect to the values at those paths."""
-        if self._untraced & slopes.keys():
+        if self._not_identifiable & slopes.keys():
             note = NO_SLIDING if kind == "friction" else NO_TRACE
             return Entry(value=None, std=None, unit=unit, method="joint fit", note=note)
         slope = np.array([slopes.get(path, 0.0) for path in self._order])

@@ -18,11 +18,11 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import DataError, ModelError
 from isorig.analysis.excitations import PLAYED_BROAD
-from isorig.analysis.isolation.optimum import uncoupled_frequency
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.linear import transfer
 from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.model.rig_model import RigModel, single_drive
+from isorig.analysis.model.spring import uncoupled_frequency
 from isorig.analysis.proposals.limits import LargestMotions
 from isorig.analysis.proposals.menu import cost
 from isorig.analysis.proposals.policy import POLICY

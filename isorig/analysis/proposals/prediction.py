@@ -19,9 +19,11 @@ from isorig.analysis.campaign import Channel, FloatArray, Run
 from isorig.analysis.deadline import ask_time
 from isorig.analysis.errors import ModelError, OutOfTimeError
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
+from isorig.analysis.fitting.held_out import FIT_SHARE
+from isorig.analysis.fitting.residuals import Problem
 from isorig.analysis.fitting.screen import Progress
-from isorig.analysis.fitting.solve import Free, Problem, jacobian_of
-from isorig.analysis.fitting.trials import FIT_SHARE, Trial
+from isorig.analysis.fitting.solve import Free, at_coordinates, coordinates_of, jacobian_of, slopes_of
+from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.proposals.limits import LargestMotions, simulated_peaks
 from isorig.analysis.proposals.menu import CandidateRun
@@ -57,17 +59,17 @@ class Variant:
     @property
     def coordinates(self) -> FloatArray:
         """Search coordinates of the fitted values, shape (k,)."""
-        return np.array([f.encode(self.model.get(f.path)) for f in self.free])
+        return coordinates_of(self.model, self.free)
 
     @property
     def covariance_of_coordinates(self) -> FloatArray:
         """Covariance of the search coordinates, shape (k, k)."""
-        slope = np.array([self.model.get(f.path) if f.log else 1.0 for f in self.free])
+        slope = slopes_of(self.model, self.free)
         return np.asarray(self.covariance / np.outer(slope, slope))
 
     def at(self, coordinates: FloatArray) -> RigModel:
         """The model with fitted values at other search coordinates, shape (k,). Raises ModelError if physics excludes them."""
-        return self.model.replace({f.path: f.decode(c) for f, c in zip(self.free, coordinates, strict=True)})
+        return at_coordinates(self.model, self.free, coordinates)
 
 
 @dataclass(frozen=True, kw_only=True)

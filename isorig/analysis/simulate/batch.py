@@ -14,7 +14,7 @@ from isorig.analysis.campaign import MOTION, FloatArray
 from isorig.analysis.errors import SimulationError
 from isorig.analysis.jit import fast_kernel
 from isorig.analysis.model.linear import constraint_basis
-from isorig.analysis.model.rig_model import GROUND, RigModel, direction
+from isorig.analysis.model.rig_model import GROUND, RigModel, direction, weights_of
 from isorig.analysis.parallel import side_by_side
 from isorig.analysis.simulate.free_run import sense_of
 from isorig.analysis.simulate.sampling import Excitation, sampled
@@ -99,7 +99,7 @@ def scan(
 
 def _records(models: Sequence[RigModel], excitation: Excitation, configuration: str, room: Singles) -> Records:
     # Records of the sensors, shape (sensors, n, models).
-    rate, over, n = excitation.sample_rate, excitation.oversample, len(excitation.recorded)
+    over, n = excitation.oversample, len(excitation.recorded)
     fine = _lanes(models, excitation, configuration, room)
     if not np.isfinite(fine[:, -1]).all():
         raise SimulationError("a rig of the batch grows without bound; correct its stiffness and damping")
@@ -109,7 +109,7 @@ def _records(models: Sequence[RigModel], excitation: Excitation, configuration: 
     for k, sensor in enumerate(models[0].sensors):
         for lane in range(len(models)):
             values = fine[k, :, lane].astype(np.float64)
-            out[k, :, lane] = sampled(values, over, n, 1.0 / (rate * over), differentiate=MOTION[sensor.quantity] == 2)
+            out[k, :, lane] = sampled(values, over, n, excitation.step, differentiate=MOTION[sensor.quantity] == 2)
     return out
 
 
@@ -150,18 +150,18 @@ def _steppable(model: RigModel, configuration: str) -> bool:
 def _lanes(models: Sequence[RigModel], excitation: Excitation, configuration: str, out: Singles) -> Singles:
     # Responses of one block of models, written to `out`, shape (sensors, n, models).
     over = excitation.oversample
-    h = 1.0 / (excitation.sample_rate * over)
+    h = excitation.step
     first = models[0]
     setup = first.configurations[configuration]
     rigid = [first.link(name) for name in setup.rigid]
     basis = constraint_basis(first, rigid if setup.lock_stiffness is None else [])
     order = basis.shape[1]
     contacts = [contact for contact in first.contacts if contact.name not in setup.rigid]
-    row = direction(first, contacts[0].a, contacts[0].b, contacts[0].arms) @ basis if contacts else np.zeros(order)
+    row = weights_of(first, contacts[0]) @ basis if contacts else np.zeros(order)
     count = len(models)
     whole = np.zeros((count, 2 * order + 4, 2 * order + 4))
     friction = np.zeros((2, count))
-    along = np.array([direction(first, link.a, link.b, link.arms) for link in first.links]).reshape(-1, len(basis)) @ basis
+    along = np.array([weights_of(first, link) for link in first.links]).reshape(-1, len(basis)) @ basis
     mass = _assembled(basis, np.array([[body.mass for body in model.bodies] for model in models]))
     stiffness = _assembled(along, np.array([[link.stiffness for link in model.links] for model in models]))
     damping = _assembled(along, np.array([[link.damping for link in model.links] for model in models]))

@@ -19,7 +19,7 @@ from isorig.analysis.errors import ModelError
 from isorig.analysis.laws.base import NO_LINK
 from isorig.analysis.laws.elements import Element, Exit
 from isorig.analysis.model.linear import accelerations
-from isorig.analysis.model.rig_model import RigModel, direction
+from isorig.analysis.model.rig_model import RigModel, weights_of
 from isorig.analysis.simulate.curves import code_of
 from isorig.analysis.simulate.holding import implied, patterns, shared
 from isorig.analysis.simulate.workspace import LEAP, Rig, cache_lines
@@ -101,11 +101,11 @@ def _elements(model: RigModel, blocked: frozenset[str], basis: FloatArray, loose
     found: list[Element | None] = []
     for link in model.links:
         if link.name not in blocked:
-            w = direction(model, link.a, link.b, link.arms) @ basis
+            w = weights_of(model, link) @ basis
             found += [_placed(law.element(model.constants_of(link)), link.name, w, rubs=False) for law in link.laws]
     for contact in model.contacts:
         if contact.name not in blocked:
-            w = direction(model, contact.a, contact.b, contact.arms) @ basis
+            w = weights_of(model, contact) @ basis
             found.append(_placed(contact.law.element(NO_LINK), contact.name, w, rubs=True))
     # An element has no effect if locked links prevent relative motion of its ends, or if both ends are imposed motions.
     elements = [element for element in found if element is not None and np.abs(element.direction[loose]).max(initial=0.0) > 1e-12]

@@ -13,7 +13,7 @@ from isorig.analysis.campaign import MOTION, SI_UNIT, FloatArray, IntArray, Run
 from isorig.analysis.errors import SimulationError
 from isorig.analysis.laws.tables import read
 from isorig.analysis.lowpass import velocity_corner
-from isorig.analysis.model.rig_model import Drive, RigModel, direction
+from isorig.analysis.model.rig_model import Drive, RigModel, weights_of
 from isorig.analysis.rounding import is_command
 from isorig.analysis.simulate.compiled import SETTLING, Compiled, compile_rig
 from isorig.analysis.simulate.curves import load_laws
@@ -77,10 +77,11 @@ def _bent(values: FloatArray, curve: Sequence[tuple[float, float]]) -> FloatArra
     return values + read(at, added, values, straight=True)
 
 
-def true_drives(model: RigModel, excitation: Excitation) -> dict[str, FloatArray]:
-    """True values of every drive by channel: its record with its chain's offset, gain and delay corrected, as it acts."""
+def true_drives(model: RigModel, excitation: Excitation, samples: int | None = None) -> dict[str, FloatArray]:
+    """True values of every drive by channel, the first `samples` or all: its record with its chain's offset, gain and delay
+    corrected, as it acts."""
     return {
-        drive.channel: acting(drive, each.recorded, each.sample_rate)
+        drive.channel: acting(drive, each.recorded, each.sample_rate)[:samples]
         for drive, each in zip(model.drives, (excitation, *excitation.others), strict=True)
     }
 
@@ -131,7 +132,7 @@ def sense_of(model: RigModel, basis: FloatArray) -> FloatArray:
         if sensor.force_in is not None:
             continue
         place = slice(0, order) if MOTION[sensor.quantity] == 0 else slice(order, None)
-        sense[k, place] = direction(model, sensor.body, sensor.relative_to, sensor.arms) @ basis
+        sense[k, place] = weights_of(model, sensor) @ basis
     return sense
 
 
@@ -139,12 +140,11 @@ def response_of(model: RigModel, excitation: Excitation, motion: FloatArray, n: 
     """Records of `n` samples from the sensors' values on the fine grid, see `sense_of`."""
     rate, over = excitation.sample_rate, excitation.oversample
     channels = {
-        sensor.channel: sampled(motion[k], over, n, 1.0 / (rate * over), differentiate=MOTION.get(sensor.quantity) == 2)
+        sensor.channel: sampled(motion[k], over, n, excitation.step, differentiate=MOTION.get(sensor.quantity) == 2)
         for k, sensor in enumerate(model.sensors)
     }
     if as_recorded:
-        drives = {name: values[:n] for name, values in true_drives(model, excitation).items()}
-        recorded = record(model, {**drives, **channels}, rate)
+        recorded = record(model, {**true_drives(model, excitation, n), **channels}, rate)
         channels = {name: recorded[name] for name in channels}
     units = {sensor.channel: SI_UNIT[sensor.quantity] for sensor in model.sensors}
     return Response(sample_rate=rate, channels=channels, units=units)

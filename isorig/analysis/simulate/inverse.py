@@ -26,7 +26,7 @@ from isorig.analysis.errors import SimulationError
 from isorig.analysis.laws.base import NO_LINK
 from isorig.analysis.lowpass import low_passed
 from isorig.analysis.model.linear import ROUNDED, moving_together
-from isorig.analysis.model.rig_model import Chain, Contact, Link, RigModel, direction, single_drive, weights_of
+from isorig.analysis.model.rig_model import Chain, Contact, Link, RigModel, single_drive, weights_by_body, weights_of
 from isorig.analysis.simulate.free_run import delivered
 from isorig.analysis.simulate.sampling import shift
 
@@ -151,7 +151,7 @@ def _balanced(model: RigModel, motion: Motion, group: Sequence[str], acting: Flo
     # deflection of the link that joins it to the others, that part is as the acting force requires it.
     weights = moving_together(model, group, next(name for name, weight in model.drive.pushes.items() if weight))
     needed = _needed(model, motion, weights, {})
-    signs = [(link, float(weights @ direction(model, link.a, link.b, link.arms))) for link in model.links]
+    signs = [(link, float(weights @ weights_of(model, link))) for link in model.links]
     joining = [(link, sign) for link, sign in signs if link.name in motion.unknown and abs(sign) > ROUNDED]
     if len(joining) != 1 or joining[0][0].stiffness <= 0.0:
         return needed
@@ -176,7 +176,7 @@ def _needed(
     least = np.sum(inertia, axis=0)
     most = least.copy()
     for part in model.joints:
-        sign = float(weights @ direction(model, part.a, part.b, part.arms))
+        sign = float(weights @ weights_of(model, part))
         if abs(sign) < ROUNDED:
             continue  # its forces on both ends cancel, or act elsewhere
         ends = [sign * resistance for resistance in _resistances(model, motion, part, slow.get(part.name, 0.0))]
@@ -206,7 +206,7 @@ def _resistances(
     model: RigModel, motion: Motion, part: Link | Contact, slow: FloatArray | float
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     # Force against the motion, and where the velocity is not resolved, that of slow sliding backward and forward.
-    weights = weights_of(model, part)
+    weights = weights_by_body(model, part)
     d, v = (np.sum([w * of[name] for name, w in weights.items()], axis=0) for of in (motion.position, motion.velocity))
     elongation = d + slow
     blur = RESOLVED * float(np.linalg.norm([w * motion.blur.get(name, 0.0) for name, w in weights.items()]))

@@ -49,8 +49,8 @@ def _windowed(half: int, share: float, beta: float) -> FloatArray:
 
 
 @lru_cache(maxsize=16)
-def _lowpass(factor: int, half: int) -> FloatArray:
-    return _windowed(half * factor, 1.0 / factor, 10.0) if factor > 1 else np.ones(1)
+def _lowpass(factor: int) -> FloatArray:
+    return _windowed(TAPS * factor, 1.0 / factor, 10.0) if factor > 1 else np.ones(1)
 
 
 @fast_kernel
@@ -75,7 +75,7 @@ def interpolate(x: FloatArray, factor: int, joined: FloatArray = STRAIGHTENED) -
     """Band-limited interpolation by an integer factor, shape (n * factor,); by default compensated for linear interpolation."""
     if factor == 1:
         return x
-    h = np.convolve(_lowpass(factor, TAPS) * factor, joined)
+    h = np.convolve(_lowpass(factor) * factor, joined)
     lead = TAPS * factor + len(joined) // 2
     padded, out = np.pad(x, 2 * TAPS + 2), np.zeros((factor, len(x)))
     for phase in range(factor):
@@ -130,6 +130,11 @@ class Excitation:
     others: tuple[Excitation, ...] = ()
     held: bool = False
     corner: float = np.inf
+
+    @property
+    def step(self) -> float:
+        """Duration of a fine step, s."""
+        return 1.0 / (self.sample_rate * self.oversample)
 
     def __repr__(self) -> str:
         more = f", {len(self.others)} more drives" if self.others else ""
@@ -212,7 +217,7 @@ def _on_grid(recorded: FloatArray, oversample: int, *, held: bool) -> FloatArray
 @lru_cache(maxsize=16)
 def _sampler(factor: int, differentiate: bool) -> FloatArray:
     # By phase: row p has every `factor`-th tap from the p-th on, shape (factor, taps).
-    h = _lowpass(factor, TAPS)
+    h = _lowpass(factor)
     g = np.convolve(h, SLOPE if factor > 1 else PLAIN) if differentiate else h
     # Leading zeros align the filter's centre with the decimated grid.
     aligned = np.concatenate([np.zeros(-(len(g) // 2) % factor), g])

@@ -15,7 +15,7 @@ from isorig.analysis.errors import ModelError, SimulationError
 from isorig.analysis.given import all_of_type, finite, flag, given_mapping, number, of_type, whole
 from isorig.analysis.laws.base import NO_LINK
 from isorig.analysis.model.linear import imposed_coordinates, linear_part
-from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel, direction, given_configuration, given_rig
+from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel, direction, given_configuration, given_rig, weights_of
 from isorig.analysis.simulate.compiled import Compiled, compile_rig
 from isorig.analysis.simulate.free_run import NOWHERE, Response, imposed_start, response_of, run_rig, sense_of, true_fine
 from isorig.analysis.simulate.sampling import TAPS, Excitation, sampled
@@ -111,10 +111,8 @@ def simulate(
     start_time, as_recorded = finite(start_time, "the start time"), flag(as_recorded, "the argument as_recorded")
     samples = None if samples is None else whole(samples, "the number of samples", 0, len(excitation.recorded))
     _check_start(model, start)
-    rate, over = excitation.sample_rate, excitation.oversample
-    n = len(excitation.recorded) if samples is None else samples
-    total = min((n + 2 * TAPS) * over, len(excitation.fine))
-    h = 1.0 / (rate * over)
+    n, h = len(excitation.recorded) if samples is None else samples, excitation.step
+    total = min((n + 2 * TAPS) * excitation.oversample, len(excitation.fine))
     sense = sense_of(model, compile_rig(model, configuration, h).basis)
     if any(sensor.force_in is not None for sensor in model.sensors):
         inside = _run(model, excitation, configuration, start_time, total, start)
@@ -157,13 +155,12 @@ def trace(
     of_type(excitation, Excitation, "the drive", "an iso.Excitation; give iso.Excitation.prepare(VALUES, SAMPLE_RATE)")
     configuration = given_configuration(model, configuration)
     start_time, as_recorded = finite(start_time, "the start time"), flag(as_recorded, "the argument as_recorded")
-    rate, over, n = excitation.sample_rate, excitation.oversample, len(excitation.recorded)
-    h = 1.0 / (rate * over)
+    over, n = excitation.oversample, len(excitation.recorded)
     inside = _run(model, excitation, configuration, start_time, len(excitation.fine))
     compiled = inside.compiled
 
     def smooth(values: FloatArray) -> FloatArray:
-        return sampled(values, over, n, h, differentiate=False)
+        return sampled(values, over, n, excitation.step, differentiate=False)
 
     contacts = {name: k for k, (name, rubs) in enumerate(zip(compiled.elements, compiled.rubs, strict=True)) if rubs}
     held = {
@@ -202,7 +199,7 @@ def _run(
     model: RigModel, excitation: Excitation, configuration: str, start_time: float, total: int,
     start: Mapping[str, tuple[float, float]] = NOWHERE,
 ) -> _Inside:  # fmt: skip
-    h = 1.0 / (excitation.sample_rate * excitation.oversample)
+    h = excitation.step
     compiled = compile_rig(model, configuration, h)
     order, curves = compiled.basis.shape[1], len(compiled.rig.codes)
     u = true_fine(model, excitation)[:, :total]
@@ -249,7 +246,7 @@ def _element_force(model: RigModel, inside: _Inside, part: Link | Contact) -> Fl
     for k in own:
         force = force + inside.forces[k]
     if not own and len(model.imposed):
-        d, v = _motion(inside, direction(model, part.a, part.b, part.arms))
+        d, v = _motion(inside, weights_of(model, part))
         if np.ptp(d) > 0.0:
             for law in (part.law,) if isinstance(part, Contact) else part.laws:
                 constants = NO_LINK if isinstance(part, Contact) else model.constants_of(part)
@@ -259,7 +256,7 @@ def _element_force(model: RigModel, inside: _Inside, part: Link | Contact) -> Fl
 
 def _through(model: RigModel, inside: _Inside, link: Link, configuration: str) -> FloatArray:
     # Force from a to b through the link, its laws and the contacts between the same two ends.
-    d, v = _motion(inside, direction(model, link.a, link.b, link.arms))
+    d, v = _motion(inside, weights_of(model, link))
     force = link.stiffness * d + link.damping * v + _element_force(model, inside, link)
     blocked = model.configurations[configuration].rigid
     for contact in model.contacts:
@@ -281,7 +278,7 @@ def _imposing(model: RigModel, inside: _Inside, which: int, configuration: str) 
     force = row @ (mass @ acceleration + damping @ v + stiffness @ x)
     blocked = model.configurations[configuration].rigid
     for part in model.joints:
-        weight = float(direction(model, part.a, part.b, part.arms) @ row)
+        weight = float(weights_of(model, part) @ row)
         if weight and part.name not in blocked and (isinstance(part, Contact) or part.laws):
             force = force + weight * _element_force(model, inside, part)
     for other, values in zip(model.drives, inside.drives, strict=True):

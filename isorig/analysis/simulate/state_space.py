@@ -10,8 +10,9 @@ import numpy as np
 from isorig.analysis.campaign import MOTION, SI_UNIT, FloatArray
 from isorig.analysis.errors import ModelError
 from isorig.analysis.model.linear import accelerations
-from isorig.analysis.model.rig_model import RigModel, direction, given_configuration
+from isorig.analysis.model.rig_model import RigModel, given_configuration, weights_of
 from isorig.analysis.views import call, shows
+from isorig.analysis.wording import words
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +62,7 @@ def state_space(model: RigModel, configuration: str | None = None) -> StateSpace
     other = next((drive for drive in model.drives if drive.imposes is not None and MOTION.get(drive.quantity) != 2), None)
     if other is not None:
         raise ModelError(
-            f"the drive {other.channel!r} imposes a {other.quantity.replace('_', ' ')}, and the force of its inertia needs two "
+            f"the drive {other.channel!r} imposes a {words(other.quantity)}, and the force of its inertia needs two "
             "derivatives of it; a state-space model needs its acceleration, so change the drive's quantity"
         )
     force = next((sensor for sensor in model.sensors if sensor.force_in is not None), None)
@@ -72,7 +73,7 @@ def state_space(model: RigModel, configuration: str | None = None) -> StateSpace
     b = np.vstack([np.zeros_like(of_input), of_input])
     rows, through = [], []
     for sensor in model.sensors:
-        weights = direction(model, sensor.body, sensor.relative_to, sensor.arms) @ basis
+        weights = weights_of(model, sensor) @ basis
         order = MOTION[sensor.quantity]
         place = np.hstack([weights, np.zeros(n)]) if order == 0 else np.hstack([np.zeros(n), weights])
         rows.append(weights @ of_state if order == 2 else place)

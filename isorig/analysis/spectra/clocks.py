@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from isorig.analysis.campaign import BROAD, Campaign, ComplexArray, FloatArray, Run, once
-from isorig.analysis.spectra.windows import hanning
+from isorig.analysis.campaign import BROAD, Campaign, ComplexArray, Run, once
+from isorig.analysis.spectra.windows import hanning, segment_spectra
 
 #: Number of segments of a run, the least and the largest length of one in samples.
 SEGMENTS, SHORTEST, LONGEST = 16, 128, 8192
@@ -34,7 +34,7 @@ def clock_errors(campaign: Campaign, drive: str) -> dict[str, float]:
         length = min(1 << int(np.log2(max(len(run) // SEGMENTS, 1))), LONGEST)
         if length < SHORTEST:
             continue
-        of_drive = _segments(run.read(drive), length).conj()
+        of_drive = _spectra(run, drive, length).conj()
         for name in run.sensors:
             if name != drive and (change := _change(run, name, of_drive, length)) is not None:
                 found.setdefault(name, []).append(change)
@@ -49,9 +49,15 @@ def clock_errors(campaign: Campaign, drive: str) -> dict[str, float]:
     return errors
 
 
+def _spectra(run: Run, name: str, length: int) -> ComplexArray:
+    # Of the segments of a channel, shape (segments, bins).
+    values = run.read(name)
+    return segment_spectra(values - values.mean(), hanning(length), length)
+
+
 def _change(run: Run, name: str, of_drive: ComplexArray, length: int) -> tuple[float, float, float] | None:
     # The share in a run, its standard error, and the share of the phases' power that it explains; None if too few bins tell.
-    cross = _segments(run.read(name), length) * of_drive
+    cross = _spectra(run, name, length) * of_drive
     steps = cross[1:] * cross[:-1].conj()
     total = steps.sum(axis=0)
     coherence = np.abs(total) ** 2 / np.maximum(len(steps) * np.sum(np.abs(steps) ** 2, axis=0), 1e-300)
@@ -68,9 +74,3 @@ def _change(run: Run, name: str, of_drive: ComplexArray, length: int) -> tuple[f
     left = float(np.sum(weight * (phase - slope * omega) ** 2))
     straight = 1.0 - left / max(float(np.sum(weight * phase**2)), 1e-300)
     return slope, float(np.sqrt(left / (np.count_nonzero(kept) - 1) / size)), straight
-
-
-def _segments(values: FloatArray, length: int) -> ComplexArray:
-    # Spectra of the segments of a record, shape (segments, bins).
-    parts = values[: len(values) // length * length].reshape(-1, length)
-    return np.fft.rfft((parts - values.mean()) * hanning(length), axis=1)

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.spectra.modes import Mode
+from isorig.analysis.spectra.modal_fit import Mode
 from isorig.analysis.spectra.welch import Frf
+from isorig.analysis.spectra.windows import vertex
 
 #: Frequency bins per half-power bandwidth below which half-power is refused, and below which a warning is given for its bias.
 REFUSED, WARNED = 4.0, 10.0
@@ -57,7 +58,8 @@ def half_power(frf: Frf, band: tuple[float, float]) -> HalfPower:
         return HalfPower(
             mode=None, refused=f"the magnitude is largest at the edge of the band, {f[top]:g} Hz: there is no peak in it"
         )
-    peak, amplitude = _vertex(f, size, top)
+    shift, amplitude = vertex(size, top)
+    peak = float(f[top] + shift * (f[1] - f[0]))
     below, above = (_crossing(f, size, top, step, amplitude / np.sqrt(2.0)) for step in (-1, 1))
     if below is None or above is None:
         return HalfPower(
@@ -75,24 +77,16 @@ def half_power(frf: Frf, band: tuple[float, float]) -> HalfPower:
         np.hypot(frf.magnitude_std[at], frf.magnitude_std[top] / np.sqrt(2.0)) / slope
         for at, slope in ((at_low, slope_low), (at_high, slope_high))
     ]
-    lines = width / frf.resolution
+    bins = width / frf.resolution
     # The uncertainty of a parabola's vertex is that of its outer points divided by its curvature.
     curvature = abs(size[top - 1] - 2.0 * size[top] + size[top + 1])
     std = frf.resolution * frf.magnitude_std[top] / (np.sqrt(2.0) * max(curvature, 1e-300))
     mode = Mode(
         frequency=peak, frequency_std=float(min(std, frf.resolution)), damping=damping,
-        damping_std=float(np.hypot(*spread) / (2.0 * peak)), lines=lines,
+        damping_std=float(np.hypot(*spread) / (2.0 * peak)), bins=bins,
     )  # fmt: skip
-    coarse = f"only {lines:.1f} frequency bins in the bandwidth: below {WARNED:g} the window increases a half-power damping"
-    return replace(found, mode=mode, warning=coarse if lines < WARNED else "")
-
-
-def _vertex(f: FloatArray, size: FloatArray, top: int) -> tuple[float, float]:
-    # The parabola through the logarithms of the highest bin and its neighbours.
-    a, b, c = np.log(np.maximum(size[top - 1 : top + 2], np.finfo(float).tiny))
-    bend = a - 2.0 * b + c
-    shift = 0.5 * (a - c) / bend if bend < 0.0 else 0.0
-    return float(f[top] + shift * (f[1] - f[0])), float(np.exp(b - 0.25 * (a - c) * shift))
+    coarse = f"only {bins:.1f} frequency bins in the bandwidth: below {WARNED:g} the window increases a half-power damping"
+    return replace(found, mode=mode, warning=coarse if bins < WARNED else "")
 
 
 def _crossing(f: FloatArray, size: FloatArray, top: int, step: int, level: float) -> tuple[float, float, int] | None:
@@ -110,10 +104,10 @@ def _crossing(f: FloatArray, size: FloatArray, top: int, step: int, level: float
 
 
 def _doubt(frf: Frf, top: int, peak: float, low: float, high: float) -> str:
-    width, lines = high - low, (high - low) / frf.resolution
-    if lines < REFUSED:
+    width, bins = high - low, (high - low) / frf.resolution
+    if bins < REFUSED:
         return (
-            f"the bandwidth of {width:.3g} Hz has {lines:.1f} frequency bins, but half-power needs {REFUSED:g}: "
+            f"the bandwidth of {width:.3g} Hz has {bins:.1f} frequency bins, but half-power needs {REFUSED:g}: "
             f"use a resolution of {width / WARNED:.2g} Hz"
         )
     if width / (2.0 * peak) > LIGHT:

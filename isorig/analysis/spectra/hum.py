@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
+from isorig.analysis.spectra.windows import hanning, vertex
 
 #: Number of multiples of the mains frequency.
 HARMONICS = 7
@@ -40,7 +41,7 @@ def mains_in(samples: FloatArray, rate: float) -> float | None:
     n = len(samples)
     if n < 8.0 * rate:
         return None
-    power = np.abs(np.fft.rfft(samples * np.hanning(n))) ** 2
+    power = np.abs(np.fft.rfft(samples * hanning(n))) ** 2
     step = rate / n
     best: tuple[float, float] | None = None
     for mains in MAINS:
@@ -54,12 +55,5 @@ def mains_in(samples: FloatArray, rate: float) -> float | None:
             neighbours = np.median(np.r_[power[max(k - NEIGHBOURS, 0) : k - SPREAD], power[k + SPREAD + 1 : k + NEIGHBOURS + 1]])
             height = float(power[k] / max(around, neighbours, 1e-300))
             if height > LINE and (best is None or height > best[0]):
-                best = height, _peak(power, k) * step / order
+                best = height, (k + vertex(power, k)[0]) * step / order
     return None if best is None else best[1]
-
-
-def _peak(power: FloatArray, k: int) -> float:
-    # Parabola through the logarithms around the largest bin.
-    left, middle, right = np.log(power[k - 1 : k + 2] + 1e-300)
-    curve = left - 2.0 * middle + right
-    return float(k + (0.5 * (left - right) / curve if curve else 0.0))

@@ -12,7 +12,7 @@ import numpy as np
 
 from isorig.analysis.campaign import Campaign, ComplexArray, FloatArray, Run, once
 from isorig.analysis.rounding import is_command, rounding
-from isorig.analysis.spectra.windows import hanning
+from isorig.analysis.spectra.windows import hanning, segment_spectra
 
 #: Parts of the spectrum whose medians are compared, and the largest share of the sample rate: filters fall off close to half.
 PARTS, HIGHEST = 6, 0.475
@@ -39,31 +39,19 @@ SEGMENT, AVERAGES = 128, 8
 
 
 @once
-def noise_level(run: Run, name: str, related: tuple[str, ...] = (), longest: int | None = None) -> float | None:
-    """Standard deviation of a channel's noise in its unit; None if the record is too short.
+def noise_level(run: Run, name: str, longest: int | None = None) -> float | None:
+    """Standard deviation of a channel's noise in its unit, from the first `longest` samples of its record (all if None).
 
-    The noise is assumed white within the usable band. Its level is the lowest of four:
+    None if the record is too short. The noise is assumed white within the usable band. Its level is the lowest of three:
 
     - the median power of each sixth of the spectrum (of a chi-square variable with 2 degrees of freedom it is ln 2 times the
       mean), which is the noise where the drive and friction do not reach;
-    - the same of the part that is not coherent with the related channels (Bendat, Piersol, Random Data, 4th ed., section 7.3),
-      which is the noise where a drive falls off slowly;
     - the same in the band just above the usable one, where the drive does not reach, if the converter's filter is flat there;
     - the level in the calmest quarter of the record above most of the drive, which is the noise where friction does not reverse.
 
     A converter's count adds at least its own rounding.
-
-    Parameters
-    ----------
-    run, name
-        The record.
-    related
-        Channels on the other side of the rig, whose noise is independent: the drives for a response, the responses for a drive.
-    longest
-        Number of samples that are read; all if None.
     """
-    others = [other for other in related if other in run.channels and other != name]
-    found = _estimated(_Records(run, longest), name, others)
+    found = _estimated(_Records(run, longest), name, ())
     return None if found is None else found.least
 
 
@@ -84,8 +72,7 @@ class _Records:
     def segments(self, name: str) -> ComplexArray:
         """Transforms of a channel's half-overlapping segments, shape (bins, segments)."""
         if name not in self._segments:
-            parts = np.lib.stride_tricks.sliding_window_view(self.values(name), SEGMENT)[:: SEGMENT // 2]
-            self._segments[name] = np.fft.rfft(parts * hanning(SEGMENT), axis=-1).T
+            self._segments[name] = segment_spectra(self.values(name), hanning(SEGMENT), SEGMENT // 2).T
         return self._segments[name]
 
 
@@ -131,8 +118,10 @@ def noise_levels(campaign: Campaign, drives: tuple[str, ...] = (), longest: int 
     """Standard deviation of each channel's sensor noise, in the channel's unit.
 
     The lowest `noise_level` of any run, and at least that of rounding to counts: a record at rest at one count shows no noise. A
-    drive that is a command with levels has none. What is coherent with the drives in other channels, or with others in them, is
-    not noise. Of each run the first `longest` samples are read, all if None.
+    drive that is a command with levels has none. The median power of the part that is not coherent with the other side of the
+    rig, whose noise is independent (the drives for a response, the responses for a drive), is a fourth level: the noise where a
+    drive falls off slowly (Bendat, Piersol, Random Data, 4th ed., section 7.3). Of each run the first `longest` samples are read,
+    all if None.
     """
     levels: dict[str, float] = {}
     counts: dict[str, float] = {}

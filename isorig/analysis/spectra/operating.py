@@ -17,7 +17,7 @@ import numpy as np
 
 from isorig.analysis.campaign import ComplexArray, FloatArray
 from isorig.analysis.errors import DataError, FitError
-from isorig.analysis.spectra.modal import ModeShape, as_real, collinearity, persistent
+from isorig.analysis.spectra.modal_analysis import ModeShape, as_real, collinearity, persistent
 from isorig.analysis.spectra.poles import HEAVY, Pole, status_of
 
 #: Sample rate of the analysis in multiples of the band's upper end: the analyzers' convention.

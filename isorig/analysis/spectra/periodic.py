@@ -58,7 +58,7 @@ def periodic(runs: Sequence[Run], *, response: str, reference: str) -> PeriodicF
                 f"run {run.id!r} has periods of {run.period} samples at {run.sample_rate:g} Hz but run {first.id!r} has "
                 f"{first.period} at {first.sample_rate:g} Hz; average runs of one period only"
             )
-    driven = driven_lines([x.mean(axis=0) for x, _ in spectra], first.id)
+    driven = driven_bins([x.mean(axis=0) for x, _ in spectra], first.id)
     values, noises = [], []
     for drive, answer in spectra:
         x, y = drive[:, driven], answer[:, driven]
@@ -101,7 +101,7 @@ def settled_periods(run: Run, names: Sequence[str]) -> tuple[ComplexArray, ...]:
     return tuple(np.asarray(np.fft.rfft(row, axis=1)) for row in rows)
 
 
-def driven_lines(drives: Sequence[ComplexArray], where: str) -> IntArray:
+def driven_bins(drives: Sequence[ComplexArray], where: str) -> IntArray:
     """The frequency bins in which every one of the mean drives has power. Raises DataError if there is none."""
     power = np.min([np.abs(drive) ** 2 for drive in drives], axis=0)
     power[0] = 0.0
@@ -132,7 +132,7 @@ def detect(run: Run, *, response: str, reference: str) -> Detection:
     drive, answer = settled_periods(run, (reference, response))
     count = len(answer)
     line = np.arange(drive.shape[1])
-    driven = np.isin(line, driven_lines([drive.mean(axis=0)], run.id))
+    driven = np.isin(line, driven_bins([drive.mean(axis=0)], run.id))
     inside = (line >= line[driven][0]) & (line <= line[driven][-1])
     free = inside & ~driven
     if not free.any():

@@ -18,7 +18,7 @@ from isorig.analysis.campaign import ComplexArray, FloatArray
 Status = Literal["new", "frequency", "stable"]
 
 #: Largest order, and frequency bins needed for each order.
-ORDER, LINES_PER_ORDER = 60, 3.0
+ORDER, BINS_PER_ORDER = 60, 3.0
 #: A pole matches one of the order before if its frequency differs by less than the first share, and is stable if its damping
 #: ratio differs by less than the second (usual bounds; Peeters, Van der Auweraer, Guillaume and Leuridan 2004).
 SAME_FREQUENCY, SAME_DAMPING = 0.01, 0.05
@@ -48,7 +48,7 @@ def poles_by_order(
     (responses, bins).
     """
     references = values.shape[1]
-    most = min(order or ORDER, int(len(frequency) * len(values) / (LINES_PER_ORDER * references)), int(len(frequency) / 2) - 1)
+    most = min(order or ORDER, int(len(frequency) * len(values) / (BINS_PER_ORDER * references)), int(len(frequency) / 2) - 1)
     blocks = _normal_blocks(values, frequency, weights, most)
     found: list[Pole] = []
     before: list[tuple[float, float]] = []

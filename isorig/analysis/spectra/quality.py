@@ -17,7 +17,8 @@ from isorig.analysis.errors import DataError
 from isorig.analysis.given import of_type
 from isorig.analysis.spectra.noise import ENOUGH, noise_level
 from isorig.analysis.spectra.overload import LONGEST, extents, extremes, plateaus
-from isorig.analysis.spectra.welch import Spectra, common_lines, estimate, stretches
+from isorig.analysis.spectra.welch import Spectra, common_bins, estimate, stretches
+from isorig.analysis.wording import capitalized
 
 FaultKind = Literal["clipped", "dead", "stuck", "swapped", "noisy", "too short", "not at rest", "no drive", "spike"]
 #: Kinds that spoil an average of transfer functions; motion before the start spoils only free-run simulations.
@@ -70,7 +71,7 @@ def fault_sentences(faults: Sequence[Fault]) -> list[str]:
     for first, *others in alike.values():
         runs = " and ".join(repr(each.run) for each in others)
         also = f" The same applies to run{'s' if len(others) > 1 else ''} {runs}." if others else ""
-        said.append(f"{first.text[0].upper()}{first.text[1:]}{also}")
+        said.append(f"{capitalized(first.text)}{also}")
     return said
 
 
@@ -397,7 +398,7 @@ def _nearer(run: Run, others: Sequence[Run], spectra_by_run: dict[str, Spectra],
     for other in others:
         low = max(_band(run, spectra_by_run[run.id])[0], _band(other, spectra_by_run[other.id])[0])
         high = min(_band(run, spectra_by_run[run.id])[1], _band(other, spectra_by_run[other.id])[1])
-        lines, _ = common_lines((spectra_by_run[run.id], spectra_by_run[other.id]))
+        lines, _ = common_bins((spectra_by_run[run.id], spectra_by_run[other.id]))
         lines = lines[(lines >= low) & (lines <= high)]
         if len(lines) < 8:
             continue

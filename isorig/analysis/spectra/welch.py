@@ -16,8 +16,8 @@ import numpy as np
 from isorig.analysis.campaign import BoolArray, ComplexArray, FloatArray, IntArray, Run, given_runs
 from isorig.analysis.errors import DataError
 from isorig.analysis.given import channel_names, flag, number, of_type, one_of, text, whole
-from isorig.analysis.spectra.groups import FEWEST_GROUPS, MOST, Grouping, Groups, Sums, group_bytes, group_size, joined
-from isorig.analysis.spectra.inputs import Drives, Estimator
+from isorig.analysis.spectra.estimators import Drives, Estimator
+from isorig.analysis.spectra.segment_groups import FEWEST_GROUPS, MOST, Grouping, Groups, Sums, group_bytes, group_size, joined
 from isorig.analysis.spectra.windows import HANN, OVERLAP_MOST, Window
 from isorig.analysis.views import Viewed
 
@@ -51,7 +51,7 @@ class Frf(Viewed):
         0 to 1, shape (bins,).
     magnitude_std, phase_std
         One standard deviation of the random error of the magnitude (in the unit of `value`) and of the phase (rad), shape
-        (bins,); `isorig.analysis.spectra.limits` adds leakage and noise on the reference.
+        (bins,); `isorig.analysis.spectra.magnitude_limits` adds leakage and noise on the reference.
     averages
         Effective number of independent averages.
     resolution
@@ -339,7 +339,7 @@ def estimate(
         )
     parts = []
     for rate in dict.fromkeys(run.sample_rate for run in runs):
-        length = 2 * max(4, round(rate / resolution / 2.0))
+        length = segment_length(rate, resolution)
         alike = [(run, *ends) for run in runs if run.sample_rate == rate for ends in stretches(run, longest)]
         hop = _hop(length, overlap)
         count = sum(_segments(stop - start, length, hop) for _, start, stop in alike)
@@ -359,7 +359,7 @@ def estimate(
         )
     if len(parts) == 1:
         return parts[0]
-    lines, spacing = common_lines(parts)
+    lines, spacing = common_bins(parts)
     return merged([_on_lines(part, lines, spacing) for part in parts])
 
 
@@ -367,7 +367,7 @@ def _units(run: Run, names: Sequence[str]) -> tuple[str, ...]:
     return tuple(run.channel(name).unit for name in names)
 
 
-def common_lines(parts: Sequence[Spectra | Frf]) -> tuple[FloatArray, float]:
+def common_bins(parts: Sequence[Spectra | Frf]) -> tuple[FloatArray, float]:
     """The frequency bins (Hz) common to spectra or transfer functions with several sample rates, and their distance (Hz).
 
     They have the coarsest resolution, up to the lowest of the highest frequencies. Segments consist of whole samples, so the
@@ -378,9 +378,9 @@ def common_lines(parts: Sequence[Spectra | Frf]) -> tuple[FloatArray, float]:
     return np.asarray(coarsest.frequency[coarsest.frequency <= end * (1.0 + 1e-9)]), coarsest.resolution
 
 
-def frfs_on_common_lines(frfs: Sequence[Frf]) -> list[Frf]:
+def frfs_in_common_bins(frfs: Sequence[Frf]) -> list[Frf]:
     """Transfer functions in their common frequency bins, so that they can be compared."""
-    lines, spacing = common_lines(frfs)
+    lines, spacing = common_bins(frfs)
     return [
         replace(
             frf,
@@ -430,7 +430,7 @@ class RunningSpectra:
         self, run: Run, *, references: Sequence[str], resolution: float, highest: float | None = None, memory: int | None = None
     ) -> None:
         names = dict.fromkeys((*references, *run.sensors))
-        self._length, self._rate = 2 * max(4, round(run.sample_rate / resolution / 2.0)), run.sample_rate
+        self._length, self._rate = segment_length(run.sample_rate, resolution), run.sample_rate
         lines = None if highest is None else int(highest * self._length / self._rate) + 1
         size = group_bytes(len(names), len(references), min(self._length // 2 + 1, lines or self._length))
         groups = MOST if memory is None else min(max(memory // size // 2 * 2, FEWEST_GROUPS), MOST)
@@ -485,6 +485,11 @@ def stretches(run: Run, longest: int | None = None) -> Iterator[tuple[int, int]]
         start, lost = at, lost + gap.count
     if end > start:
         yield start, end
+
+
+def segment_length(rate: float, resolution: float) -> int:
+    """Samples of a segment for a requested resolution, both in Hz: an even number."""
+    return 2 * max(4, round(rate / resolution / 2.0))
 
 
 def _hop(length: int, overlap: float = OVERLAP) -> int:

@@ -88,7 +88,7 @@ def bin_variance(frf: Frf) -> FloatArray:
     return np.asarray(np.maximum(variance, 1e-24 * size.max() ** 2), dtype=np.float64)
 
 
-def line_deviation(frf: Frf) -> FloatArray:
+def bin_deviation(frf: Frf) -> FloatArray:
     """Standard deviation of the real and of the imaginary part in each frequency bin, shape (bins,).
 
     With few averages a bin's own coherence is too uncertain for its weight; it is then averaged over neighbouring bins.

@@ -8,7 +8,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from isorig.analysis.campaign import FloatArray
+from isorig.analysis.campaign import ComplexArray, FloatArray
 from isorig.analysis.errors import DataError
 
 WindowName = Literal["hann", "hamming", "blackman", "flattop", "rectangular"]
@@ -99,3 +99,17 @@ def hanning(length: int) -> FloatArray:
     window = np.hanning(length)
     window.flags.writeable = False
     return window
+
+
+def segment_spectra(values: FloatArray, window: FloatArray, hop: int) -> ComplexArray:
+    """Spectra of a record's segments, as long as the window and `hop` samples apart, shape (segments, frequency bins)."""
+    segments = np.lib.stride_tricks.sliding_window_view(values, len(window))[::hop]
+    return np.asarray(np.fft.rfft(segments * window, axis=-1))
+
+
+def vertex(size: FloatArray, top: int) -> tuple[float, float]:
+    """Distance of a peak from its largest bin, in bins, and its height: by a parabola through the logarithms of three bins."""
+    a, b, c = np.log(np.maximum(size[top - 1 : top + 2], np.finfo(float).tiny))
+    bend = a - 2.0 * b + c
+    shift = 0.5 * (a - c) / bend if bend < 0.0 else 0.0
+    return float(shift), float(np.exp(b - 0.25 * (a - c) * shift))

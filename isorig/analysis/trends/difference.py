@@ -11,9 +11,11 @@ from isorig.analysis.campaign import Campaign, FloatArray
 from isorig.analysis.diagnose.causes import proposed
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.errors import AnalysisError, FitError
+from isorig.analysis.fitting.preparation import prepare
+from isorig.analysis.fitting.residuals import Problem
 from isorig.analysis.fitting.screen import Screen, ScreenedCandidate, shortened
-from isorig.analysis.fitting.solve import Fit, Free, Problem, base_parameters, fit
-from isorig.analysis.fitting.trials import Trial, prepare
+from isorig.analysis.fitting.solve import Fit, Free, base_parameters, fit
+from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.trends.policy import POLICY
 

@@ -13,7 +13,7 @@ from isorig.rig.options import Output
 if TYPE_CHECKING:
     from isorig.rig.acquire.live import EquationsReport
     from isorig.rig.acquire.terminal import Terminal
-    from isorig.rig.view.requests import SessionControl
+    from isorig.rig.view.session_control import SessionControl
 
 
 def acquire(

@@ -62,7 +62,7 @@ def check(*files: Path) -> None:
 
 def _remarks(campaign: Campaign) -> list[str]:
     # The file is valid, but some commands cannot use it.
-    from isorig.analysis.spectra.stated import wrong_bands, wrong_excitations
+    from isorig.analysis.spectra.stated_drives import wrong_bands, wrong_excitations
     from isorig.analysis.spectra.zero_errors import zero_errors
     from isorig.rig.acquire.run_check import incoherences
     from isorig.rig.errors import PlanError

@@ -11,7 +11,7 @@ from isorig.rig.options import OutputFolder
 
 if TYPE_CHECKING:
     from isorig.analysis.campaign import Run
-    from isorig.analysis.spectra.modal import ModalModel
+    from isorig.analysis.spectra.modal_analysis import ModalModel
     from isorig.analysis.spectra.operating import OperatingModes
     from isorig.rig.frf.transfer import Transfer
 
@@ -60,7 +60,7 @@ def modes(
         Whether the excitation is unknown.
     """
     from isorig.analysis.errors import DataError
-    from isorig.analysis.spectra.modal import modal_analysis
+    from isorig.analysis.spectra.modal_analysis import modal_analysis
     from isorig.rig.files.recording import open_recording
     from isorig.rig.files.rigfile import references_of
     from isorig.rig.frf.transfer import transfer_functions

@@ -16,6 +16,7 @@ from isorig.analysis.fitting.identifiability import Identifiability, identifiabi
 from isorig.analysis.model.parameter_units import factor_unit, physical_parameters, unit_of
 from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel
 from isorig.analysis.simulate.natural import natural_modes
+from isorig.analysis.wording import words
 from isorig.rig.errors import PlanError
 from isorig.rig.files.rigfile import SHIPPED, read_rig
 from isorig.rig.files.tomlfile import plain
@@ -109,7 +110,7 @@ def _tree(model: RigModel) -> Tree:
 def _body(model: RigModel, name: str) -> str:
     lines = [f"[{name}] {_number(model, f'bodies.{name}.mass')}"]
     for drive in model.drives:
-        quantity = f"{drive.channel}: {drive.quantity.replace('_', ' ')}, {SI_UNIT[drive.quantity]}"
+        quantity = f"{drive.channel}: {words(drive.quantity)}, {SI_UNIT[drive.quantity]}"
         if drive.imposes == name:
             lines.append(f"  ◄ motion imposed by {quantity}")
         if name in drive.pushes:
@@ -121,7 +122,7 @@ def _body(model: RigModel, name: str) -> str:
     for sensor in model.sensors:
         if sensor.body == name:
             base = "" if sensor.relative_to == GROUND else f" relative to {sensor.relative_to}"
-            lines.append(f"  ● {sensor.channel}: {sensor.quantity.replace('_', ' ')}{base}, {SI_UNIT[sensor.quantity]}")
+            lines.append(f"  ● {sensor.channel}: {words(sensor.quantity)}{base}, {SI_UNIT[sensor.quantity]}")
     return "\n".join(lines).replace("[", r"\[")
 
 
@@ -143,10 +144,9 @@ def _law(model: RigModel, law: object, path: str) -> str:
     tree = plain(law)
     name = str(tree.pop("law"))
     values = [
-        f"{key.replace('_', ' ')} {_number(model, f'{path}.{key}')}" if isinstance(value, float) else key
-        for key, value in tree.items()
+        f"{words(key)} {_number(model, f'{path}.{key}')}" if isinstance(value, float) else key for key, value in tree.items()
     ]
-    return f"{name.replace('_', ' ')} ({', '.join(values)})"
+    return f"{words(name)} ({', '.join(values)})"
 
 
 def _number(model: RigModel, path: str) -> str:

@@ -16,6 +16,7 @@ import numpy as np
 from isorig.analysis.campaign import MOTION, ROTARY, UNLOCKED, Quantity
 from isorig.analysis.model.drafted import DAMPING, MASS, STIFFNESS
 from isorig.analysis.model.rig_model import GROUND, Body, Configuration, Drive, Link, RigModel, Sensor
+from isorig.analysis.wording import words
 from isorig.rig.errors import RecordingError
 from isorig.rig.exchange.clock import (
     RATE_AGREES,
@@ -307,7 +308,7 @@ def _no_records(tables: Sequence[ForeignTable]) -> str:
             f"too, or draw the transfer functions with rig frf {path}"
         )
     if spectra:
-        text = ", ".join(sorted(kind.replace("_", " ") for kind in kinds))
+        text = ", ".join(sorted(map(words, kinds)))
         return (
             f"{path} contains only spectra without phase ({text}); neither modes nor parameters can be fitted to them, so export "
             "the time records or the transfer functions"

@@ -19,7 +19,7 @@ from isorig.analysis.given import given_path
 from isorig.analysis.model.rig_model import Drive, RigModel
 from isorig.analysis.spectra.overload import extremes
 from isorig.analysis.spectra.quality import clipped_or_dead, fault_sentences
-from isorig.analysis.spectra.stated import wrong_bands, wrong_excitations
+from isorig.analysis.spectra.stated_drives import wrong_bands, wrong_excitations
 from isorig.analysis.spectra.zero_errors import zero_errors
 from isorig.analysis.units import KGF
 from isorig.analysis.wording import did_you_mean

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.wording import capitalized
+from isorig.analysis.wording import capitalized, words
 from isorig.rig.fleet.change_causes import name_of
 from isorig.rig.fleet.history import Fleet, Incident, Track, TrackedRig
 from isorig.rig.fleet.policy import POLICY
@@ -27,7 +27,7 @@ from isorig.rig.fleet.sentences import (
 )
 from isorig.rig.report.charts import Chart, ChartTrace, Mark, Panel
 from isorig.rig.report.page import Cell, Page, PageLink, Report, Section, Sparkline, Table, build_report
-from isorig.rig.report.sections import number, words
+from isorig.rig.report.sections import number
 
 #: Changes listed on the first page, the latest first, and recordings without an answer that it lists.
 LATEST, NAMED = 40, 20

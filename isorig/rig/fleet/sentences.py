@@ -8,11 +8,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from isorig.analysis.trends.change import DatedChange
-from isorig.analysis.wording import sized
+from isorig.analysis.wording import sized, words
 from isorig.rig.fleet.catalogue import StoredAnswer
 from isorig.rig.fleet.history import DiagnosedCampaign, Fleet, Incident, Track, TrackedRig
 from isorig.rig.fleet.policy import POLICY
-from isorig.rig.report.sections import words
 
 
 def parameter_words(name: str) -> str:

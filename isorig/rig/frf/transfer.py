@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from isorig.analysis.campaign import Campaign, FloatArray, Measured, Run, broad, given_campaign
 from isorig.analysis.errors import DataError
 from isorig.analysis.given import all_of_type, channel_names, flag, of_type, one_of
+from isorig.analysis.spectra.estimators import Estimator
 from isorig.analysis.spectra.gain_levels import by_drive, by_level, level_of
+from isorig.analysis.spectra.hammer_test import HammerTest, hammer_test
 from isorig.analysis.spectra.hits import looks_hit
-from isorig.analysis.spectra.impact import HammerTest, hammer_test
-from isorig.analysis.spectra.inputs import Estimator
-from isorig.analysis.spectra.limits import SLIGHT, MagnitudeLimits, magnitude_limits
+from isorig.analysis.spectra.magnitude_limits import SLIGHT, MagnitudeLimits, magnitude_limits
 from isorig.analysis.spectra.periodic import PeriodicFrf, periodic
 from isorig.analysis.spectra.quality import Fault, faults, sound
 from isorig.analysis.spectra.welch import OVERLAP, Frf, Spectra, estimate
@@ -121,7 +121,7 @@ def transfer_functions(
     """Transfer functions by response, configuration and gain (highest first), averaged over the broad-band runs.
 
     A run whose gain changed counts as one run for each gain. Runs whose reference consists of hammer pulses are evaluated hit by
-    hit (`isorig.analysis.spectra.impact`) if their excitation is "other" or "random".
+    hit (`isorig.analysis.spectra.hammer_test`) if their excitation is "other" or "random".
 
     Parameters
     ----------

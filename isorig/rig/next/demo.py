@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+from isorig.analysis.wording import words
 from isorig.rig.acquire.plan import as_virtual
 from isorig.rig.acquire.plan_check import read_plan
 from isorig.rig.acquire.rig_operator import MeasuredRun, Operator
@@ -13,7 +14,6 @@ from isorig.rig.next.investigation import PAGE, STATE, Terms, described_rig, inv
 from isorig.rig.next.plan_file import limits_of, with_runs
 from isorig.rig.next.stages import Investigation
 from isorig.rig.process.terminal import show_table
-from isorig.rig.report.sections import words
 from isorig.rig.virtual.demo import PLAN, Clock, virtual_instrument
 from isorig.rig.wire_bonder.description import wire_bonder
 from isorig.rig.wire_bonder.effects import hidden_in

@@ -14,7 +14,7 @@ from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.proposals.policy import POLICY as PROPOSALS
 from isorig.analysis.proposals.precision import named_parameters, std_of_parameter, unit_of_parameter
-from isorig.analysis.wording import capitalized, sized
+from isorig.analysis.wording import capitalized, sized, words
 from isorig.rig.acquire.plan import Plan
 from isorig.rig.acquire.recorder import working_file
 from isorig.rig.acquire.rig_operator import Decision, Operator
@@ -35,7 +35,7 @@ from isorig.rig.next.runs import planned, run_words
 from isorig.rig.next.sentences import inseparable, listed, reasons, summary, twins, unfitted
 from isorig.rig.next.stages import Investigation, InvestigationRun, InvestigationStage, diagnosis_folder
 from isorig.rig.report.conclusion import ruled_out_in_words
-from isorig.rig.report.sections import CUT_SHORT, words
+from isorig.rig.report.sections import CUT_SHORT
 from isorig.rig.virtual.levels import HEAD_PER_GAIN
 
 STATE, RECORDING, SESSION, PAGE = "investigation.json", "recording.h5", "session.toml", "report.html"

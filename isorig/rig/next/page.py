@@ -10,7 +10,7 @@ from isorig.analysis.campaign import SI_UNIT
 from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.proposals.choice import Choice, PredictedPair
 from isorig.analysis.proposals.policy import POLICY as PROPOSALS
-from isorig.analysis.wording import capitalized, displayed_unit, sized, with_article
+from isorig.analysis.wording import capitalized, displayed_unit, sized, with_article, words
 from isorig.rig.next.policy import POLICY
 from isorig.rig.next.proposal import Proposal, Situation
 from isorig.rig.next.sentences import cause, named, reasons, summary
@@ -106,7 +106,7 @@ def _limits(proposal: Proposal, now: Situation) -> Section:
     for key, of in {**units, "seconds": "s", "lock_price": "s"}.items():
         value = getattr(limits, key)
         if value is not None:
-            rows.append((key.replace("_", " "), sized(value, of, digits=4)))
+            rows.append((words(key), sized(value, of, digits=4)))
     for key, of in (("gains", ""), ("band", " Hz")):
         pair = getattr(limits, key)
         if pair is not None:

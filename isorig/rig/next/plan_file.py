@@ -13,6 +13,7 @@ from isorig.analysis.campaign import SI_UNIT
 from isorig.analysis.errors import ModelError
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.wording import words
 from isorig.rig.acquire.plan import ChannelPlan, InstrumentPlan, Plan, RunPlan
 from isorig.rig.acquire.plan_check import check_plan
 from isorig.rig.errors import PlanError
@@ -27,7 +28,7 @@ def virtual_instrument_of(rivals: Rivals) -> Plan:
     channels = {
         name: ChannelPlan(
             input=k, sensitivity=POLICY.sensitivity, place=name, quantity=quantity, unit=SI_UNIT[quantity],
-            sensor=f"virtual sensor of {quantity.replace('_', ' ')}",
+            sensor=f"virtual sensor of {words(quantity)}",
         )
         for k, (name, quantity) in enumerate(rivals.explains.model.quantities.items())
     }  # fmt: skip

@@ -14,12 +14,11 @@ from isorig.analysis.proposals.policy import POLICY as PROPOSALS
 from isorig.analysis.proposals.prediction import Key, Variant
 from isorig.analysis.proposals.remedies import SECOND, Remedy, pair_distance
 from isorig.analysis.simulate.gauges import DEFLECTION
-from isorig.analysis.wording import capitalized, first_of, with_article
+from isorig.analysis.wording import capitalized, first_of, with_article, words
 from isorig.rig.files.rivals import Rivals
 from isorig.rig.next.policy import POLICY
 from isorig.rig.next.proposal import Proposal, Proposed, Situation
 from isorig.rig.next.runs import run_words
-from isorig.rig.report.sections import words
 
 ASKED = {
     "rivals": "Which of the indistinguishable causes is the true one?",

@@ -27,7 +27,7 @@ from isorig.rig.frf.figures import Figure
 from isorig.rig.model.baseline import with_sensors
 from isorig.rig.notebook.plots import second_figure
 from isorig.rig.report.conclusion import Conclusion, conclude
-from isorig.rig.report.misfit import BASELINE, EXTENDED, simulated, worst_second
+from isorig.rig.report.misfit import both_simulated, worst_second
 from isorig.rig.report.place import marks
 from isorig.rig.report.sketch import picture
 
@@ -150,10 +150,7 @@ def of_answer(answer: Answer) -> str:
 def plot(answer: Answer) -> Figure:
     """Measurement and both models in the second of held-out data in which the baseline's error is largest, with residuals. Raises
     RigError if the held-out data are shorter than that."""
-    models = {BASELINE: simulated(answer.baseline.model, answer.trials)}
-    if answer.steps:
-        models[EXTENDED] = simulated(answer.extended.model, answer.trials)
-    record = worst_second(answer.trials, answer.division.judged, models)
+    record = worst_second(answer.trials, answer.division.judged, both_simulated(answer))
     if record is None:
         raise RigError("the held-out data are too short for a figure; record longer runs")
     return second_figure(record)

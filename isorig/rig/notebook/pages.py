@@ -10,10 +10,10 @@ from isorig.analysis.isolation.ratio import IsolationRatio
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.parameters.joint_fit import Characterization
 from isorig.analysis.simulate.free_run import Response
-from isorig.analysis.spectra.modal import ModalModel
+from isorig.analysis.spectra.modal_analysis import ModalModel
 from isorig.analysis.spectra.welch import Frf
 from isorig.analysis.views import shows
-from isorig.analysis.wording import displayed_unit, of_signal, sized
+from isorig.analysis.wording import displayed_unit, of_signal, sized, words
 from isorig.rig.report.sketch import picture
 
 
@@ -42,7 +42,7 @@ def of_run(run: Run) -> str:
     for name, channel in run.channels.items():
         values = channel.read()
         size, unit = sized(float(values.std()), channel.unit), displayed_unit(channel.unit)
-        rows.append((name, channel.quantity.replace("_", " "), unit, size, channel.about.get("sensor", "")))
+        rows.append((name, words(channel.quantity), unit, size, channel.about.get("sensor", "")))
     title = f"run {run.id}: {run.set_up}, {run.duration:g} s at {run.sample_rate:g} Hz"
     return table(title, ("channel", "quantity", "unit", "rms", "sensor"), rows)
 

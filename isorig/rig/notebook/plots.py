@@ -13,10 +13,10 @@ from isorig.analysis.isolation.ratio import IsolationRatio
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.parameters.joint_fit import Characterization
 from isorig.analysis.simulate.free_run import Response
-from isorig.analysis.spectra.modal import ModalModel
+from isorig.analysis.spectra.modal_analysis import ModalModel
 from isorig.analysis.spectra.welch import Frf
 from isorig.analysis.views import shows
-from isorig.analysis.wording import displayed_unit
+from isorig.analysis.wording import displayed_unit, words
 from isorig.rig.frf.figures import Figure, View, frf_view, gridded, ratio_figure
 from isorig.rig.frf.transfer import Transfer
 from isorig.rig.report.misfit import HeldOutRecord
@@ -152,7 +152,7 @@ def plot_parameters(found: Characterization, *others: Characterization) -> Figur
         ]
         places, ratios, widths = np.array(shown).reshape(-1, 3).T
         axis.errorbar(100.0 * (ratios - 1.0), places + 0.15 * k, xerr=100.0 * widths, fmt="o", ms=4, label=f"{k + 1}")
-    axis.set_yticks(range(len(first)), labels=[name.replace("_", " ") for name in first])
+    axis.set_yticks(range(len(first)), labels=list(map(words, first)))
     axis.invert_yaxis()
     axis.set_xlabel("difference from the first value, %")
     if others:

@@ -14,7 +14,7 @@ from isorig.analysis.isolation.ratio import IsolationRatio
 from isorig.analysis.parameters.joint_fit import Characterization
 from isorig.analysis.simulate.free_run import Response
 from isorig.analysis.simulate.state_space import StateSpace
-from isorig.analysis.spectra.modal import ModalModel
+from isorig.analysis.spectra.modal_analysis import ModalModel
 from isorig.analysis.spectra.welch import FRF_ROWS, Frf
 from isorig.analysis.views import shows
 from isorig.rig.errors import RigError

@@ -13,9 +13,8 @@ from isorig.analysis.diagnose.causes import CATALOGUE
 from isorig.analysis.diagnose.causes.base import Kind
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
-from isorig.analysis.wording import MULTIPLE, first_of, in_per_cent, noise_alone, sized, with_article, with_std
+from isorig.analysis.wording import MULTIPLE, first_of, in_per_cent, noise_alone, sized, with_article, with_std, words
 from isorig.rig.files.findings import CauseAt, Findings, HeldValue, NamedCause, TriedCause, Value
-from isorig.rig.report.sections import words
 
 #: What a cause is, by its name in the findings: {place}, and its parameters by name, as value with uncertainty; and without a
 #: parameter that is zero within its uncertainty.

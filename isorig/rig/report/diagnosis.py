@@ -16,7 +16,7 @@ from isorig.analysis.diagnose.step import Curve, Step
 from isorig.analysis.equations.system import equations_of
 from isorig.analysis.fitting.score import Score
 from isorig.analysis.model.rig_model import Link, RigModel
-from isorig.analysis.wording import in_per_cent, state, with_article
+from isorig.analysis.wording import capitalized, in_per_cent, state, with_article, words
 from isorig.rig.files.findings import Findings, HeldValue
 from isorig.rig.report.charts import Chart, ChartTrace, Panel
 from isorig.rig.report.conclusion import KINDS, Conclusion, conclude
@@ -27,17 +27,17 @@ from isorig.rig.report.misfit import (
     Named,
     Simulated,
     bars_chart,
+    both_simulated,
     misfit_charts,
     residual_chart,
     scores_chart,
     second_chart,
-    simulated,
     time_charts,
     worst_second,
 )
 from isorig.rig.report.page import First, Report, Section, Table, build_report
 from isorig.rig.report.place import OVER, Over, force_chart, joint_of, marks, place_force
-from isorig.rig.report.sections import HOLD_OUT, parameters_table, provenance_section, runs_section, unbroken, with_unit, words
+from isorig.rig.report.sections import HOLD_OUT, parameters_table, provenance_section, runs_section, unbroken, with_unit
 from isorig.rig.report.sketch import sketch
 
 EVIDENCE = (
@@ -48,11 +48,8 @@ EVIDENCE = (
 
 def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, findings: Findings) -> str:
     """The report of a diagnosis as HTML."""
-    models = {BASELINE: simulated(diagnosis.baseline.model, diagnosis.trials)}
-    scores = {BASELINE: diagnosis.scores[0]}
-    if diagnosis.steps:
-        models[EXTENDED] = simulated(diagnosis.extended.model, diagnosis.trials)
-        scores[EXTENDED] = diagnosis.scores[1]
+    models = both_simulated(diagnosis)
+    scores = dict(zip(models, diagnosis.scores, strict=False))
     said = conclude(findings)
     wrong = [d.text for d in diagnosis.discrepancies[:6]] or ["No discrepancy exceeds the noise."]
     frf, *isolation = frequency_sections(campaign, diagnosis.extended.model)
@@ -61,7 +58,7 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, findings: Findings)
         frf,
         Section(
             title="Parameters of the baseline",
-            tables=[parameters_table(findings.baseline.parameters, "Fitted to all runs at once, with standard uncertainties.")],
+            tables=[parameters_table(findings.baseline.parameters)],
         ),
         Section(title="Simulation compared with measurement", charts=time_charts(diagnosis.trials, models)),
         *isolation,
@@ -87,7 +84,7 @@ def diagnosis_page(diagnosis: Diagnosis, campaign: Campaign, findings: Findings)
     ]
     report = Report(
         title=f"Diagnosis of {Path(campaign.source).name}",
-        verdict=unbroken(f"{said.answer[0].upper()}{said.answer[1:]}."),
+        verdict=unbroken(f"{capitalized(said.answer)}."),
         summary=[said.check] if said.check else [],
         sections=sections,
         first=_first(diagnosis, campaign, said, findings.remarks, models, scores),

@@ -10,11 +10,11 @@ from isorig.analysis.campaign import Campaign, Run, broad
 from isorig.analysis.diagnose.misfit import Discrepancy
 from isorig.analysis.isolation.ratio import MOSTLY_STUCK, Isolated, stuck_share
 from isorig.analysis.parameters.joint_fit import Characterization
-from isorig.analysis.wording import of_signal, state, with_article
+from isorig.analysis.wording import of_signal, state, with_article, words
 from isorig.rig.report.frequency import isolation_chart
 from isorig.rig.report.misfit import Named, Simulated, second_chart, worst_second
 from isorig.rig.report.page import AnsweredQuestion, First, Section
-from isorig.rig.report.sections import HOLD_OUT, channels_table, words
+from isorig.rig.report.sections import HOLD_OUT, channels_table
 from isorig.rig.report.sketch import sketch
 from isorig.rig.wire_bonder.design_study import BOND, bonding
 from isorig.rig.wire_bonder.isolation import ComparedRatios

@@ -14,13 +14,13 @@ from isorig.analysis.diagnose.misfit import discrepancies
 from isorig.analysis.fitting.uncertainty import CALIBRATION
 from isorig.analysis.parameters.joint_fit import WEIGHED, Characterization
 from isorig.analysis.spectra.quality import fault_sentences
-from isorig.analysis.wording import of_signal, with_std
+from isorig.analysis.wording import capitalized, of_signal, with_std, words
 from isorig.rig.files.parameter_table import ParameterFile
 from isorig.rig.report.first import advice, first_screen
 from isorig.rig.report.frequency import isolation_of, transfer_section
 from isorig.rig.report.misfit import Named, Simulated, misfit_charts, scores_chart, simulated, time_charts
 from isorig.rig.report.page import Report, Section, Table, build_report
-from isorig.rig.report.sections import entries_table, number, provenance_section, runs_section, with_unit, words
+from isorig.rig.report.sections import entries_table, number, provenance_section, runs_section, with_unit
 from isorig.rig.wire_bonder.description import THESIS
 
 PARAMETERS = (
@@ -118,7 +118,7 @@ def _parameter_table(campaign: Campaign, found: Characterization) -> Table:
     return Table(
         columns=("parameter", value, "known", "thesis", "method", "note"),
         rows=rows,
-        caption=f"* {common[0].upper()}{common[1:]}." if common else "",
+        caption=f"* {capitalized(common)}." if common else "",
     )
 
 

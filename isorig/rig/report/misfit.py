@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,16 +12,20 @@ from isorig.analysis.campaign import FloatArray
 from isorig.analysis.fitting.score import Score
 from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.model.rig_model import RigModel
-from isorig.analysis.wording import displayed_unit, sized_unit
+from isorig.analysis.spectra.windows import hanning, segment_spectra
+from isorig.analysis.wording import displayed_unit, sized_unit, words
 from isorig.rig.report.charts import Chart, ChartTrace, Panel, Role, spread_over
-from isorig.rig.report.sections import label, words
+from isorig.rig.report.sections import label
+
+if TYPE_CHECKING:
+    from isorig.analysis.diagnose.diagnosis import Diagnosis
 
 #: A model in charts: its name in the legend, and its role.
 Named = tuple[str, Role]
 BASELINE: Named = ("baseline", "simulated")
 EXTENDED: Named = ("extended model", "extended")
 #: Points of an amplitude spectrum, number of segments, and seconds of a time interval.
-LINES = 400
+POINTS = 400
 SEGMENTS = 24
 SECONDS = 1.5
 #: Seconds of the interval in which the models differ most.
@@ -35,6 +40,12 @@ Simulated = Mapping[str, Mapping[str, FloatArray]]
 def simulated(model: RigModel, trials: Sequence[Trial]) -> Simulated:
     """The model's prediction of each run's responses."""
     return {trial.run.id: dict(zip(trial.channels, expected(model, trial), strict=True)) for trial in trials}
+
+
+def both_simulated(diagnosis: Diagnosis) -> dict[Named, Simulated]:
+    """The predictions of a diagnosis's baseline, and of its extended model if there is one."""
+    models = {BASELINE: diagnosis.baseline.model} | ({EXTENDED: diagnosis.extended.model} if diagnosis.steps else {})
+    return {name: simulated(model, diagnosis.trials) for name, model in models.items()}
 
 
 def _distinct(trials: Sequence[Trial]) -> list[tuple[Trial, str]]:
@@ -54,7 +65,7 @@ def misfit_charts(trials: Sequence[Trial], models: Mapping[Named, Simulated]) ->
         traces = []
         for panel, channel in enumerate(trial.channels):
             frequency, measured = _amplitude(trial.measured[panel], rate)
-            kept = spread_over(frequency, LINES)
+            kept = spread_over(frequency, POINTS)
             traces.append(ChartTrace(name="measured", x=frequency[kept], y=measured[kept], panel=panel))
             for (title, role), responses in models.items():
                 _, error = _amplitude(responses[trial.run.id][channel] - trial.measured[panel], rate)
@@ -74,9 +85,8 @@ def misfit_charts(trials: Sequence[Trial], models: Mapping[Named, Simulated]) ->
 
 def _amplitude(values: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
     n = max(len(values) // SEGMENTS, 2)
-    window = np.hanning(n)
-    blocks = values[: len(values) // n * n].reshape(-1, n) * window
-    power = (np.abs(np.fft.rfft(blocks, axis=1)) ** 2).mean(axis=0) * 2.0 / (rate * (window**2).sum())
+    window = hanning(n)
+    power = (np.abs(segment_spectra(values, window, n)) ** 2).mean(axis=0) * 2.0 / (rate * (window**2).sum())
     return np.asarray(np.fft.rfftfreq(n, 1.0 / rate)[1:]), np.asarray(np.sqrt(power[1:]))
 
 

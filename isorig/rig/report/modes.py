@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from isorig.analysis.spectra.modal import ModalModel, ModeShape
+from isorig.analysis.spectra.modal_analysis import ModalModel, ModeShape
 from isorig.analysis.spectra.operating import OperatingModes
 from isorig.analysis.wording import capitalized, sized, unit_ratio
 from isorig.rig.report.charts import SERIES, Chart, ChartTrace, Panel, Role
@@ -25,7 +25,7 @@ def modes_page(found: ModalModel, name: str, units: Sequence[str], remarks: Sequ
     size = np.sqrt(np.mean(np.abs(found.measured) ** 2, axis=(0, 1)))
     over = ChartTrace(name="rms of all transfer functions", x=found.frequency, y=size)
     stabilization = [_stabilization(over, f"rms magnitude\n{unit_ratio(*units)}", found)] if found.poles else []
-    column = "bins in its bandwidth", [f"{mode.lines:.1f}" for mode in found.modes]
+    column = "bins in its bandwidth", [f"{mode.bins:.1f}" for mode in found.modes]
     return _page(f"Modes of {name}", remarks, found, about, column, [*stabilization, *_curves(found, units)])
 
 

@@ -14,10 +14,9 @@ from isorig.analysis.diagnose.step import Step
 from isorig.analysis.diagnose.surface import passed
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.model.rig_model import GROUND, Link, RigModel
-from isorig.analysis.wording import sized_unit, with_article
+from isorig.analysis.wording import sized_unit, with_article, words
 from isorig.rig.report.charts import Chart, ChartTrace, Panel, Style
 from isorig.rig.report.misfit import BASELINE, Named, Simulated
-from isorig.rig.report.sections import words
 
 Over = Literal["deflection", "velocity"]
 #: What the force of a kind of cause is shown over.

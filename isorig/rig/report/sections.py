@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from isorig.analysis.campaign import Campaign, Channel, Run
-from isorig.analysis.wording import displayed_unit, sized, state
+from isorig.analysis.wording import displayed_unit, sized, state, words
 from isorig.rig.report.page import Section, Table
 from isorig.rig.wire_bonder.description import SUMMARY
 
@@ -29,11 +29,6 @@ HOLD_OUT = 'Record one more run with use = "holdout": a whole held-out run tests
 #: Number from which on a table gives an exponent: before that, digits are easier to compare.
 PLAIN_MOST = 1e7
 LIBRARIES = ("isorig", "numpy", "scipy", "numba", "h5py")
-
-
-def words(name: str) -> str:
-    """A name for display: underscores become spaces."""
-    return name.replace("_", " ")
 
 
 def unbroken(text: str) -> str:
@@ -104,8 +99,9 @@ def runs_section(campaign: Campaign) -> Section:
     )
 
 
-def parameters_table(parameters: Mapping[str, Value], caption: str) -> Table:
+def parameters_table(parameters: Mapping[str, Value]) -> Table:
     """Fitted values by path, as in findings.json."""
+    caption = "Fitted to all runs at once, with standard uncertainties."
     rows = [(name, with_unit(row.value, row.unit, row.std)) for name, row in parameters.items()]
     return Table(columns=("parameter", "value ± std"), rows=rows, caption=caption)
 

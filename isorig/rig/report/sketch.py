@@ -14,7 +14,7 @@ from itertools import accumulate, pairwise
 
 from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel
-from isorig.analysis.wording import displayed_unit
+from isorig.analysis.wording import displayed_unit, words
 
 #: Dimensions in pixels: a row of text in a body, the space of a joint between levels and next to a body, distances, margins.
 ROW, RISE, REACH, APART, SIDE, TOP, FLOOR = 19, 66, 118, 22, 14, 12, 22
@@ -348,7 +348,7 @@ def _rotations(model: RigModel) -> dict[str, str]:
 
 
 def _tag(law: object) -> str:
-    return str(law.__struct_config__.tag).replace("_", " ")  # type: ignore[attr-defined]
+    return words(str(law.__struct_config__.tag))  # type: ignore[attr-defined]
 
 
 def _text(x: float, y: float, text: str, kind: str = "") -> str:

@@ -26,7 +26,7 @@ from isorig.rig.acquire.terminal import Terminal, answer_line
 from isorig.rig.errors import OutputError
 from isorig.rig.process import piped
 from isorig.rig.view.messages import PageRequest, SessionBegin, SessionState, planned_by
-from isorig.rig.view.requests import SessionControl
+from isorig.rig.view.session_control import SessionControl
 
 #: Seconds that the screen has to end; seconds between two messages with the session's state.
 END, PACE = 5.0, 0.1

@@ -21,7 +21,7 @@ from isorig.rig.errors import RigError
 from isorig.rig.files.rigfile import rig_of
 from isorig.rig.view.levels import ChannelLevel, Levels
 from isorig.rig.view.messages import Judgement, Planned
-from isorig.rig.view.responses import RESOLUTION, GrowingSpectra, groups_of, ratio_rows, transfer_rows
+from isorig.rig.view.running_frfs import RESOLUTION, GrowingSpectra, groups_of, ratio_rows, transfer_rows
 from isorig.rig.view.sources import Reading, beginning_of
 from isorig.rig.wire_bonder.description import wire_bonder
 

@@ -12,9 +12,9 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import ModelError
-from isorig.analysis.isolation.optimum import isolated, uncoupled_frequency
 from isorig.analysis.isolation.ratio import IsolationRatio, isolation_ratio
 from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.model.spring import uncoupled_frequency, with_frequency
 from isorig.analysis.simulate.move_profile import Move, head_acceleration
 from isorig.rig.errors import PlanError
 from isorig.rig.files.tomlfile import read_toml
@@ -29,7 +29,7 @@ TAIL = 0.6
 #: Accelerations of the moves for which isolation is shown, m/s^2: from a bench's to the machine's.
 LEVELS = np.geomspace(8.0, 208.0, 16)
 #: Frequency bins for the drive offset, Hz.
-LINES = np.geomspace(0.5, 100.0, 1500)
+FREQUENCIES = np.geomspace(0.5, 100.0, 1500)
 #: Allowed isolation frequencies, and the band in which a drive offset is judged, Hz.
 TRIED, ISOLATED = (0.05, 100.0), (5.0, 50.0)
 TAKES = tuple(
@@ -183,8 +183,8 @@ def designed(
     compared = {f"present, {present:.2f} Hz with friction": rig}
     chosen = plan.shown or studies["without friction"].recommended
     if math.isfinite(chosen):
-        compared[f"{chosen:.2f} Hz with friction"] = isolated(rig, chosen)
-        compared[f"{chosen:.2f} Hz without friction"] = isolated(free[0], chosen)
+        compared[f"{chosen:.2f} Hz with friction"] = with_frequency(rig, "isolation", chosen)
+        compared[f"{chosen:.2f} Hz without friction"] = with_frequency(free[0], "isolation", chosen)
     last = list(compared.values())[-1]
     return Designed(
         studies=studies, head=head, cases={name: _case(model, plan.bond, head) for name, model in compared.items()},
@@ -217,9 +217,9 @@ def _offset(model: RigModel, offset: float, head: FloatArray, frequency: float) 
     except ModelError as error:
         raise PlanError(f"a drive offset of {offset:g} m cannot be studied: {error}") from None
     seen = histories(rocked, head, MOVE_RATE)
-    ratio = linear_ratio(rocked, LINES)
-    kept = (ISOLATED[0] <= LINES) & (ISOLATED[1] >= LINES)
+    ratio = linear_ratio(rocked, FREQUENCIES)
+    kept = (ISOLATED[0] <= FREQUENCIES) & (ISOLATED[1] >= FREQUENCIES)
     return DriveOffset(
         rocking=float(np.abs(seen["rocking"]).max()), stroke=stroke_of(seen),
-        frequency=LINES, ratio=ratio, worst=float(np.max((ratio / linear_ratio(model, LINES))[kept])),
+        frequency=FREQUENCIES, ratio=ratio, worst=float(np.max((ratio / linear_ratio(model, FREQUENCIES))[kept])),
     )  # fmt: skip

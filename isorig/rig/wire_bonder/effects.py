@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
 from zlib import crc32
 
 import msgspec
@@ -15,15 +14,15 @@ from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
 from isorig.analysis.diagnose.causes import CATALOGUE
 from isorig.analysis.diagnose.causes.base import Amplitudes, Cause, RandomSizes
 from isorig.analysis.errors import ModelError
-from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel, Sensor
+from isorig.analysis.model.rig_model import GROUND, Contact, Link, RigModel
 from isorig.analysis.simulate import Excitation, simulate
+from isorig.analysis.simulate.gauges import DEFLECTION, SPEED, link_sensors
 from isorig.rig.errors import RigError
 from isorig.rig.wire_bonder.description import FRICTION, wire_bonder
 from isorig.rig.wire_bonder.session import VirtualRun, head_of, known_of, records_of, virtual_campaign
 
 Draw = np.random.Generator
 Wire = Callable[[Run, dict[str, FloatArray]], dict[str, FloatArray]]
-MOTIONS: tuple[tuple[str, Literal["displacement", "velocity"]], ...] = (("d", "displacement"), ("v", "velocity"))
 CHANNELS = ("head", "motor", "table", "heatblock")
 #: Length of a session, s: drifts last as long.
 LENGTH = 720.0
@@ -68,18 +67,12 @@ def amplitudes_of(model: RigModel) -> Amplitudes:
     """The largest motions of a wire bonder, from half a minute at the highest gain, 70."""
     rate = 1024.0
     head = head_of(VirtualRun(id="s", configuration="unlocked", gain=70.0, seconds=30.0, start=0.0), rate, 99)
-    sensors = tuple(
-        Sensor(channel=f"{kind} {link.name}", body=link.a, relative_to=link.b, quantity=quantity)
-        for link in model.links
-        for kind, quantity in MOTIONS
-    )
-    seen = simulate(
-        msgspec.structs.replace(model, sensors=(*model.sensors, *sensors)), Excitation.prepare(head, rate, oversample=4)
-    ).channels
+    watched = msgspec.structs.replace(model, sensors=(*model.sensors, *link_sensors(model.links)))
+    seen = simulate(watched, Excitation.prepare(head, rate, oversample=4)).channels
     most = {name: float(np.abs(values).max()) for name, values in seen.items()}
     return Amplitudes(
-        deflection={link.name: most[f"d {link.name}"] for link in model.links},
-        speed={link.name: most[f"v {link.name}"] for link in model.links},
+        deflection={link.name: most[DEFLECTION + link.name] for link in model.links},
+        speed={link.name: most[SPEED + link.name] for link in model.links},
         peak={**{s.channel: most[s.channel] for s in model.sensors}, "head": float(np.abs(head).max())},
         sample_rate=rate, end_time=LENGTH,
     )  # fmt: skip

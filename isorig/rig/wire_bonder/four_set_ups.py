@@ -15,16 +15,16 @@ import numpy as np
 
 from isorig.analysis.campaign import Campaign, ComplexArray, FloatArray, Run, broad
 from isorig.analysis.errors import AnalysisError, DataError
-from isorig.analysis.isolation.optimum import uncoupled_frequency
 from isorig.analysis.model.linear import transfer
 from isorig.analysis.model.rig_model import Drive, RigModel
+from isorig.analysis.model.spring import uncoupled_frequency
 from isorig.analysis.spectra.half_power import HalfPower, half_power, peaks
-from isorig.analysis.spectra.modes import ModalFit, Mode, fit_modes
+from isorig.analysis.spectra.modal_fit import ModalFit, Mode, fit_modes
 from isorig.analysis.spectra.welch import Frf, estimate
 from isorig.rig.wire_bonder.description import LINKS, wire_bonder
 
 #: Required frequency bins per bandwidth, and minimum segments in a record.
-LINES, SEGMENTS = 12.0, 12.0
+BINS, SEGMENTS = 12.0, 12.0
 #: Band for head to motor and head to table, relative to the expected frequencies of motor and table.
 LOW_BAND = (0.4, 1.7)
 #: Search range of a peak, and band of the heatblock's, relative to the expected frequency.
@@ -131,17 +131,14 @@ def _reaching(runs: list[Run], band: Band, name: str) -> list[Run]:
 def _read(name: str, runs: list[Run], band: Band, alone: Band, guess: dict[str, float]) -> SetUp:
     reference = "table" if name == "heatblock" else "head"
     seconds = max(run.duration for run in runs)
-    rate = runs[0].sample_rate
 
     def estimated(resolution: float) -> Frf:
-        length = rate / resolution
-        asked = max(rate / (2.0 * round(length / 2.0)), 2.0 / seconds)
-        return estimate(runs, references=[reference], channels=[name], resolution=asked).frf(name, reference)
+        return estimate(runs, references=[reference], channels=[name], resolution=resolution).frf(name, reference)
 
     # A first estimate gives the bandwidth, the bandwidth determines the resolution.
     coarse = estimated(max(guess[name] / 100.0, SEGMENTS / seconds))
     width = _width(coarse, guess[name], band)
-    frf = estimated(max(width / LINES, SEGMENTS / seconds))
+    frf = estimated(max(width / BINS, SEGMENTS / seconds))
     found = half_power(frf, alone)
     fit, reason, mode, method = None, "", found.mode, "half-power"
     try:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.wording import words
 from isorig.rig.choices import Method
 from isorig.rig.errors import PlanError
 from isorig.rig.files.parameter_table import Level, ParameterFile, read_parameters
@@ -55,7 +56,7 @@ class RigValues:
         """Notes to be printed before a simulation with these values."""
         said = list(self.notes)
         if self.assumed:
-            names = ", ".join(f"{name.replace('_', ' ')} {self.values[name]:g}" for name in self.assumed)
+            names = ", ".join(f"{words(name)} {self.values[name]:g}" for name in self.assumed)
             said.append(f"Not in the parameter table, so the thesis's values are assumed: {names}.")
         return said
 

@@ -15,12 +15,12 @@ from isorig.analysis.campaign import Campaign, Run, broad
 from isorig.analysis.errors import AnalysisError, DataError
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate.natural import natural_modes
-from isorig.analysis.spectra.modes import Mode, fit_modes
+from isorig.analysis.spectra.modal_fit import Mode, fit_modes
 from isorig.analysis.spectra.welch import Frf, estimate
 
 #: Search range for the peak, relative to its expected frequency; required bins per bandwidth, and minimum segments in a record.
 AROUND = (0.85, 1.2)
-LINES, SEGMENTS = 8.0, 12.0
+BINS, SEGMENTS = 8.0, 12.0
 #: A difference of this many standard deviations is significant.
 SIGNIFICANT = 3.0
 
@@ -106,7 +106,7 @@ def _peak(runs: list[Run], guess: float) -> Mode:
     finest = SEGMENTS / max(run.duration for run in runs)
     frf = estimated(max(finest, guess / 300.0))
     at, width = _top(frf, guess)
-    frf = estimated(max(finest, width / LINES))
+    frf = estimated(max(finest, width / BINS))
     reach = 3.0 * width + 4.0 * frf.resolution
     return fit_modes(frf, (at - reach, at + reach), kind="general", guesses=[(at, width / (2.0 * at))]).modes[0]
 

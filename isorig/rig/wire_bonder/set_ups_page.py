@@ -10,9 +10,9 @@ import numpy as np
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.fitting.uncertainty import CALIBRATION
 from isorig.analysis.parameters.joint_fit import Characterization
-from isorig.analysis.spectra.modes import Mode
+from isorig.analysis.spectra.modal_fit import Mode
 from isorig.analysis.spectra.quality import without
-from isorig.analysis.wording import with_std
+from isorig.analysis.wording import with_std, words
 from isorig.rig.files.output import write_text
 from isorig.rig.frf.figures import save
 from isorig.rig.model.baseline import baseline_model
@@ -20,7 +20,7 @@ from isorig.rig.report.charts import Chart, ChartTrace, Panel, unjoined
 from isorig.rig.report.frequency import frf_panels, frf_traces
 from isorig.rig.report.measurement import fits_page
 from isorig.rig.report.page import Section, Table
-from isorig.rig.report.sections import with_unit, words
+from isorig.rig.report.sections import with_unit
 from isorig.rig.wire_bonder.figures import set_ups_figure, surface_figure
 from isorig.rig.wire_bonder.four_set_ups import ErrorSurface, FourSetUps, SetUp, evaluated_set_ups
 
@@ -123,7 +123,7 @@ def _set_up_section(item: SetUp) -> Section:
         m = item.mode
         text.append(
             f"By {item.method}: {with_std(m.frequency, m.frequency_std)} Hz, damping ratio "
-            f"{with_std(m.damping, m.damping_std)}, {m.lines:.1f} frequency bins of {frf.resolution:.3g} Hz in the bandwidth."
+            f"{with_std(m.damping, m.damping_std)}, {m.bins:.1f} frequency bins of {frf.resolution:.3g} Hz in the bandwidth."
         )
     text += [f"No fit: {item.refused}."] if item.refused else []
     if half.mode is None:

@@ -12,9 +12,9 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.diagnose.causes.base import exchange
 from isorig.analysis.errors import DataError
-from isorig.analysis.isolation.optimum import isolated
 from isorig.analysis.model.linear import transfer
 from isorig.analysis.model.rig_model import Body, Link, RigModel, Sensor
+from isorig.analysis.model.spring import with_frequency
 from isorig.analysis.simulate import Excitation, scan, simulate
 
 #: Radius of gyration of the motor, m (its moment of inertia is m r^2), damping ratio of its rocking, and distance of the springs
@@ -62,7 +62,7 @@ def strokes(models: Sequence[RigModel], frequencies: FloatArray, head: FloatArra
     ends = models[0].link("isolation")
     stroke = Sensor(channel="stroke", body=ends.a, relative_to=ends.b, quantity="displacement")
     watched = [msgspec.structs.replace(model, sensors=(stroke,), free=()) for model in models]
-    designs = [isolated(model, float(f)) for model in watched for f in frequencies]
+    designs = [with_frequency(model, "isolation", float(f)) for model in watched for f in frequencies]
     # The time between samples is short compared with a move: linear interpolation keeps its momentum.
     excitation = Excitation.prepare(head, sample_rate, oversample=1)
     largest = scan(designs, excitation, lambda seen: np.abs(seen["stroke"]).max(axis=1))

@@ -36,11 +36,13 @@ from isorig.analysis.diagnose.suspects import (
 from isorig.analysis.equations.columns import OVER_POSITION
 from isorig.analysis.equations.forms import ElementForce
 from isorig.analysis.equations.ranking import Explanation, Ranking
-from isorig.analysis.equations.system import Equations
+from isorig.analysis.equations.system import Equations, Place
+from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.fitting.score import Score
-from isorig.analysis.fitting.trials import prepare
 
-POSSIBLE = SimpleNamespace(possible=frozenset({"rail"}), includes=lambda place: place == "rail")
+POSSIBLE = SimpleNamespace(
+    possible=(SimpleNamespace(place=Place("link", "rail"), left=1.0),), includes=lambda place: place == "rail"
+)
 
 
 def blaming(
@@ -353,9 +355,12 @@ def test_what_a_free_shape_leaves_at_its_place_is_not_searched_for_again(
 ) -> None:
     """A second force with a memory beside the free shape of one, unless the equations rest on estimates or show another place."""
     found = blaming(("memory", "rail", 0.5), *([("memory", "belt", 0.4)] if elsewhere else []))
-    monkeypatch.setattr(search, "compared_places", lambda model, trials: POSSIBLE)
+    monkeypatch.setattr(search, "compared_places", lambda model, trials, starts: POSSIBLE)
+    monkeypatch.setattr(search, "equations_at", lambda located, campaign, trials: None)
+    monkeypatch.setattr(search, "suspects", lambda equations: None)
     job = SimpleNamespace(
-        progress=lambda text: None, left=0.2, curved=curved, suspects=found, judged_by_drive=False, trials=(),
+        progress=lambda text: None, left=0.2, curved=curved, campaign=None, guess=None, suspects=found,
+        judged_by_drive=False, trials=(),
         current=SimpleNamespace(model=stage()), equations=SimpleNamespace(hidden=hidden),
     )  # fmt: skip
     assert (next(search.sources(cast(Job, job)), None) is not None) == goes_on
@@ -375,9 +380,12 @@ def test_a_measured_equation_leads_in_a_partly_measured_rig(
 ) -> None:
     """If it is repaired at a place from which the misfit of all records can come."""
     found = blaming(("spring_shape", place, 0.5), after=after, exact=exact)
-    monkeypatch.setattr(search, "compared_places", lambda model, trials: POSSIBLE)
+    monkeypatch.setattr(search, "compared_places", lambda model, trials, starts: POSSIBLE)
+    monkeypatch.setattr(search, "equations_at", lambda located, campaign, trials: None)
+    monkeypatch.setattr(search, "suspects", lambda equations: None)
     job = SimpleNamespace(
-        progress=lambda text: None, left=1.0, curved=None, suspects=found, judged_by_drive=False, trials=(),
+        progress=lambda text: None, left=1.0, curved=None, campaign=None, guess=None, suspects=found,
+        judged_by_drive=False, trials=(),
         current=SimpleNamespace(model=stage()), equations=SimpleNamespace(hidden=True),
     )  # fmt: skip
     first = next(search.sources(cast(Job, job)))

@@ -12,10 +12,11 @@ from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose.budget import NATURES, budget
 from isorig.analysis.fitting.division import ends
 from isorig.analysis.fitting.ladder import misfit
+from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.fitting.repeats import disturbance, repeated, with_disturbance
-from isorig.analysis.fitting.score import noise_floor
-from isorig.analysis.fitting.solve import Problem
-from isorig.analysis.fitting.trials import Trial, prepare
+from isorig.analysis.fitting.residuals import Problem
+from isorig.analysis.fitting.score import noise_floors
+from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.model.rig_model import RigModel
 
 SEED = 20411
@@ -27,7 +28,7 @@ def judged(campaign: Campaign, model: RigModel) -> tuple[Trial, ...]:
 
 def shares(campaign: Campaign, model: RigModel) -> dict[str, float]:
     trials = judged(campaign, model)
-    noise = noise_floor(model, trials)
+    noise = noise_floors(model, trials)[0]
     found = budget(model, trials, noise)
     assert sum(share for share, _, _ in found.shares.values()) == pytest.approx(1.0)
     assert all((low <= share + 1e-9 and share <= high + 1e-9) or share < 1e-6 for share, low, high in found.shares.values())

@@ -11,8 +11,8 @@ from isorig.analysis.diagnose.cause_in_model import with_cause, without_cause
 from isorig.analysis.diagnose.causes import proposed
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.fitting.ladder import not_fitted
+from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.fitting.solve import Fit, Free
-from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.laws import Coulomb, Cubic, FrictionCurve
 from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel, Sensor
 

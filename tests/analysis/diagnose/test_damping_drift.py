@@ -13,8 +13,9 @@ from isorig.analysis.diagnose.causes.damping_drift import DampingDrift
 from isorig.analysis.diagnose.free_shapes import free_shapes
 from isorig.analysis.diagnose.suspects import suspects
 from isorig.analysis.equations.system import equations_of
-from isorig.analysis.fitting.solve import Free, Problem, base_parameters, fit
-from isorig.analysis.fitting.trials import prepare
+from isorig.analysis.fitting.preparation import prepare
+from isorig.analysis.fitting.residuals import Problem
+from isorig.analysis.fitting.solve import Free, base_parameters, fit
 from isorig.analysis.model.rig_model import Body, Configuration, Drive, Link, RigModel, Sensor
 from isorig.analysis.simulate import Excitation, simulate
 

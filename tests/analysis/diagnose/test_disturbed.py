@@ -17,8 +17,8 @@ from isorig.analysis.diagnose import diagnosis
 from isorig.analysis.diagnose.diagnosis import Diagnosis, _Search, diagnose
 from isorig.analysis.diagnose.suspects import SHOWN
 from isorig.analysis.fitting.ladder import baseline_fit
-from isorig.analysis.fitting.related import DETECTABLE, _chance, related
-from isorig.analysis.fitting.trials import prepare
+from isorig.analysis.fitting.preparation import prepare
+from isorig.analysis.fitting.residual_analysis import DETECTABLE, _chance, depends_on_drive
 from isorig.analysis.fitting.uncertainty import MOST_NOISE
 from isorig.analysis.model.rig_model import RigModel
 
@@ -81,7 +81,7 @@ def test_a_disturbance_is_small_and_nothing_explains_it(
 ) -> None:
     explanation = SimpleNamespace(what=what, score=score)
     monkeypatch.setattr(diagnosis, "ranking", lambda equations: SimpleNamespace(explanations=[explanation]))
-    monkeypatch.setattr(diagnosis, "related", lambda model, trials: False)
+    monkeypatch.setattr(diagnosis, "depends_on_drive", lambda model, trials: False)
     search = _Search(None, None, None, None, [], lambda text: None, 0.0, 1)
     job = SimpleNamespace(
         now=SimpleNamespace(figure=figure), evidence=SimpleNamespace(mains=dict.fromkeys(map(str, range(channels)), 50.0)),
@@ -96,7 +96,7 @@ def test_a_tone_counts_as_related() -> None:
     for tone, expected in ((False, False), (True, True)):
         shaken = disturbed(campaign, 0.03, tone=tone)
         trials = prepare(shaken, chain())
-        assert related(baseline_fit([chain()], trials).model, trials) is expected
+        assert depends_on_drive(baseline_fit([chain()], trials).model, trials) is expected
 
 
 @pytest.mark.parametrize("bins", [1, 2, 30])

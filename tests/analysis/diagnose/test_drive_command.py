@@ -16,8 +16,8 @@ from isorig.analysis.diagnose.causes.measurement_chain import with_drive
 from isorig.analysis.diagnose.diagnosis import diagnose
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.division import ends
+from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.fitting.score import score
-from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.model.rig_model import Body, Drive, Link, RigModel, Sensor
 
 SEED, RATE, FINER = 7100, 400.0, 10

@@ -15,11 +15,11 @@ from isorig.analysis.deadline import Deadline, time_left
 from isorig.analysis.diagnose import search
 from isorig.analysis.diagnose.causes import proposed
 from isorig.analysis.diagnose.observe import observe
-from isorig.analysis.diagnose.places import Places
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.diagnose.search import FOR_PAIRS, LEAST_FOR_PAIRS, PROMISING_LATER, contenders
 from isorig.analysis.diagnose.step import Entry
 from isorig.analysis.diagnose.suspects import Suspects
+from isorig.analysis.equations.unknown_force import Places
 from isorig.analysis.errors import OutOfTimeError
 from isorig.analysis.fitting import ladder
 from isorig.analysis.fitting.candidate import Candidate
@@ -41,9 +41,11 @@ from isorig.analysis.fitting.ladder import (
     followed,
     verified,
 )
+from isorig.analysis.fitting.preparation import prepare
+from isorig.analysis.fitting.residuals import Problem
 from isorig.analysis.fitting.score import Score
-from isorig.analysis.fitting.solve import Fit, Free, Problem, base_parameters, positive
-from isorig.analysis.fitting.trials import SIGNAL_SHARE, prepare
+from isorig.analysis.fitting.solve import Fit, Free, base_parameters, positive
+from isorig.analysis.fitting.trials import SIGNAL_SHARE
 from isorig.analysis.laws import Asymmetric, Stribeck
 from isorig.analysis.model.rig_model import RigModel
 

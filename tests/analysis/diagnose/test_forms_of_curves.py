@@ -18,9 +18,9 @@ from isorig.analysis.diagnose.revise import Revision, SearchStage, stage_of
 from isorig.analysis.diagnose.step import Curve, Entry, curve_of, found_step
 from isorig.analysis.fitting.division import ends
 from isorig.analysis.fitting.ladder import Starts, finished, ladder, tried
+from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.fitting.score import score
 from isorig.analysis.fitting.solve import Fit, base_parameters
-from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.model.rig_model import Contact
 
 #: N/m and N/m^3; N s/m and N s^2/m^2.

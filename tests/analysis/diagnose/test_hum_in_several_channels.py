@@ -10,7 +10,7 @@ from small_rigs import chain, guessed, played
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose.diagnosis import diagnose
 from isorig.analysis.diagnose.observe import mains
-from isorig.analysis.fitting.trials import prepare
+from isorig.analysis.fitting.preparation import prepare
 
 SEED = 5
 #: Hz, and the hum in each channel as a share of its rms.

@@ -13,8 +13,9 @@ from isorig.analysis import laws
 from isorig.analysis.diagnose.causes.base import WeakestSizes
 from isorig.analysis.diagnose.causes.hysteresis import Hysteresis
 from isorig.analysis.diagnose.kinds import kind_of
-from isorig.analysis.fitting.solve import Problem, fit
-from isorig.analysis.fitting.trials import prepare
+from isorig.analysis.fitting.preparation import prepare
+from isorig.analysis.fitting.residuals import Problem
+from isorig.analysis.fitting.solve import fit
 from isorig.analysis.model.rig_model import Contact
 from isorig.rig.wire_bonder.description import wire_bonder
 

@@ -23,8 +23,8 @@ from isorig.analysis.diagnose.search import Job, _variants
 from isorig.analysis.diagnose.step import Entry
 from isorig.analysis.equations.system import HOLDS, equations_of
 from isorig.analysis.fitting.ladder import ladder, tried
+from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.fitting.solve import Fit, base_parameters
-from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.model.rig_model import Body, Chain, Contact, Drive, Link, RigModel, Sensor
 
 SEED = 20311

@@ -11,8 +11,9 @@ from small_rigs import Take, chain, played, with_law
 from isorig.analysis import laws
 from isorig.analysis.diagnose.causes.relaxation import Relaxation, natural
 from isorig.analysis.diagnose.kinds import kind_of
-from isorig.analysis.fitting.solve import Problem, fit
-from isorig.analysis.fitting.trials import prepare
+from isorig.analysis.fitting.preparation import prepare
+from isorig.analysis.fitting.residuals import Problem
+from isorig.analysis.fitting.solve import fit
 from isorig.rig.wire_bonder.description import wire_bonder
 
 

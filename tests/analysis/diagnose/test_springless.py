@@ -18,9 +18,9 @@ from isorig.analysis.diagnose.suspects import MOST_TURNS, TURN, Suspects
 from isorig.analysis.equations.forms import ElementForce
 from isorig.analysis.equations.ranking import Explanation, Ranking
 from isorig.analysis.equations.system import Equations
-from isorig.analysis.fitting import trials
+from isorig.analysis.fitting import by_drive, held_out
 from isorig.analysis.fitting.plausible import doubts_of_records
-from isorig.analysis.fitting.trials import prepare
+from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.model.rig_model import Body, Drive, Link, RigModel, Sensor
 
 SEED = 5200
@@ -108,29 +108,29 @@ def test_the_friction_of_a_rack_that_is_pulled_once_follows_from_its_course() ->
     assert diagnose(*pulled(0.0)).verdict == "adequate"
 
 
-@pytest.mark.parametrize(("zero", "by_drive"), [(0.0, False), (0.3, True)])
-def test_a_run_is_simulated_where_a_noisy_motion_begins_at_rest_at_zero(zero: float, by_drive: bool) -> None:
+@pytest.mark.parametrize(("zero", "judged"), [(0.0, False), (0.3, True)])
+def test_a_run_is_simulated_where_a_noisy_motion_begins_at_rest_at_zero(zero: float, judged: bool) -> None:
     (trial,) = prepare(*pulled(0.4, zero=zero))
-    assert (trial.motion is not None) is by_drive
+    assert (trial.motion is not None) is judged
 
 
-@pytest.mark.parametrize(("share", "by_drive"), [(0.8, False), (1.2, True)])
-def test_a_motion_of_a_hundredth_of_the_largest_is_rest(share: float, by_drive: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("share", "judged"), [(0.8, False), (1.2, True)])
+def test_a_motion_of_a_hundredth_of_the_largest_is_rest(share: float, judged: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of the largest motion in a tenth of a second."""
-    monkeypatch.setattr(trials, "HARDLY", 0.0)
+    monkeypatch.setattr(by_drive, "HARDLY", 0.0)
     (run,) = pulled(0.0)[0].runs
-    course, first = run.read("pos"), round(trials.AT_REST * run.sample_rate)
-    limit = trials.CALM * float(np.abs(course[first:] - course[:-first]).max()) / trials.AT_REST
+    course, first = run.read("pos"), round(by_drive.AT_REST * run.sample_rate)
+    limit = held_out.CALM * float(np.abs(course[first:] - course[:-first]).max()) / by_drive.AT_REST
     (trial,) = prepare(*pulled(0.0, speed=share * limit, noise=1e-5))
-    assert (trial.motion is not None) is by_drive
+    assert (trial.motion is not None) is judged
 
 
-@pytest.mark.parametrize(("ratio", "by_drive"), [(0.99, True), (1.01, False)])
-def test_the_drive_judges_up_to_a_limit_of_the_noise(ratio: float, by_drive: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    shares = np.array([ratio * trials.HARDLY]), np.array([0.5])
-    monkeypatch.setattr(trials, "_shares_of_groups", lambda model, motions: shares)
+@pytest.mark.parametrize(("ratio", "judged"), [(0.99, True), (1.01, False)])
+def test_the_drive_judges_up_to_a_limit_of_the_noise(ratio: float, judged: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    shares = np.array([ratio * by_drive.HARDLY]), np.array([0.5])
+    monkeypatch.setattr(by_drive, "_shares_of_groups", lambda model, motions: shares)
     (trial,) = prepare(*pulled(0.4))
-    assert (trial.motion is not None) is by_drive
+    assert (trial.motion is not None) is judged
 
 
 def test_a_rack_that_ends_elsewhere_has_no_wrong_unit() -> None:
@@ -142,15 +142,15 @@ def test_a_rack_that_ends_elsewhere_has_no_wrong_unit() -> None:
     assert [doubt.kind for doubt in doubts_of_records(rig, doubted)] == ["unit"]
 
 
-@pytest.mark.parametrize("by_drive", [True, False])
-def test_a_drive_judges_no_body_without_a_record(by_drive: bool) -> None:
+@pytest.mark.parametrize("judged", [True, False])
+def test_a_drive_judges_no_body_without_a_record(judged: bool) -> None:
     campaign, rig = pulled(0.4)
     (trial,) = prepare(campaign, rig)
-    job = SimpleNamespace(current=SimpleNamespace(model=rig), trials=(replace(trial, motion=object() if by_drive else None),))
+    job = SimpleNamespace(current=SimpleNamespace(model=rig), trials=(replace(trial, motion=object() if judged else None),))
     attached = (*rig.links, Link(name="rack_added", a="rack_added", b="rack", stiffness=10.0))
     more = msgspec.structs.replace(rig, bodies=(*rig.bodies, Body(name="rack_added", mass=0.1)), links=attached)
     candidates = [SimpleNamespace(starts=(model,)) for model in (rig, more)]
-    assert [Job.judges(job, one) for one in candidates] == [True, not by_drive]  # type: ignore[arg-type]
+    assert [Job.judges(job, one) for one in candidates] == [True, not judged]  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -172,15 +172,15 @@ def test_a_turn_is_a_pitch_where_a_curve_over_the_angle_has_points_for_it(
 
 def test_a_short_pull_is_prepared(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its drive has fewer samples than a run has blocks, and a body at rest must not move for longer than the record."""
-    monkeypatch.setattr(trials, "HARDLY", np.inf)
+    monkeypatch.setattr(by_drive, "HARDLY", np.inf)
     campaign, rig = pulled(0.4)
     (run,) = campaign.runs
     cut = {name: replace(one, samples=one.read()[: round(run.sample_rate)]) for name, one in run.channels.items()}
     short = replace(campaign, runs=(replace(run, channels=cut),))
     (trial,) = prepare(short, rig)
     assert trial.motion is not None
-    assert trial.fitted == round(trials.FIT_SHARE * trial.samples)
-    monkeypatch.setattr(trials, "HARDLY", 0.0)
-    monkeypatch.setattr(trials, "AT_REST", 2.0)
+    assert trial.fitted == round(held_out.FIT_SHARE * trial.samples)
+    monkeypatch.setattr(by_drive, "HARDLY", 0.0)
+    monkeypatch.setattr(by_drive, "AT_REST", 2.0)
     (trial,) = prepare(short, rig)
     assert trial.motion is None

@@ -42,9 +42,10 @@ from isorig.analysis.equations.system import equations_of
 from isorig.analysis.fitting.candidate import Candidate, Reported, Shape
 from isorig.analysis.fitting.division import ends
 from isorig.analysis.fitting.plausible import Doubt
+from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.fitting.score import BLOCKS, Score, score
 from isorig.analysis.fitting.solve import Fit, Free, base_parameters
-from isorig.analysis.fitting.trials import Trial, prepare
+from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.laws import BoucWen, ContactLaw, Coulomb
 from isorig.analysis.model.rig_model import Contact, RigModel
 
@@ -650,7 +651,7 @@ def test_a_fit_that_a_better_one_replaced_does_not_raise_the_noise_floor(monkeyp
     monkeypatch.setattr(diagnosis, "without", lambda step, current, trials: better)
     monkeypatch.setattr(diagnosis, "score", lambda model, judged: scored(0.05 if model == better.model else 0.4, shape))
     monkeypatch.setattr(diagnosis, "widened", lambda done: done)
-    monkeypatch.setattr(diagnosis, "related", lambda model, trials: True)
+    monkeypatch.setattr(diagnosis, "depends_on_drive", lambda model, trials: True)
     monkeypatch.setattr(search, "floors", lambda models, judged: np.full(shape, 0.2 if poor.model in models else 0.001))
     assert np.all(search.causes(poor, ends).quiet == 0.001)
 

@@ -8,7 +8,7 @@ import pytest
 
 from isorig.analysis.diagnose import observe
 from isorig.analysis.diagnose.observe import _simulated_swings, swings
-from isorig.analysis.fitting.trials import prepare
+from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.model.rig_model import Chain, RigModel
 from isorig.analysis.spectra.motion import motion_of
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder

@@ -15,7 +15,7 @@ from isorig.analysis.diagnose.observe import swings
 from isorig.analysis.equations.ranking import ranking
 from isorig.analysis.equations.spectral import Spectra
 from isorig.analysis.equations.system import equations_of
-from isorig.analysis.fitting.trials import prepare
+from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.spectra.noise import noise_level
 

@@ -14,8 +14,8 @@ from isorig.analysis.diagnose.suspects import suspects
 from isorig.analysis.equations.columns import RARE_STOP
 from isorig.analysis.equations.ranking import ranking
 from isorig.analysis.equations.system import equations_of
+from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.fitting.solve import Fit, base_parameters
-from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.model.rig_model import Configuration
 from isorig.analysis.simulate.sampling import Excitation
 from isorig.analysis.simulate.simulation import simulate

@@ -20,8 +20,8 @@ from motion import Elongation, Law, Rub, Seen, Spring
 from isorig.analysis.campaign import MOTION, ROTARY
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
 from isorig.analysis.fitting.plausible import doubts_of_records
-from isorig.analysis.fitting.score import adequate, noise_floor, score
-from isorig.analysis.fitting.trials import prepare
+from isorig.analysis.fitting.preparation import prepare
+from isorig.analysis.fitting.score import adequate, noise_floors, score
 from isorig.analysis.spectra.quality import faults
 from isorig.rig.cli import main
 from isorig.rig.files.recording import read
@@ -111,7 +111,7 @@ def test_a_sound_rig_behind_a_sharp_filter_is_adequate_with_its_true_values(
     assert answer["converter"] in CONVERTERS
     true = rig_of(campaign).replace(answer["values"])
     trials = prepare(campaign, true, oversample=8)
-    floors = np.hypot(noise_floor(true, trials), SIMULATION_LIMIT)
+    floors = np.hypot(noise_floors(true, trials)[0], SIMULATION_LIMIT)
     assert adequate(score(true, trials), floors)
     assert [fault.text for fault in faults(campaign, reference=true.drive.channel) if fault.kind == "noisy"] == []
 

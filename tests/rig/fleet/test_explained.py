@@ -7,8 +7,8 @@ import pytest
 from made_up import PARAMETERS, SCATTER
 from recorded import TAKES, drawn_rig, today, worn
 
+from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.fitting.solve import base_parameters
-from isorig.analysis.fitting.trials import prepare
 from isorig.analysis.trends.difference import ProblemWithPriors, explanations
 from isorig.rig.wire_bonder.description import FRICTION
 from isorig.rig.wire_bonder.session import virtual_campaign

@@ -24,7 +24,7 @@ from isorig.rig.cli import main
 from isorig.rig.files.recording import read
 from isorig.rig.view.messages import planned_by
 from isorig.rig.view.process import session_screen
-from isorig.rig.view.requests import SessionControl
+from isorig.rig.view.session_control import SessionControl
 from isorig.rig.virtual.demo import virtual_instrument
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "acquire"))

@@ -24,7 +24,7 @@ from isorig.rig.acquire.terminal import Terminal
 from isorig.rig.files.recording import read
 from isorig.rig.view.messages import PageRequest, SessionState, planned_by
 from isorig.rig.view.process import viewed
-from isorig.rig.view.requests import SessionControl
+from isorig.rig.view.session_control import SessionControl
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "acquire"))
 from ramps import Watcher, plan_of, ramp_instrument
@@ -275,7 +275,7 @@ def test_a_slow_disk_for_notes_delays_no_page(tmp_path: Path, monkeypatch: pytes
         assert go_on.wait(30.0)
         return add_note(*given)
 
-    monkeypatch.setattr("isorig.rig.view.requests.add_note", slow)
+    monkeypatch.setattr("isorig.rig.view.session_control.add_note", slow)
 
     def act(going: Session) -> None:
         going.waits("measures", "a")

@@ -20,7 +20,7 @@ from isorig.rig.acquire.notes import notes_in
 from isorig.rig.files.recording import write
 from isorig.rig.view.levels import Levels
 from isorig.rig.view.messages import Judgement, Planned, SessionState, planned_as
-from isorig.rig.view.responses import MEMORY, RESOLUTION, AveragedRuns, GrowingSpectra
+from isorig.rig.view.running_frfs import MEMORY, RESOLUTION, AveragedRuns, GrowingSpectra
 from isorig.rig.view.server import frame, read_frame
 from isorig.rig.view.snapshot import Snapshot, SnapshotBuilder
 from isorig.rig.view.sources import Reading, beginning_of, replayed, watched

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from isorig.analysis.errors import DataError
-from isorig.analysis.isolation.optimum import isolated
 from isorig.analysis.model.linear import transfer
 from isorig.analysis.model.rig_model import matrices
+from isorig.analysis.model.spring import with_frequency
 from isorig.analysis.simulate.move_profile import MOST, Move, Shape, head_acceleration
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 from isorig.rig.wire_bonder.stroke import (
@@ -76,7 +76,7 @@ def test_batch_strokes_are_the_engines_with_friction() -> None:
     frequencies = np.array([1.0, 2.5, 5.06])
     found = strokes([rig], frequencies, head, RATE)[0]
     for f, stroke in zip(frequencies, found, strict=True):
-        seen = histories(isolated(rig, float(f)), head, RATE)
+        seen = histories(with_frequency(rig, "isolation", float(f)), head, RATE)
         assert stroke == pytest.approx(np.abs(seen["motor"] - seen["table"]).max(), rel=0.02)
 
 
@@ -125,7 +125,7 @@ def test_softer_springs_isolate_better_and_rocking_needs_an_offset() -> None:
     rig = frictionless(wire_bonder())
     lines = np.linspace(10.0, 60.0, 200)
     # Far above both, the spring's force falls as f^2 and the damper's as f.
-    better = np.median(linear_ratio(isolated(rig, 1.0), lines)) / np.median(linear_ratio(rig, lines))
+    better = np.median(linear_ratio(with_frequency(rig, "isolation", 1.0), lines)) / np.median(linear_ratio(rig, lines))
     assert (1.0 / 5.06) ** 2 < better < 1.0 / 5.06
     head = head_acceleration(MOVES, RATE, tail=0.5)
     angles = [

@@ -8,7 +8,6 @@ drive is part of the drive that the model gets; so only frequency bins in which 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
 
 import msgspec
 import numpy as np
@@ -17,9 +16,10 @@ from isorig.analysis.campaign import ComplexArray, FloatArray
 from isorig.analysis.errors import ModelError, SimulationError
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
 from isorig.analysis.fitting.trials import Trial, expected
-from isorig.analysis.model.rig_model import RigModel, Sensor
+from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.parallel import side_by_side
 from isorig.analysis.simulate import simulate
+from isorig.analysis.simulate.gauges import link_sensors
 from isorig.analysis.spectra.welch import WELL_DRIVEN, effective_averages
 from isorig.analysis.spectra.windows import HANN
 
@@ -32,12 +32,9 @@ TIED = 2.0
 CHANCE, SHARE = 1e-3, 0.1
 #: Coherence that must show if it is there, for what is left to count as unrelated. Chosen: half of it.
 DETECTABLE = 0.5
-#: Motions for which functions are tested, and the prefix of their channels.
-MOTIONS: tuple[Literal["displacement", "velocity"], ...] = ("displacement", "velocity")
-PREFIX = "link "
 
 
-def related(model: RigModel, trials: Sequence[Trial]) -> bool:
+def depends_on_drive(model: RigModel, trials: Sequence[Trial]) -> bool:
     """Whether the difference between measurement and model is coherent with the drives or with functions of the motion.
 
     Also where the records are too short to exclude it: a share of `DETECTABLE` of its power would not show.
@@ -83,11 +80,7 @@ def _coherences(model: RigModel, trial: Trial) -> list[tuple[float, bool, float]
 
 def _drives_and_motions(model: RigModel, trial: Trial) -> list[FloatArray]:
     # The drives, and functions of each link's simulated deflection and velocity.
-    sensors = tuple(
-        Sensor(channel=f"{PREFIX}{motion} {link.name}", body=link.a, relative_to=link.b, arms=link.arms, quantity=motion)
-        for link in model.links
-        for motion in MOTIONS
-    )
+    sensors = link_sensors(model.links)
     watched = msgspec.structs.replace(model, sensors=(*model.sensors, *sensors))
     seen = simulate(
         watched, trial.excitation, configuration=trial.run.configuration, start_time=trial.start_time, start=trial.start_of(model)

@@ -1,7 +1,7 @@
 """Modal analysis: natural frequencies, damping ratios and mode shapes common to all sensors and references, and their number.
 
 Poles come from the stabilization diagram of `poles`; those that persist over many orders are fitted to all transfer functions
-together (`residues`), and each is kept only if it reduces the error by more than its parameters do by chance (Schwarz 1978).
+together (`common_poles`), and each is kept only if it reduces the error by more than its parameters do by chance (Schwarz 1978).
 """
 
 from __future__ import annotations
@@ -16,10 +16,11 @@ from isorig.analysis import campaign
 from isorig.analysis.campaign import SI_UNIT, ComplexArray, FloatArray
 from isorig.analysis.errors import DataError, FitError
 from isorig.analysis.given import all_of_type, given_guesses, interval, whole
+from isorig.analysis.spectra.common_poles import ITERATIONS, Data, SolvedPoles, fit, model, solve
+from isorig.analysis.spectra.modal_fit import NARROW
 from isorig.analysis.spectra.poles import Pole, poles_by_order
-from isorig.analysis.spectra.residues import ITERATIONS, Data, SolvedPoles, fit, model, solve
 from isorig.analysis.spectra.welch import FEWEST, Frf
-from isorig.analysis.spectra.window_effect import WindowEffect, line_deviation, pole_of
+from isorig.analysis.spectra.window_effect import WindowEffect, bin_deviation, pole_of
 from isorig.analysis.views import Viewed
 
 #: A pole that persists over this many orders, allowing gaps of `GAP`, is tried as a mode.
@@ -37,8 +38,6 @@ VISIBLE = 0.05
 TIED, CLEAR = 1.5, 2.5
 #: Modes closer than this many half bandwidths are reported as close.
 CLOSE = 2.0
-#: Bins in a bandwidth below which a mode is reported as narrow.
-NARROW = 1.5
 #: Order of motion of a unit: power of s relative to a displacement.
 MOTION = {SI_UNIT[quantity]: order for quantity, order in campaign.MOTION.items()}
 
@@ -76,7 +75,7 @@ class ShapedMode(ModeShape):
     """
 
     constants: ComplexArray
-    lines: float
+    bins: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,7 +206,7 @@ class _Grid:
         #: Whether error bars are known.
         self.known = first.averages >= FEWEST
         self._values = np.stack([frf.value for frf in self.frfs])
-        self._deviations = np.stack([line_deviation(frf) for frf in self.frfs])
+        self._deviations = np.stack([bin_deviation(frf) for frf in self.frfs])
         # Power of s relative to a receptance: 2 if the units are unknown.
         moved, driven = (MOTION.get(unit) for unit in first.units)
         self._power = 2 if moved is None or driven is not None else moved
@@ -251,7 +250,7 @@ class _Grid:
         return ShapedMode(
             frequency=f, frequency_std=f * float(relative[0]), damping=zeta, damping_std=zeta * float(relative[1]), shape=shape,
             constants=constants, collinearity=collinearity(shape),
-            lines=2.0 * zeta * f / self.frfs[0].resolution,
+            bins=2.0 * zeta * f / self.frfs[0].resolution,
         )  # fmt: skip
 
 
@@ -353,9 +352,9 @@ def collinearity(shape: ComplexArray) -> float:
 
 def _warnings(modes: Sequence[ShapedMode]) -> tuple[str, ...]:
     said = [
-        f"mode {k} at {mode.frequency:.4g} Hz has only {mode.lines:.1f} frequency bins in its bandwidth; use a finer resolution"
+        f"mode {k} at {mode.frequency:.4g} Hz has only {mode.bins:.1f} frequency bins in its bandwidth; use a finer resolution"
         for k, mode in enumerate(modes, 1)
-        if mode.lines < NARROW
+        if mode.bins < NARROW
     ]
     for k, (one, other) in enumerate(pairwise(modes)):
         apart = (other.frequency - one.frequency) / max(one.damping * one.frequency, other.damping * other.frequency)

@@ -15,9 +15,10 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray, Run
 from isorig.analysis.errors import DataError
-from isorig.analysis.spectra.groups import Groups, Sums
 from isorig.analysis.spectra.hits import BEFORE, Hit, checked, longest_record, pulses
+from isorig.analysis.spectra.segment_groups import Groups, Sums
 from isorig.analysis.spectra.welch import Spectra
+from isorig.analysis.wording import capitalized
 
 #: A response that has decayed below this share of its start at the end of its record needs no exponential window; otherwise it is
 #: brought down to it (ISO 7626-5:2019 recommends 1 % or less).
@@ -165,4 +166,4 @@ def _sentences(hits: Sequence[Hit], seconds: float, wanted: float, decay: float)
         )
     if kept == 1:
         notes.append("One hit has no scatter, so the standard deviations are unknown; they are set to the size of the values.")
-    return (*notes, *(f"{hit.text[0].upper()}{hit.text[1:]}." for hit in hits if hit.rejected))
+    return (*notes, *(f"{capitalized(hit.text)}." for hit in hits if hit.rejected))

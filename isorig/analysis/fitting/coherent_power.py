@@ -9,6 +9,7 @@ import numpy as np
 
 from isorig.analysis.campaign import ComplexArray, FloatArray
 from isorig.analysis.fitting.trials import Trial
+from isorig.analysis.spectra.windows import hanning, segment_spectra
 
 #: Longest segment in s, minimum number of segments of a record, and minimum samples of a segment.
 SEGMENT, SEGMENTS, FEWEST = 4.0, 7, 64
@@ -27,13 +28,11 @@ def segments(trial: Trial, values: FloatArray) -> ComplexArray:
     n = _segment(trial, len(values))
     if n < FEWEST:
         return np.zeros((0, 1), dtype=np.complex128)
-    starts = range(0, len(values) - n + 1, n // 2)
-    window = np.hanning(n)
-    window /= np.sqrt(np.sum(window**2))
-    return np.asarray(np.fft.rfft(np.stack([values[s : s + n] * window for s in starts]), axis=1))
+    window = hanning(n)
+    return segment_spectra(values, window / np.sqrt(np.sum(window**2)), n // 2)
 
 
-def related_density(drive: ComplexArray, spectra: ComplexArray) -> FloatArray:
+def coherent_density(drive: ComplexArray, spectra: ComplexArray) -> FloatArray:
     """Density of a record, in each frequency bin, that its transfer function from the drive explains; some of it by chance.
 
     Parameters
@@ -48,7 +47,7 @@ def related_density(drive: ComplexArray, spectra: ComplexArray) -> FloatArray:
     return np.asarray(np.abs(np.mean(drive.conj() * spectra, axis=0)) ** 2 / (np.mean(np.abs(drive) ** 2, axis=0) + 1e-300))
 
 
-def drive_related(trials: Sequence[Trial], left: Sequence[FloatArray]) -> FloatArray:
+def coherent_power(trials: Sequence[Trial], left: Sequence[FloatArray]) -> FloatArray:
     """Power that a transfer function from the drive takes away: one for all gains of a configuration, and each run's own.
 
     What chance alone takes away, one part in the number of averages, is left out.

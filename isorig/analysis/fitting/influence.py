@@ -15,7 +15,8 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.fitting.division import coarsened
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
-from isorig.analysis.fitting.solve import Fit, Free, Problem, bending, fit
+from isorig.analysis.fitting.residuals import Problem
+from isorig.analysis.fitting.solve import Fit, Free, bending, fit, slopes_of
 from isorig.analysis.fitting.trials import Trial
 
 #: Largest number of times that the derivatives are computed, and the relative decrease of the cost that ends the fit.
@@ -33,7 +34,7 @@ NO_EFFECT = 1e-50
 SMALLER = np.geomspace(0.95, 0.05, 30).tolist()
 
 
-def polished(done: Fit, trials: Sequence[Trial], steps: int = STEPS) -> Fit:
+def at_minimum(done: Fit, trials: Sequence[Trial], steps: int = STEPS) -> Fit:
     """A fit refined until its cost is minimal to a small fraction of a standard uncertainty, with equally small finite
     differences.
 
@@ -55,16 +56,16 @@ def _fine_steps(done: Fit) -> tuple[Free, ...]:
     )
 
 
-def untraced(done: Fit) -> frozenset[str]:
+def not_identifiable(done: Fit) -> frozenset[str]:
     """Paths of the fitted values that are not identifiable from the data."""
     sizes = np.sqrt((done.jacobian**2).sum(axis=0))
     return frozenset(f.path for f, size in zip(done.free, sizes, strict=True) if f.log and size < TRACE)
 
 
-def awakened(done: Fit, trials: Sequence[Trial]) -> Fit:
+def from_smaller_friction(done: Fit, trials: Sequence[Trial]) -> Fit:
     """The fit, restarted from a smaller friction if its own lets nothing slide and that explains the data better."""
     problem = Problem(trials, share=SIMULATION_LIMIT)
-    for path in sorted(path for path in untraced(done) if path.endswith("friction_force")):
+    for path in sorted(path for path in not_identifiable(done) if path.endswith("friction_force")):
         smaller = [done.model.replace({path: share * done.values[path]}) for share in SMALLER]
         costs = np.nan_to_num((problem.residuals(smaller) ** 2).mean(axis=1), nan=np.inf)
         begun = fit(smaller[int(np.argmin(costs))], done.free, problem, iterations=12, tolerance=1e-3)
@@ -82,7 +83,7 @@ def normalised(done: Fit) -> tuple[FloatArray, FloatArray, FloatArray]:
     return scale, jacobian, np.linalg.pinv(jacobian.T @ jacobian + ties.T @ ties, rcond=1e-12, hermitian=True)
 
 
-def line_moves(done: Fit, trials: Sequence[Trial]) -> FloatArray:
+def changes_without_bins(done: Fit, trials: Sequence[Trial]) -> FloatArray:
     """Change of the fitted values without each frequency bin, shape (bins, values), in the values' units."""
     scale, jacobian, bread = normalised(done)
     scores = []
@@ -95,11 +96,10 @@ def line_moves(done: Fit, trials: Sequence[Trial]) -> FloatArray:
         left = np.eye(rows) - np.einsum("kap,pq,kbq->kab", own, bread, own, optimize=True)
         alone = np.linalg.solve(left + 1e-9 * np.eye(rows), residual[:, :, None])
         scores.append(np.einsum("kap,ka->kp", own, alone[:, :, 0]))
-    slope = np.array([done.model.get(f.path) if f.log else 1.0 for f in done.free])
-    return np.asarray(np.concatenate(scores) @ bread / scale * slope)
+    return np.asarray(np.concatenate(scores) @ bread / scale * slopes_of(done.model, done.free))
 
 
-def given_moves(done: Fit, trials: Sequence[Trial], given: Mapping[str, float]) -> FloatArray:
+def changes_with_given_values(done: Fit, trials: Sequence[Trial], given: Mapping[str, float]) -> FloatArray:
     """Change of the fitted values with the given values, shape (given, values), in the values' units.
 
     Parameters
@@ -124,14 +124,13 @@ def given_moves(done: Fit, trials: Sequence[Trial], given: Mapping[str, float]) 
     changes = np.nan_to_num(np.array(there) - here) / np.array(shares)[:, None]
     scale, jacobian, bread = normalised(done)
     back = bread @ jacobian.T
-    slope = np.array([done.model.get(f.path) if f.log else 1.0 for f in done.free])
-    return np.asarray(-(changes @ back.T) / scale * slope)
+    return np.asarray(-(changes @ back.T) / scale * slopes_of(done.model, done.free))
 
 
-def grid_shift(done: Fit, trials: Sequence[Trial]) -> FloatArray:
+def change_with_half_step(done: Fit, trials: Sequence[Trial]) -> FloatArray:
     """Change of the fitted values with half the time step, shape (values,), in their units."""
     finer = tuple(trial.on_grid(2 * trial.excitation.oversample) for trial in trials)
     change = Problem(finer, share=SIMULATION_LIMIT).residuals([done.model])[0] - done.residual
     scale, jacobian, bread = normalised(done)
     moved = bread @ (jacobian.T @ np.nan_to_num(change)) / scale
-    return np.asarray(moved * [done.model.get(f.path) if f.log else 1.0 for f in done.free])
+    return np.asarray(moved * slopes_of(done.model, done.free))

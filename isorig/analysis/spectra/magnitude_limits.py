@@ -16,9 +16,9 @@ import numpy as np
 
 from isorig.analysis.campaign import BoolArray, FloatArray, IntArray
 from isorig.analysis.errors import AnalysisError
-from isorig.analysis.spectra.modes import SolvedModes, solved_modes
+from isorig.analysis.spectra.modal_fit import SolvedModes, solved_modes
 from isorig.analysis.spectra.welch import FEWEST, Frf
-from isorig.analysis.spectra.window_effect import line_deviation
+from isorig.analysis.spectra.window_effect import bin_deviation
 
 #: Frequency bins between the half-power points of a peak below which its leakage is computed (at 20 bins it is 0.1 % of the
 #: magnitude), and below which a peak without a fitted mode has no limits (at 10 bins leakage is 0.5 %).
@@ -201,7 +201,7 @@ def _fitted(frf: Frf, group: list[_Peak]) -> SolvedModes | None:
             best = fit
         if fit.misfit <= MISFIT:
             return fit
-        left = np.abs(frf.value[kept] - fit.fitted) / line_deviation(frf)[kept]
+        left = np.abs(frf.value[kept] - fit.fitted) / bin_deviation(frf)[kept]
         worst = float(fit.frequency[int(np.argmax(left))])
         modes = sorted(map(tuple, fit.pairs.tolist()))
         guesses = [*modes, (worst, modes[0][1])]

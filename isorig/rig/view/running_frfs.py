@@ -10,14 +10,14 @@ import numpy as np
 from isorig.analysis.campaign import BROAD, FloatArray, Run
 from isorig.analysis.errors import DataError
 from isorig.analysis.isolation.ratio import magnitude_ratio
-from isorig.analysis.spectra.welch import Frf, RunningSpectra, Spectra, averages_in, merged
+from isorig.analysis.spectra.welch import Frf, RunningSpectra, Spectra, averages_in, merged, segment_length
 from isorig.rig.report.charts import spread_over, unjoined
 from isorig.rig.view.messages import Planned
 
 #: Frequency resolution, Hz: fine enough for the rig's modes, and the first average is complete after two seconds.
 RESOLUTION = 0.5
 #: Maximum number of frequency bins drawn for a transfer function.
-LINES = 600
+BINS = 600
 #: Bytes of the spectra of a run: without a band, a run of 8 channels at 51.2 kHz would take 180 MiB.
 MEMORY = 32 << 20
 
@@ -61,8 +61,7 @@ class GrowingSpectra:
 
     def averages_in(self, seconds: float) -> float:
         """Number of independent averages in the given seconds at this run's rate."""
-        length = 2 * max(4, round(self._rate / RESOLUTION / 2.0))
-        return averages_in(round(seconds * self._rate), length)
+        return averages_in(round(seconds * self._rate), segment_length(self._rate, RESOLUTION))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,14 +79,14 @@ class AveragedRuns:
         """The transfer function of each response relative to the drive."""
         return {name: self.spectra.frf(name, self.drive) for name in self.spectra.channels if name != self.drive}
 
-    def lines(self) -> np.ndarray:
+    def bins(self) -> np.ndarray:
         """Indices of the frequency bins within the band."""
         f = self.spectra.frequency
         return np.flatnonzero((f >= max(self.band[0], f[1])) & (f <= self.band[1]))
 
     def error(self) -> float:
         """Relative standard deviation of the magnitude, median over the band's bins and all responses; NaN if there are none."""
-        kept = self.lines()
+        kept = self.bins()
         shares = [(frf.magnitude_std / np.maximum(np.abs(frf.value), 1e-300))[kept] for frf in self.frfs().values()]
         return float(np.median(np.concatenate(shares))) if shares and len(kept) else float("nan")
 
@@ -131,7 +130,7 @@ def groups_of(
 
 def transfer_rows(group: AveragedRuns) -> tuple[list[str], FloatArray]:
     """Names of the responses, and rows to plot: Hz, then for each response magnitude, std, phase, std (deg), coherence."""
-    frfs, kept = group.frfs(), group.lines()
+    frfs, kept = group.frfs(), group.bins()
     kept = kept[_even(group.spectra.frequency[kept])]
     rows = [group.spectra.frequency[kept]]
     for frf in frfs.values():
@@ -156,7 +155,7 @@ def ratio_rows(
         frequency = upper.spectra.frequency[:n]
         if np.array_equal(frequency, lower.spectra.frequency[:n]):
             found = magnitude_ratio(*(group.spectra.frf(response, drive).bins(slice(n)) for group in (upper, lower)))
-            inside = np.isin(np.arange(n), np.intersect1d(upper.lines(), lower.lines()))
+            inside = np.isin(np.arange(n), np.intersect1d(upper.bins(), lower.bins()))
             curves[gain] = frequency, [np.where(inside, values, np.nan) for values in found]
     if not curves:
         return None
@@ -169,4 +168,4 @@ def ratio_rows(
 
 
 def _even(frequency: FloatArray) -> np.ndarray | slice:
-    return spread_over(frequency, LINES) if len(frequency) else slice(None)
+    return spread_over(frequency, BINS) if len(frequency) else slice(None)

@@ -20,12 +20,14 @@ from isorig.analysis.jackknife import deviation
 from isorig.analysis.spectra.hits import BEFORE
 from isorig.analysis.spectra.leakage import error_moments, record_moments, through
 from isorig.analysis.spectra.welch import FEWEST, Frf
-from isorig.analysis.spectra.window_effect import WindowEffect, bin_variance, line_deviation, pole_of
+from isorig.analysis.spectra.window_effect import WindowEffect, bin_deviation, bin_variance, pole_of
 
 #: Relative step of the numerical derivatives of a mode.
 STEP = 1e-6
 #: Smallest damping ratio of a fitted mode, and the share of a limit of the fit within which a mode is at that limit.
 LEAST, EDGE = 1e-7, 1e-3
+#: Bins in a bandwidth below which a mode is reported as narrow.
+NARROW = 1.5
 #: Factor by which the scatter between groups must exceed the computed standard deviation to replace it. Chosen: 28 groups
 #: determine it to 13 %, ten to 22 %; sparse impulses give 6.
 CONTRADICTED = 1.6
@@ -41,7 +43,7 @@ class Mode:
     frequency_std: float
     damping: float
     damping_std: float
-    lines: float
+    bins: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,14 +138,14 @@ def fit_modes(
     modes = tuple(
         Mode(
             frequency=float(f), frequency_std=float(f_std), damping=float(zeta), damping_std=float(zeta_std),
-            lines=float(2.0 * zeta * f / frf.resolution),
+            bins=float(2.0 * zeta * f / frf.resolution),
         )
         for (f, zeta), (f_std, zeta_std) in zip(found.pairs[order], std[order], strict=True)
     )  # fmt: skip
-    narrow = min(mode.lines for mode in modes)
+    narrow = min(mode.bins for mode in modes)
     return ModalFit(
         modes=modes, kind=kind, frequency=found.frequency, fitted=found.fitted, misfit=found.misfit,
-        warning=f"only {narrow:.1f} frequency bins in the narrowest bandwidth; use a finer resolution" if narrow < 1.5 else "",
+        warning=f"only {narrow:.1f} frequency bins in the narrowest bandwidth; use a finer resolution" if narrow < NARROW else "",
         leakage=found.leakage,
     )  # fmt: skip
 
@@ -193,7 +195,7 @@ def solved_modes(
             f"the band {band[0]:g} to {band[1]:g} Hz has {len(f)} frequency bins, too few for {len(guesses)} modes; "
             "widen it or use a finer resolution"
         )
-    sigma = np.asarray(line_deviation(frf)[kept], dtype=np.float64)
+    sigma = np.asarray(bin_deviation(frf)[kept], dtype=np.float64)
     shape = _Shape(f, kind, residuals, WindowEffect.of(frf) if tapered else WindowEffect(decay=frf.decay))
     # Without bounds a mode that steps out of the band often stays there, although there is a minimum within. A mode within one
     # bin of it counts as inside.
