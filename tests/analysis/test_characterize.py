@@ -132,6 +132,12 @@ def test_a_spoilt_run_takes_no_part_and_is_named(tmp_path: Path) -> None:
         assert (tmp_path / name).stat().st_size > 10_000
 
 
+def _forget_filters() -> None:
+    # Those of another length.
+    sampling._lowpass.cache_clear()
+    sampling._sampler.cache_clear()
+
+
 @pytest.mark.parametrize("taps", [12, 40])
 def test_another_sampling_filter_is_within_what_is_stated(taps: int, monkeypatch: pytest.MonkeyPatch) -> None:
     model = wire_bonder({**THESIS, "friction_force": 9.0})
@@ -139,9 +145,9 @@ def test_another_sampling_filter_is_within_what_is_stated(taps: int, monkeypatch
         # The recorder's filter, of the same kind and another length; only what played the rig knows.
         patch.setattr(sampling, "TAPS", taps)
         patch.setattr(free_run, "TAPS", taps)
-        sampling._sampler.cache_clear()
+        _forget_filters()
         campaign = virtual_campaign(model, TAKES, seed=5)
-    sampling._sampler.cache_clear()
+    _forget_filters()
     found = characterize(campaign, baseline_model(campaign))
     for name, truth in truths(model).items():
         entry = found.table[name]

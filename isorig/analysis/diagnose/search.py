@@ -455,8 +455,7 @@ def sources(job: Job) -> Iterator[Source]:
         return  # what the free shape leaves there, no law of its kind explains
     if equations.hidden and job.left < POLICY.settled:
         return  # with estimated motions this little may be due to the form that was found
-    guess = [job.guess] if job.left >= 1.0 else []
-    compared = compared_places(job.current.model, job.trials, guess) if equations.hidden else None
+    compared = _compared(job) if equations.hidden else None
     possible = compared if compared is not None and compared.possible else None
     refuted = False
     if possible is not None:
@@ -490,6 +489,11 @@ def sources(job: Job) -> Iterator[Source]:
         # place and kind of all causes without a memory.
         kinds = UNSEEN if refuted and equations.complete and not job.judged_by_drive else None
         yield Screened(job=job, strict=hold or refuted, tried=possible, kinds=kinds)
+
+
+def _compared(job: Job) -> Places | None:
+    # What each place of a partly measured rig leaves of the misfit; before a cause is in it fitted from the description, too.
+    return compared_places(job.current.model, job.trials, [job.guess] if job.left >= 1.0 else [])
 
 
 @dataclass(frozen=True, kw_only=True)

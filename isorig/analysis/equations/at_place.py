@@ -10,7 +10,7 @@ import numpy as np
 
 from isorig.analysis.campaign import Campaign, Channel, ComplexArray, FloatArray, Run
 from isorig.analysis.equations.motion import Combinations, estimate_of
-from isorig.analysis.equations.system import Equations, Place
+from isorig.analysis.equations.system import CausePlace, Equations
 from isorig.analysis.equations.unknown_force import Located, UnknownForce, force_at, response_of, tells
 from isorig.analysis.fitting.preparation import zero_errors
 from isorig.analysis.fitting.trials import Trial, expected
@@ -21,7 +21,7 @@ from isorig.analysis.spectra.noise import noise_of_runs
 #: Share of a place's largest response below which a frequency bin does not tell the force there. Chosen: below, what little the
 #: description misses becomes larger than the force.
 FAINT = 1e-3
-#: Share of noise in the power of the force up to which a bin tells of it. Chosen: five times as large as its noise.
+#: Share of noise in the power of the force up to which a bin shows it. Chosen: five times as large as its noise.
 NOISY = 0.04
 #: Frequency bins whose responses are computed at once: a hundred MB.
 PART = 1 << 14
@@ -55,7 +55,7 @@ def equations_at(located: Located, campaign: Campaign, trials: Sequence[Trial]) 
     return Equations(replace(campaign, runs=tuple(runs)), extended, noise, zero_errors(campaign, model), only=located.place)
 
 
-def _added_sensors(model: RigModel, place: Place) -> tuple[Sensor, ...]:
+def _added_sensors(model: RigModel, place: CausePlace) -> tuple[Sensor, ...]:
     # Those that would record what the equations need.
     if place.kind == "link":
         link = model.link(place.name)
@@ -94,9 +94,9 @@ def _estimated(
     by_force = np.stack([_recorded(model, sensor, force.moved, omega) for sensor in sensors])
     added = np.zeros((len(sensors), len(frequency)), dtype=complex)
     added[:, used] = by_force * values * np.maximum(1.0 - share, 0.0)
-    # Noise is white in the equations: as in most of the bins that tell of the force.
-    told = share < NOISY
-    gain = np.median((np.abs(by_force) ** 2 * force.weight)[:, told], axis=1) if told.any() else np.zeros(len(sensors))
+    # Noise is white in the equations: as in most of the bins that show the force.
+    shown = share < NOISY
+    gain = np.median((np.abs(by_force) ** 2 * force.weight)[:, shown], axis=1) if shown.any() else np.zeros(len(sensors))
     names = [sensor.channel for sensor in sensors]
     levels = dict(zip(names, np.sqrt(gain).tolist(), strict=True))
     corrections = np.fft.irfft(added, 2 * n)[:, :n]

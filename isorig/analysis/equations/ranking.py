@@ -33,7 +33,7 @@ from isorig.analysis.equations.motion import derivatives
 from isorig.analysis.equations.repeats import pitch_of
 from isorig.analysis.equations.sliding import Sliding, SlidingFit, SlidingRun
 from isorig.analysis.equations.spectral import Prepared, Row
-from isorig.analysis.equations.system import CUT, HOLDS, Equations, Place
+from isorig.analysis.equations.system import CUT, HOLDS, CausePlace, Equations
 from isorig.analysis.lowpass import low_passed
 from isorig.analysis.simulate.sampling import lagging
 
@@ -565,7 +565,7 @@ class Regressions:
             inside = {
                 name: item for name, item in self._prepared.items() if any(key[0] == channel for row in item.rows for key in row)
             }
-            slid = {name: pair for name, pair in self._sliding.items() if self.on.contains(name, Place("sensor", channel))}
+            slid = {name: pair for name, pair in self._sliding.items() if self.on.contains(name, CausePlace("sensor", channel))}
             # A fault of a channel breaks all equations that contain it.
             seen = [before[name] for name in inside] or [before[name] for name in slid]
             if all(value < self.least for value in seen):

@@ -76,7 +76,7 @@ FITTED_BINS = 100
 HOLDS = 2.0
 
 
-class Place(NamedTuple):
+class CausePlace(NamedTuple):
     """A place in a rig, and what it is: a sensor is named by its channel, as is a drive."""
 
     kind: Literal["link", "body", "drive", "sensor"]
@@ -114,7 +114,7 @@ class Equations:
 
     def __init__(
         self, campaign: Campaign, model: RigModel, noise: Sequence[Mapping[str, float]], wandering: Collection[str] = (),
-        only: Place | None = None,
+        only: CausePlace | None = None,
     ) -> None:  # fmt: skip
         self.wandering, self.only = frozenset(wandering), only
         self.hidden = estimable(model) if only is None else ()
@@ -700,7 +700,7 @@ class Equations:
         """Whether causes at a place are tested."""
         return self.only is None or self.only == (kind, name)
 
-    def contains(self, name: str, place: Place) -> bool:
+    def contains(self, name: str, place: CausePlace) -> bool:
         """Whether a fault at a place breaks the equation of this name."""
         balance = next((balance for balance in self.balances if balance.name == name), None)
         if place.kind == "link":

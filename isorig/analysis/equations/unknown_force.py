@@ -1,6 +1,6 @@
 """Where the misfit of a partly measured rig comes from: an unknown force at each place, with the rig's values fitted along.
 
-Whatever its law, a cause at one place acts on the rest of the rig like one force there: in a link, on a body, or through the
+A cause at one place, of any law, acts on the rest of the rig like one force there: in a link, on a body, or through the
 drive. A sensor's fault adds to its record alone. So at every frequency the misfit of all records must be parallel to the rig's
 response to that force. For each place, the rig's free values are fitted to the part of the misfit that is not (variable
 projection; Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973, in the form of Kaufman, BIT 15, 1975). At the right place noise
@@ -17,7 +17,7 @@ import numpy as np
 
 from isorig.analysis.campaign import MOTION, ComplexArray, FloatArray
 from isorig.analysis.deadline import ask_time
-from isorig.analysis.equations.system import Place
+from isorig.analysis.equations.system import CausePlace
 from isorig.analysis.fitting.linear_spectra import LEAST_DAMPING
 from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.model.linear import imposed_coordinates, linear_part
@@ -59,7 +59,7 @@ WITHIN = 3.0
 class Located:
     """A place, and what it leaves of the misfit."""
 
-    place: Place
+    place: CausePlace
     left: float  #: rms of the part of the misfit that an unknown force there cannot explain, over noise.
     model: RigModel  #: The rig with the values with which that is least.
 
@@ -107,7 +107,7 @@ def compared_places(model: RigModel, trials: Sequence[Trial], starts: Sequence[R
     bare = min((rig.fitted(None) for rig in begun), key=lambda one: one.left).settled(None, driven)
     begun.append(_Rig(bare.model, driven))
 
-    def fitted(place: Place) -> _Fitted:
+    def fitted(place: CausePlace) -> _Fitted:
         # The best start shows once the motion is simulated again with the values to which it led.
         return min((rig.fitted(place).again(place, driven) for rig in begun), key=lambda one: one.left)
 
@@ -127,13 +127,13 @@ def tells(model: RigModel, trial: Trial) -> bool:
     return trial.motion is None and trial.moving is None and not all(rests(values, trial.drive_noise) for values in drives)
 
 
-def places_of(model: RigModel) -> list[Place]:
+def places_of(model: RigModel) -> list[CausePlace]:
     """The places of a rig at which a cause may be."""
     return [
-        *(Place("link", link.name) for link in model.links),
-        *(Place("body", body.name) for body in model.bodies if body.name not in model.imposed),
-        *(Place("drive", drive.channel) for drive in model.drives if drive.imposes is None),
-        *(Place("sensor", sensor.channel) for sensor in model.sensors),
+        *(CausePlace("link", link.name) for link in model.links),
+        *(CausePlace("body", body.name) for body in model.bodies if body.name not in model.imposed),
+        *(CausePlace("drive", drive.channel) for drive in model.drives if drive.imposes is None),
+        *(CausePlace("sensor", sensor.channel) for sensor in model.sensors),
     ]
 
 
@@ -216,7 +216,7 @@ def response_of(
     return Response(moved=z @ basis.T, compliance=np.asarray(basis @ compliance @ basis.T), seen=seen)
 
 
-def _acting(model: RigModel, place: Place) -> FloatArray:
+def _acting(model: RigModel, place: CausePlace) -> FloatArray:
     # The forces on the bodies by a unit of the unknown force.
     names = [body.name for body in model.bodies]
     if place.kind == "link":
@@ -232,11 +232,11 @@ class _Fitted(NamedTuple):
     left: float
     model: RigModel
 
-    def again(self, place: Place | None, trials: Sequence[Trial]) -> _Fitted:
+    def again(self, place: CausePlace | None, trials: Sequence[Trial]) -> _Fitted:
         # The better one of this and a fit about the simulation with its values.
         return min(self, _Rig(self.model, trials).fitted(place), key=lambda one: one.left)
 
-    def settled(self, place: Place | None, trials: Sequence[Trial]) -> _Fitted:
+    def settled(self, place: CausePlace | None, trials: Sequence[Trial]) -> _Fitted:
         # The same until the values are final.
         best = self
         for _ in range(FITS):
@@ -258,7 +258,7 @@ class _Rig:
     def _records(bins: _Bins, model: RigModel) -> Response:
         return response_of(model, bins.trial.run.configuration, bins.omega, bins.drives, bins.sigma)
 
-    def fitted(self, place: Place | None) -> _Fitted:
+    def fitted(self, place: CausePlace | None) -> _Fitted:
         """The values that leave least of the misfit across the response to a force at a place."""
         from scipy.optimize import least_squares
 
@@ -305,7 +305,7 @@ class _Rig:
         return _Fitted(left, best)
 
     def _left(
-        self, place: Place | None, paths: Sequence[str], model: RigModel, about: Sequence[ComplexArray]
+        self, place: CausePlace | None, paths: Sequence[str], model: RigModel, about: Sequence[ComplexArray]
     ) -> tuple[FloatArray, FloatArray]:
         # The misfit across the response to a force at a place, and its derivatives with respect to the logarithms of the values.
         parts, slopes = [], []
@@ -350,8 +350,8 @@ class UnknownForce(NamedTuple):
     def with_records(cls, records: ComplexArray, moved: ComplexArray, least: float) -> UnknownForce:
         """With these records, without the bins in which they are below a share `least` of the largest."""
         power = np.sum(np.abs(records) ** 2, axis=1)
-        told = power > least**2 * float(power.max(initial=0.0))
-        return cls(records, moved, np.divide(1.0, power, out=np.zeros_like(power), where=told))
+        shown = power > least**2 * float(power.max(initial=0.0))
+        return cls(records, moved, np.divide(1.0, power, out=np.zeros_like(power), where=shown))
 
     def estimated(self, misfit: ComplexArray) -> ComplexArray:
         """The force that explains most of a misfit of shape (bins, sensors), shape (bins,)."""
@@ -366,7 +366,7 @@ class UnknownForce(NamedTuple):
         return misfit - (1.0 - ALONG) * self.records * self.estimated(misfit)[:, None]
 
 
-def force_at(place: Place | None, model: RigModel, response: Response) -> UnknownForce:
+def force_at(place: CausePlace | None, model: RigModel, response: Response) -> UnknownForce:
     """The unknown force at a place of a rig with this response; one without any effect if the place is None."""
     shape = response.seen.shape[:2]
     records, moved = np.zeros(shape, dtype=complex), np.zeros_like(response.moved)
@@ -387,7 +387,7 @@ def is_linear(path: str) -> bool:
     return "." not in name and (part, what) in {("links", "stiffness"), ("links", "damping"), ("bodies", "mass")}
 
 
-def is_own(path: str, place: Place | None) -> bool:
+def is_own(path: str, place: CausePlace | None) -> bool:
     """Whether a parameter at a place scales a force that is a part of the unknown one there."""
     if place is None or place.kind == "sensor":
         return False

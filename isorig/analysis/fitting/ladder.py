@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray
-from isorig.analysis.errors import FitError, OutOfTimeError
+from isorig.analysis.errors import FitError, ModelError, OutOfTimeError
 from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.division import Divide, refined
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
@@ -222,8 +222,15 @@ def widened(done: Fit) -> Fit:
 
 
 def without_step(step: Fit, current: Fit) -> RigModel:
-    """The model as it was before a step, with the parameters after the step."""
-    return current.model.replace({free.path: step.model.get(free.path) for free in current.free if free.path in step.values})
+    """The model as it was before a step, with the parameters after the step; those before it where a law excludes these.
+
+    The curve that replaces a law may lead its level to zero.
+    """
+    after = {free.path: step.model.get(free.path) for free in current.free if free.path in step.values}
+    try:
+        return current.model.replace(after)
+    except ModelError:
+        return current.model
 
 
 def without(step: Fit, current: Fit, trials: Sequence[Trial]) -> Fit:

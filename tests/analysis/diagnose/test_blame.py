@@ -36,12 +36,12 @@ from isorig.analysis.diagnose.suspects import (
 from isorig.analysis.equations.columns import OVER_POSITION
 from isorig.analysis.equations.forms import ElementForce
 from isorig.analysis.equations.ranking import Explanation, Ranking
-from isorig.analysis.equations.system import Equations, Place
+from isorig.analysis.equations.system import CausePlace, Equations
 from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.fitting.score import Score
 
 POSSIBLE = SimpleNamespace(
-    possible=(SimpleNamespace(place=Place("link", "rail"), left=1.0),), includes=lambda place: place == "rail"
+    possible=(SimpleNamespace(place=CausePlace("link", "rail"), left=1.0),), includes=lambda place: place == "rail"
 )
 
 

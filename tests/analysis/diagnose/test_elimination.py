@@ -7,6 +7,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
+import msgspec
 import numpy as np
 import pytest
 from small_rigs import played, rubbing, stage
@@ -46,7 +47,7 @@ from isorig.analysis.fitting.residuals import Problem
 from isorig.analysis.fitting.score import Score
 from isorig.analysis.fitting.solve import Fit, Free, base_parameters, positive
 from isorig.analysis.fitting.trials import SIGNAL_SHARE
-from isorig.analysis.laws import Asymmetric, Stribeck
+from isorig.analysis.laws import Asymmetric, Dahl, Stribeck
 from isorig.analysis.model.rig_model import RigModel
 
 CAUSES = ("wrong_mass", "hardening_stiffness")
@@ -432,3 +433,15 @@ def test_where_nothing_drifts_apart_candidates_are_fitted_to_the_whole_at_once(
     )  # fmt: skip
     places = cast("Places", object()) if few else None
     assert search.Screened(job=cast("search.Job", job), places=places).forms == lengths
+
+
+def test_a_law_keeps_its_level_where_the_curve_that_replaced_it_led_to_zero() -> None:
+    before, law = rubbing(stage(), "rail", 2.0), Dahl(friction_force=2.0, bristle_stiffness=1e4)
+    path = "contacts.rail.law.friction_force"
+    level = Free(path=path, low=0.0, high=10.0, log=False)
+    contacts = tuple(msgspec.structs.replace(contact, law=law) for contact in before.contacts)
+    dahl = msgspec.structs.replace(before, contacts=contacts)
+    now = Fit(model=dahl, free=(level,), covariance=np.eye(1), cost=1.0, evaluations=1)
+    for after, kept in ((1.5, 1.5), (0.0, 2.0)):
+        step = replace(now, model=before.replace({path: after}))
+        assert ladder.without_step(step, now).get(path) == kept

@@ -12,7 +12,7 @@ from strange_rigs import StrangeRig
 from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.equations.at_place import equations_at
 from isorig.analysis.equations.ranking import ranking
-from isorig.analysis.equations.system import Place
+from isorig.analysis.equations.system import CausePlace
 from isorig.analysis.equations.unknown_force import (
     EXCLUDED,
     EXPLAINS,
@@ -102,7 +102,7 @@ def test_a_channel_with_a_wrong_gain_leaves_least() -> None:
     trials = prepare(measured, model)
     places = compared_places(model, trials)
     assert places is not None
-    assert places.located[0].place == Place("sensor", "a2")
+    assert places.located[0].place == CausePlace("sensor", "a2")
     ranked = ranking(equations_at(places.located[0], measured, trials))
     best = ranked.explanations[0]
     assert (best.kind, best.place, best.what) == ("sensor", "a2", "gain")
@@ -129,7 +129,7 @@ def test_a_run_without_a_drive_is_not_compared() -> None:
 
 def located(*left: float) -> tuple[Located, ...]:
     """Links that leave so much."""
-    return tuple(Located(place=Place("link", f"l{k}"), left=value, model=given()) for k, value in enumerate(left))
+    return tuple(Located(place=CausePlace("link", f"l{k}"), left=value, model=given()) for k, value in enumerate(left))
 
 
 @pytest.mark.parametrize(("left", "tells"), [(0.99 * EXPLAINS, True), (1.01 * EXPLAINS, False)])
@@ -152,5 +152,5 @@ def test_a_place_is_excluded_from_twice_the_best(left: float, possible: bool) ->
 )  # fmt: skip
 def test_which_values_are_fitted_along_and_which_are_a_part_of_the_force(path: str, linear: bool, own: bool) -> None:
     assert is_linear(path) is linear
-    assert is_own(path, Place("link", "l1")) is own
-    assert not is_own(path, Place("sensor", "a0"))
+    assert is_own(path, CausePlace("link", "l1")) is own
+    assert not is_own(path, CausePlace("sensor", "a0"))
