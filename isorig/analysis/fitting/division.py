@@ -43,7 +43,8 @@ def ends(trials: Sequence[Trial]) -> Division:
     return Division(
         fits=tuple(trials), judged=tuple(refined(trial) for trial in trials if trial.fitted < trial.samples),
         how=f"the last {100.0 * (1.0 - FIT_SHARE):.0f} % of every run (the last moves of a run that comes to rest, all of the "
-        f"second strongest of several decays and of a run marked as held out), held out from the fits; {trials[0].prediction}",
+        "second strongest of several decays or sweeps and of a run marked as held out), held out from the fits; "
+        f"{trials[0].prediction}",
     )  # fmt: skip
 
 

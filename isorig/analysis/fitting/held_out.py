@@ -1,7 +1,8 @@
-"""The part of a run that is held out from fits: the last of its time, or, if its end is at rest, the last of its moves."""
+"""What is held out from fits: the end of a run, its last moves if the end is at rest, or one of several decays or sweeps."""
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from isorig.analysis.campaign import FloatArray, IntArray
 from isorig.analysis.fitting.trials import Trial
+from isorig.analysis.spectra.windows import hanning
 
 #: Share of every run used for fits; the rest is held out.
 FIT_SHARE = 0.6
@@ -19,6 +21,10 @@ BLOCKS, STILL_MOVES = 100, 0.5 * (1.0 - FIT_SHARE)
 BETWEEN = (0.4, 0.8)
 #: Motion, as a share of its largest value, up to which a run is calm between two moves, and above which a decaying one lasts.
 CALM, FADED = 0.01, 1e-3
+#: Parts of an octave in which the drive's power at a run's end is compared with that before; share of it that a band must have
+#: had before, and share of the whole in bands without it from which on the end has other frequencies. Chosen: leakage of a sweep
+#: is below a hundredth next to its band, and random noise repeats to a factor of two.
+PER_OCTAVE, BEFORE, OTHERWISE = 3, 0.01, 0.5
 
 
 def lasting(trial: Trial) -> float:
@@ -39,6 +45,42 @@ def with_decays_held_out(trials: Sequence[Trial], free: Collection[str]) -> tupl
     _, judged, *_ = sorted(alike, key=lambda k: -float(np.mean(trials[k].measured ** 2)))
     fitted = {k: 0 if k == judged else trials[k].samples for k in alike}
     return tuple(replace(trial, fitted=fitted.get(k, trial.fitted)) for k, trial in enumerate(trials))
+
+
+def with_sweeps_held_out(trials: Sequence[Trial]) -> tuple[Trial, ...]:
+    """The trials, of several sweeps in a configuration the second strongest held out, and the others fitted as a whole.
+
+    The end of a sweep has other frequencies than its beginning: fitted to the beginning, a model predicts others than it was
+    fitted to. A sweep that is marked as held out takes the place of the second strongest.
+    """
+    sweeps: dict[str, list[int]] = defaultdict(list)
+    for k, trial in enumerate(trials):
+        drive = trial.excitation.recorded
+        if trial.motion is None and ends_otherwise(drive[: trial.fitted or round(FIT_SHARE * len(drive))], drive):
+            sweeps[trial.run.configuration].append(k)
+    fitted: dict[int, int] = {}
+    for alike in (each for each in sweeps.values() if len(each) > 1):
+        strongest = sorted(alike, key=lambda k: -float(np.mean(trials[k].measured ** 2)))
+        judged = {k for k in alike if trials[k].fitted == 0} or {strongest[1]}
+        fitted |= {k: 0 if k in judged else trials[k].samples for k in alike}
+    return tuple(replace(trial, fitted=fitted.get(k, trial.fitted)) for k, trial in enumerate(trials))
+
+
+def ends_otherwise(beginning: FloatArray, drive: FloatArray) -> bool:
+    """Whether a drive, shape (n,), has mostly other frequencies after this beginning of it, shape (fewer,)."""
+    end = drive[len(beginning) :]
+    if min(len(beginning), len(end)) < BLOCKS:
+        return False
+    cycles = [np.fft.rfftfreq(len(part))[1:] for part in (beginning, end)]
+    powers = [
+        np.abs(np.fft.rfft((part - part.mean()) * hanning(len(part)))[1:]) ** 2 / len(part) ** 2 for part in (beginning, end)
+    ]
+    # Bands that both parts resolve.
+    bands = [np.floor(PER_OCTAVE * np.log2(each / cycles[1][0])).astype(np.int64) for each in cycles]
+    count = int(max(each.max() for each in bands)) + 1
+    before, after = (np.bincount(np.maximum(band, 0), power, count) for band, power in zip(bands, powers, strict=True))
+    other = after[before < BEFORE * after].sum()
+    return bool(other > OTHERWISE * after.sum())
 
 
 def decays(measured: FloatArray) -> bool:

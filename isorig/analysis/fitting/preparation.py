@@ -10,7 +10,7 @@ import numpy as np
 from isorig.analysis.campaign import MOTION, Campaign, FloatArray, Run, usable_stop
 from isorig.analysis.errors import DataError
 from isorig.analysis.fitting.by_drive import trials_by_drive
-from isorig.analysis.fitting.held_out import fit_samples, lasting, with_decays_held_out
+from isorig.analysis.fitting.held_out import fit_samples, lasting, with_decays_held_out, with_sweeps_held_out
 from isorig.analysis.fitting.linear_spectra import SHORTEST
 from isorig.analysis.fitting.motion_at_start import begins_in_motion, described_state, moving_start
 from isorig.analysis.fitting.trials import Trial
@@ -167,7 +167,7 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
         )
     if not trials:
         raise DataError(f"{campaign.source or 'the campaign'} has no run that a fit can use; measure at least one")
-    return with_decays_held_out(_with_starts(trials, model), free)
+    return with_sweeps_held_out(with_decays_held_out(_with_starts(trials, model), free))
 
 
 def _with_starts(trials: Sequence[Trial], model: RigModel) -> tuple[Trial, ...]:
