@@ -32,10 +32,16 @@ def mixed(share: float, before: float = 0.0) -> tuple[FloatArray, FloatArray]:
     return beginning, np.concatenate([beginning, np.sqrt(1.0 - share) * slow + np.sqrt(share) * fast])
 
 
-@pytest.mark.parametrize(("low", "high", "otherwise"), [(1.0, 100.0, True), (100.0, 1.0, True), (20.0, 20.5, False)])
+@pytest.mark.parametrize(("low", "high", "otherwise"), [(1.0, 100.0, True), (200.0, 10.0, True), (20.0, 20.5, False)])
 def test_the_end_of_a_sweep_over_octaves_has_other_frequencies(low: float, high: float, otherwise: bool) -> None:
     drive = sweep(low, high)
     assert ends_otherwise(drive[:12_000], drive) is otherwise
+
+
+@pytest.mark.parametrize(("cycles", "otherwise"), [(25.0, True), (15.0, False)])
+def test_moves_are_no_sweep(cycles: float, otherwise: bool) -> None:
+    end = np.sin(2.0 * np.pi * cycles * np.arange(8_000) / 8_000)
+    assert ends_otherwise(np.zeros(12_000), np.concatenate([np.zeros(12_000), end])) is otherwise
 
 
 def test_noise_steps_and_rest_end_as_they_began() -> None:

@@ -25,6 +25,8 @@ CALM, FADED = 0.01, 1e-3
 #: had before, and share of the whole in bands without it from which on the end has other frequencies. Chosen: leakage of a sweep
 #: is below a hundredth next to its band, and random noise repeats to a factor of two.
 PER_OCTAVE, BEFORE, OTHERWISE = 3, 0.01, 0.5
+#: Fewest cycles of what is other at the end. Chosen: fewer are moves, of which none repeats another one.
+CYCLES = 20
 
 
 def lasting(trial: Trial) -> float:
@@ -79,7 +81,8 @@ def ends_otherwise(beginning: FloatArray, drive: FloatArray) -> bool:
     bands = [np.floor(PER_OCTAVE * np.log2(each / cycles[1][0])).astype(np.int64) for each in cycles]
     count = int(max(each.max() for each in bands)) + 1
     before, after = (np.bincount(np.maximum(band, 0), power, count) for band, power in zip(bands, powers, strict=True))
-    other = after[before < BEFORE * after].sum()
+    swept = np.arange(count) >= PER_OCTAVE * np.log2(CYCLES)
+    other = after[swept & (before < BEFORE * after)].sum()
     return bool(other > OTHERWISE * after.sum())
 
 
