@@ -37,8 +37,12 @@ from isorig.analysis.equations.columns import OVER_POSITION
 from isorig.analysis.equations.forms import ElementForce
 from isorig.analysis.equations.ranking import Explanation, Ranking
 from isorig.analysis.equations.system import CausePlace, Equations
+from isorig.analysis.fitting.candidate import Candidate
+from isorig.analysis.fitting.ladder import Starts
 from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.fitting.score import Score
+from isorig.analysis.fitting.solve import Free
+from isorig.analysis.model.rig_model import RigModel
 
 POSSIBLE = SimpleNamespace(
     possible=(SimpleNamespace(place=CausePlace("link", "rail"), left=1.0),), includes=lambda place: place == "rail"
@@ -404,3 +408,26 @@ def test_a_friction_that_depends_on_the_position_is_no_damping(what: str, alike:
     found = replace(found, chosen=chosen, ranking=replace(found.ranking, explanations=chosen))
     assert found.includes("asymmetric_friction", "rail")
     assert found.includes("quadratic_damping", "rail") == alike
+
+
+def test_a_form_at_a_place_with_an_unknown_force_starts_from_its_own_values_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The estimated force biases its values; the rest of the rig keeps those with which the force was estimated."""
+    begun: list[RigModel] = []
+
+    def verified(starts: Starts, rung: object, progress: object, **how: object) -> list[tuple[Candidate, object]]:
+        begun.append(starts[0][2])
+        return [(starts[0][0], SimpleNamespace(cost=10.0 - len(begun)))]
+
+    monkeypatch.setattr(search, "verified", verified)
+    start, stiffness, mass = stage(), "links.rail.stiffness", "bodies.table.mass"
+    known = start.replace({stiffness: 1.5 * start.get(stiffness), mass: 3.0 * start.get(mass)})
+    free = (Free(path=stiffness, low=1.0, high=1e9), Free(path=mass, low=1e-3, high=1e9))
+    candidate = cast(Candidate, SimpleNamespace(starts=(start,), free=(), shape=None))
+    job = SimpleNamespace(left=1.0, rungs=[None], progress=lambda text: None)
+    for only, costs in ((None, [9.0]), (CausePlace("body", "table"), [8.0, 9.0])):
+        begun.clear()
+        found = SimpleNamespace(tentative=False, shows=True, equations=SimpleNamespace(only=only, model=known))
+        run = search.Suspected(job=cast(Job, job), found=cast(Suspects, found))._fitted([(candidate, free, known)])
+        assert [done.cost for _, done in run] == costs
+    assert begun[1].get(stiffness) == known.get(stiffness)
+    assert begun[1].get(mass) == start.get(mass)
