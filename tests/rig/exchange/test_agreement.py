@@ -14,7 +14,7 @@ from scipy.io import savemat
 from strange_rigs import noise
 
 from isorig.analysis.campaign import Campaign, Channel, Run
-from isorig.analysis.fitting.trials import SHORTEST
+from isorig.analysis.fitting.linear_spectra import SHORTEST
 from isorig.analysis.spectra.overload import FREQUENT
 from isorig.rig.cli import main
 from isorig.rig.exchange.clock import BREAK, BREAKS_MOST, breaks, is_uneven_time
