@@ -39,8 +39,8 @@ from isorig.analysis.diagnose.step import (
 )
 from isorig.analysis.diagnose.suspects import ALWAYS, BROKEN, STANDS_ALIKE, Suspects, suspects
 from isorig.analysis.equations.at_place import equations_at
-from isorig.analysis.equations.system import HOLDS, Equations, equations_of
-from isorig.analysis.equations.unknown_force import Places, compared_places, is_linear, is_own
+from isorig.analysis.equations.system import HOLDS, CausePlace, Equations, equations_of
+from isorig.analysis.equations.unknown_force import Places, compared_places, rest_of
 from isorig.analysis.errors import FitError, ModelError, OutOfTimeError
 from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.excess import excess, log_excess, ratio, share_removed
@@ -530,10 +530,10 @@ class Suspected:
             own = [(c, free, m) for c, free, _ in unlike(starts) if c.shape is None for m in c.starts]
             starts = [*starts, *(start for start in own if (id(start[0]), id(start[2])) not in begun)]
         run = verified(starts, job.rungs[-1], job.progress, sure=self.found.shows, limit=limit)
-        if self.found.equations.only is not None and run:
+        if (place := self.found.equations.only) is not None and run:
             # The force there has no content where noise hides it, which biases the values of a form.
-            best = [start for start in starts if start[0] is run[0][0]]
-            more = verified(self._with_own_values(best[0]), job.rungs[-1], job.progress)
+            best = next(start for start in starts if start[0] is run[0][0])
+            more = verified(self._with_own_values(best, place), job.rungs[-1], job.progress)
             run = sorted([*run, *more], key=lambda pair: pair[1].cost)
         if job.left < 1.0 or len(job.rungs) == 1 or out_of_time() or job.follows(run):
             return run
@@ -541,12 +541,12 @@ class Suspected:
         again = followed(starts, job.rungs, job.current, job.progress, job.promising)
         return run if job.stays(run) and not (again and again[0][1].cost < run[0][1].cost) else again
 
-    def _with_own_values(self, start: Start) -> Starts:
+    def _with_own_values(self, start: Start, place: CausePlace) -> Starts:
         # A candidate's own starting points, with the rest of the rig as the unknown force at its place leaves it.
         candidate, free, _ = start
-        known = self.found.equations.model
-        kept = [f.path for f in free if is_linear(f.path) and not is_own(f.path, self.found.equations.only)]
-        return [(candidate, free, model.replace(_values_at(known, kept))) for model in candidate.starts]
+        paths = {each.path for each in free}
+        rest = {path: value for path, value in rest_of(self.found.equations.model, place).items() if path in paths}
+        return [(candidate, free, model.replace(rest)) for model in candidate.starts]
 
     @property
     def leads(self) -> bool:

@@ -18,7 +18,7 @@ from isorig.analysis.equations.known import law_columns
 from isorig.analysis.equations.ranking import Explanation
 from isorig.analysis.equations.sliding import Sliding, SlidingFit
 from isorig.analysis.equations.system import CHANNEL_FAULTS, HOLDS, Equations
-from isorig.analysis.equations.unknown_force import is_linear, is_own
+from isorig.analysis.equations.unknown_force import rest_of
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.solve import Free, base_parameters
 from isorig.analysis.laws.base import NO_LINK, Law
@@ -339,7 +339,7 @@ def start_values(equations: Equations, explanation: Explanation | None = None) -
             if element is None or not bends(element):
                 take(path, value)
     if equations.only is not None:  # all records together tell more of the rest of the rig than each equation
-        found |= {path: model.get(path) for path in model.free if is_linear(path) and not is_own(path, equations.only)}
+        found |= rest_of(model, equations.only)
     return found
 
 

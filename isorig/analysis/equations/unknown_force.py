@@ -17,10 +17,12 @@ import numpy as np
 
 from isorig.analysis.campaign import MOTION, ComplexArray, FloatArray
 from isorig.analysis.deadline import ask_time
+from isorig.analysis.equations.hidden import WITHIN
+from isorig.analysis.equations.spectral import ACCURACY
 from isorig.analysis.equations.system import CausePlace
 from isorig.analysis.fitting.linear_spectra import LEAST_DAMPING
 from isorig.analysis.fitting.trials import Trial, expected
-from isorig.analysis.model.linear import imposed_coordinates, linear_part
+from isorig.analysis.model.linear import imposed_coordinates, linear_part, pushes_of
 from isorig.analysis.model.rig_model import RigModel, weights_of
 from isorig.analysis.simulate.free_run import true_drives
 from isorig.analysis.spectra.noise import rests
@@ -37,8 +39,6 @@ LATER = 3.0
 UNDETERMINED = 0.01
 #: Most samples of a run that are used, relative spacing of its frequency bins, and the most of them.
 LONGEST, SPACING, BINS = 2**16, 1.0 / 240.0, 200
-#: Relative accuracy of records: calibrations of sensors agree to half a per cent.
-ACCURACY = 0.005
 #: Lowest frequency bin in use: the window spreads a record's zero over two.
 SLOWEST = 4
 #: Weight of what the unknown force explains of the misfit. Chosen: just large enough that the values of the place itself, which
@@ -51,8 +51,6 @@ SHOWS = 4.0
 FITS, BETTER, EVALUATIONS = 5, 0.03, 25
 #: Part of a description that holds the values of a place.
 OWNERS = {"link": "links", "body": "bodies"}
-#: Largest factor between a fitted and its starting value.
-WITHIN = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,21 +101,22 @@ def compared_places(model: RigModel, trials: Sequence[Trial], starts: Sequence[R
     driven = [trial for trial in trials if tells(model, trial)]
     if model.contacts or not model.links or not motions or len(model.sensors) < 2 or not driven:
         return None
-    begun = [_Rig(start, driven) for start in (model, *starts)]
-    bare = min((rig.fitted(None) for rig in begun), key=lambda one: one.left).settled(None, driven)
-    begun.append(_Rig(bare.model, driven))
+    runs = [_Bins(model, trial) for trial in driven]
+    begun = [_Rig(start, runs) for start in (model, *starts)]
+    bare = min((rig.fitted(None) for rig in begun), key=lambda one: one.left).settled(None, runs)
+    begun.append(_Rig(bare.model, runs))
 
     def fitted(place: CausePlace) -> _Fitted:
         # The best start shows once the motion is simulated again with the values to which it led.
-        return min((rig.fitted(place).again(place, driven) for rig in begun), key=lambda one: one.left)
+        return min((rig.fitted(place).again(place, runs) for rig in begun), key=lambda one: one.left)
 
     found = {place: fitted(place) for place in places_of(model)}
     near = LATER * min(one.left for one in found.values())
-    found = {place: one.settled(place, driven) if one.left <= near else one for place, one in found.items()}
+    found = {place: one.settled(place, runs) if one.left <= near else one for place, one in found.items()}
     located = [Located(place=place, left=one.left, model=one.model) for place, one in found.items()]
     located.sort(key=lambda one: one.left)
     # Of a sound rig every place leads to the right values.
-    from_best = _Rig(located[0].model, driven).fitted(None)
+    from_best = _Rig(located[0].model, runs).fitted(None)
     return Places(bare=min(bare.left, from_best.left), located=tuple(located))
 
 
@@ -138,30 +137,33 @@ def places_of(model: RigModel) -> list[CausePlace]:
 
 
 class _Bins:
-    # A run at some frequencies: its misfit and the true drives, with the errors that are allowed.
+    # A run at some frequencies: the errors that are allowed, the true drives, and the misfit of a rig.
 
     def __init__(self, model: RigModel, trial: Trial) -> None:
-        self.trial, n = trial, min(trial.fitted or trial.samples, LONGEST)
-        window = hanning(n)
-
-        def lines(records: FloatArray) -> ComplexArray:
-            return np.asarray(np.fft.rfft((records - records.mean(axis=-1, keepdims=True)) * window) / np.linalg.norm(window)).T
-
-        frequency = np.fft.rfftfreq(n, 1.0 / trial.sample_rate)
-        measured = lines(trial.measured[:, :n])
+        self.trial, self._samples = trial, min(trial.fitted or trial.samples, LONGEST)
+        frequency = np.fft.rfftfreq(self._samples, 1.0 / trial.sample_rate)
+        measured = self._spectrum(trial.measured)
         size = np.sum(np.abs(measured / trial.noise) ** 2, axis=1)
-        slowest = SLOWEST * trial.sample_rate / n
+        slowest = SLOWEST * trial.sample_rate / self._samples
         kept = np.flatnonzero((size > SHOWS * len(trial.noise)) & (frequency >= slowest) & (frequency <= trial.usable))
         # Of neighbouring bins the one with the largest records.
         cell = np.floor(np.log(frequency[kept]) / np.log1p(SPACING))
         order = kept[np.lexsort((-size[kept], cell))]
         first = np.sort(order[np.unique(np.sort(cell), return_index=True)[1]])
-        used = first[:: max(1, len(first) // BINS)]
-        self.omega = np.asarray(2.0 * np.pi * frequency[used], dtype=np.float64)
-        self.sigma = np.hypot(trial.noise, ACCURACY * np.abs(measured[used]))
-        self.misfit = lines(trial.measured[:, :n] - expected(model, trial)[:, :n])[used] / self.sigma
+        self._used = first[:: max(1, len(first) // BINS)]
+        self.omega = np.asarray(2.0 * np.pi * frequency[self._used], dtype=np.float64)
+        self.sigma = np.hypot(trial.noise, ACCURACY * np.abs(measured[self._used]))
         drives = true_drives(model.without_faults, trial.excitation)
-        self.drives = [lines(drives[drive.channel][:n])[used] for drive in model.drives]
+        self.drives = [self._spectrum(drives[drive.channel])[self._used] for drive in model.drives]
+
+    def misfit(self, model: RigModel) -> ComplexArray:
+        # Of the simulated records, over the allowed errors, shape (bins, sensors).
+        return self._spectrum(self.trial.measured - expected(model, self.trial))[self._used] / self.sigma
+
+    def _spectrum(self, records: FloatArray) -> ComplexArray:
+        # Of the first samples, shape (..., n) to (bins, ...).
+        records, window = records[..., : self._samples], hanning(self._samples)
+        return np.asarray(np.fft.rfft((records - records.mean(axis=-1, keepdims=True)) * window) / np.linalg.norm(window)).T
 
 
 @dataclass(frozen=True)
@@ -194,7 +196,6 @@ def response_of(
     scale
         Record of each sensor that counts as one, shape (bins, sensors) or (1, sensors).
     """
-    names = [body.name for body in model.bodies]
     basis, mass, damping, stiffness = linear_part(model, configuration)
     imposed = imposed_coordinates(model, basis)
     free = [k for k in range(basis.shape[1]) if k not in imposed.values()]
@@ -202,12 +203,11 @@ def response_of(
     force = basis.T @ (mass * s**2 + damping * s + stiffness) @ basis
     compliance = np.zeros_like(force)
     compliance[np.ix_(range(len(s)), free, free)] = np.linalg.inv(force[:, free][:, :, free])
-    z, pushed = np.zeros((len(s), basis.shape[1]), dtype=complex), np.zeros((len(s), len(names)), dtype=complex)
+    z = np.zeros((len(s), basis.shape[1]), dtype=complex)
     for drive, values in zip(model.drives, drives, strict=True):
         if drive.imposes is not None:
             z[:, imposed[drive.imposes]] += values / (1j * omega) ** MOTION.get(drive.quantity, 0)
-        else:
-            pushed += values[:, None] * drive.factor * np.array([drive.pushes.get(name, 0.0) for name in names])
+    pushed = np.column_stack(drives) @ pushes_of(model).T
     z = z + np.einsum("fij,fj->fi", compliance, pushed @ basis - np.einsum("fij,fj->fi", force, z))
     along = np.stack([weights_of(model, sensor) for sensor in model.sensors])
     order = np.array([MOTION[sensor.quantity] for sensor in model.sensors])
@@ -232,15 +232,15 @@ class _Fitted(NamedTuple):
     left: float
     model: RigModel
 
-    def again(self, place: CausePlace | None, trials: Sequence[Trial]) -> _Fitted:
+    def again(self, place: CausePlace | None, runs: Sequence[_Bins]) -> _Fitted:
         # The better one of this and a fit about the simulation with its values.
-        return min(self, _Rig(self.model, trials).fitted(place), key=lambda one: one.left)
+        return min(self, _Rig(self.model, runs).fitted(place), key=lambda one: one.left)
 
-    def settled(self, place: CausePlace | None, trials: Sequence[Trial]) -> _Fitted:
+    def settled(self, place: CausePlace | None, runs: Sequence[_Bins]) -> _Fitted:
         # The same until the values are final.
         best = self
         for _ in range(FITS):
-            before, best = best, best.again(place, trials)
+            before, best = best, best.again(place, runs)
             if best.left > (1.0 - BETTER) * before.left:
                 break
         return best
@@ -249,10 +249,10 @@ class _Fitted(NamedTuple):
 class _Rig:
     # The misfit of a rig's records as a function of its free values, and what an unknown force explains of it.
 
-    def __init__(self, model: RigModel, trials: Sequence[Trial]) -> None:
-        self._model = model
+    def __init__(self, model: RigModel, runs: Sequence[_Bins]) -> None:
+        self._model, self._bins = model, runs
         self._names = [body.name for body in model.bodies]
-        self._bins = [_Bins(model, trial) for trial in trials]
+        self._misfits = [bins.misfit(model) for bins in runs]
 
     @staticmethod
     def _records(bins: _Bins, model: RigModel) -> Response:
@@ -287,7 +287,7 @@ class _Rig:
 
         # Of the records' dimensions one is spent at each frequency.
         count = len(self._model.sensors)
-        dimensions = sum(bins.misfit.size for bins in self._bins) * (1.0 - (place is not None) / count)
+        dimensions = sum(misfit.size for misfit in self._misfits) * (1.0 - (place is not None) / count)
         most = np.log(WITHIN)
         best = start
         if paths:
@@ -298,8 +298,8 @@ class _Rig:
             best = at(done.x)
         responses = [self._records(bins, best) for bins in self._bins]
         parts = (
-            force_at(place, best, response).beyond(bins.misfit - (response.records - before))
-            for bins, response, before in zip(self._bins, responses, about, strict=True)
+            force_at(place, best, response).beyond(misfit - (response.records - before))
+            for misfit, response, before in zip(self._misfits, responses, about, strict=True)
         )
         left = float(np.sqrt(sum(float(np.sum(np.abs(part) ** 2)) for part in parts) / dimensions))
         return _Fitted(left, best)
@@ -309,9 +309,9 @@ class _Rig:
     ) -> tuple[FloatArray, FloatArray]:
         # The misfit across the response to a force at a place, and its derivatives with respect to the logarithms of the values.
         parts, slopes = [], []
-        for bins, before in zip(self._bins, about, strict=True):
+        for bins, simulated, before in zip(self._bins, self._misfits, about, strict=True):
             response = self._records(bins, model)
-            misfit = bins.misfit - (response.records - before)
+            misfit = simulated - (response.records - before)
             by_force = response.seen @ response.compliance
             force = force_at(place, model, response)
             moved = response.moved + force.moved * force.estimated(misfit)[:, None]
@@ -387,8 +387,13 @@ def is_linear(path: str) -> bool:
     return "." not in name and (part, what) in {("links", "stiffness"), ("links", "damping"), ("bodies", "mass")}
 
 
-def is_own(path: str, place: CausePlace | None) -> bool:
+def rest_of(model: RigModel, place: CausePlace) -> dict[str, float]:
+    """The free values of a rig's linear part by path, without those at a place, which are a part of the unknown force there."""
+    return {path: model.get(path) for path in model.free if is_linear(path) and not is_own(path, place)}
+
+
+def is_own(path: str, place: CausePlace) -> bool:
     """Whether a parameter at a place scales a force that is a part of the unknown one there."""
-    if place is None or place.kind == "sensor":
+    if place.kind == "sensor":
         return False
     return path == "drive.factor" if place.kind == "drive" else path.startswith(f"{OWNERS[place.kind]}.{place.name}.")
