@@ -39,6 +39,7 @@ from isorig.analysis.diagnose.step import (
 )
 from isorig.analysis.diagnose.suspects import ALWAYS, BROKEN, STANDS_ALIKE, Suspects, suspects
 from isorig.analysis.equations.at_place import equations_at
+from isorig.analysis.equations.forms import solved_values
 from isorig.analysis.equations.system import HOLDS, CausePlace, Equations, equations_of
 from isorig.analysis.equations.unknown_force import Places, compared_places, rest_of
 from isorig.analysis.errors import FitError, ModelError, OutOfTimeError
@@ -172,6 +173,28 @@ class Job:
     def bare(self) -> float:
         """Misfit of the current model refitted to the first seconds of the runs."""
         return bare_cost(self.current, self.rungs[-1])
+
+    @cached_property
+    def solved(self) -> dict[str, float]:
+        """Values by path that the equations of motion solve for."""
+        return solved_values(self.equations)
+
+    def with_values_before_fit(self, starts: Starts) -> Starts:
+        """The same with each candidate's own starting points on the likely values of the rig before any fit.
+
+        These are added where a missing effect has biased the fitted values already over the first moments of the runs. A
+        parameter of the candidate that the equations solve for starts at that value, too.
+        """
+        found = list(starts)
+        if self.left >= 1.0 and misfit(self.current.model, self.rungs[0].problem) > BENT:
+            for candidate, free, _ in unlike(starts):
+                paths = [f.path for f in free if f not in candidate.free and f.path in self.guess.free]
+                values = _values_at(self.guess, paths)
+                solved = {f.path: self.solved[f.path] for f in candidate.free if f.path in self.solved}
+                for start in [*candidate.starts, *([candidate.starts[0].replace(solved)] if solved else [])]:
+                    with suppress(ModelError):  # values that exclude the candidate's own
+                        found.append((candidate, free, start.replace(values)))
+        return found
 
     def judges(self, candidate: Candidate) -> bool:
         """Whether the runs can judge a candidate: a drive's force judges no body whose motion is not recorded."""
@@ -529,6 +552,7 @@ class Suspected:
             begun = {(id(candidate), id(model)) for candidate, _, model in starts}
             own = [(c, free, m) for c, free, _ in unlike(starts) if c.shape is None for m in c.starts]
             starts = [*starts, *(start for start in own if (id(start[0]), id(start[2])) not in begun)]
+        starts = job.with_values_before_fit(starts)
         run = verified(starts, job.rungs[-1], job.progress, sure=self.found.shows, limit=limit)
         if (place := self.found.equations.only) is not None and run:
             # The force there has no content where noise hides it, which biases the values of a form.
@@ -795,14 +819,7 @@ class Screened:
             return []
         job.progress("most promising: " + ", ".join(f"{x.candidate.cause} ({x.candidate.location})" for x in chosen[:3]))
         starts = [(x.candidate, x.candidate.parameters(job.current.model, job.current.free), m) for x in chosen for m in x.models]
-        if job.left >= 1.0 and misfit(job.current.model, job.rungs[0].problem) > BENT:
-            # A missing effect has biased all parameters: start from the likely ones before any fit, too.
-            for candidate, free, _ in unlike(starts):
-                paths = [f.path for f in free if f not in candidate.free and f.path in job.guess.free]
-                values = _values_at(job.guess, paths)
-                for start in candidate.starts:
-                    with suppress(ModelError):  # values that exclude the candidate's own
-                        starts.append((candidate, free, start.replace(values)))
+        starts = job.with_values_before_fit(starts)
         # Growing lengths of the runs are needed only where motions drift apart.
         run: Running = []
         if self.places is not None and misfit(job.current.model, job.rungs[-1].problem) < (STAYS / SIGNAL_SHARE) ** 2:

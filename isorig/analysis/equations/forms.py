@@ -315,19 +315,12 @@ def _predicted(
     return total
 
 
-def start_values(equations: Equations, explanation: Explanation | None = None) -> dict[str, float]:
-    """The rig's free parameters by path from the equations, with an explanation's effect taken out.
+def solved_values(equations: Equations, explanation: Explanation | None = None) -> dict[str, float]:
+    """Values by path that the equations solve for, known or free, with an explanation's effect taken out.
 
-    Parameters that the equations do not determine, or only with an artefact, are left out.
+    Stiffnesses and dampings of links, levels of contacts, and the free parameters; each from the equation with the fewest elements.
     """
-    model = equations.model
     found: dict[str, float] = {}
-
-    def take(path: str, value: float) -> None:
-        if path in model.free and path not in found and value > 0.0:
-            given = model.get(path)
-            if given <= 0.0 or 1.0 / FACTOR < value / given < FACTOR or path.endswith(("damping", "friction_force")):
-                found[path] = value
 
     def bends(element: Element) -> bool:
         # Its stiffness is part of the curve.
@@ -336,8 +329,24 @@ def start_values(equations: Equations, explanation: Explanation | None = None) -
     for balance in sorted(equations.balances, key=lambda b: len(b.crossing)):
         for path, value in _values_of(equations, balance, explanation).items():
             element = next((e for e, _ in balance.crossing if path == f"links.{e.name}.stiffness"), None)
-            if element is None or not bends(element):
-                take(path, value)
+            if path not in found and value > 0.0 and (element is None or not bends(element)) and _is_likely(equations, path, value):
+                found[path] = value
+    return found
+
+
+def _is_likely(equations: Equations, path: str, value: float) -> bool:
+    # Whether no artefact determines a value.
+    given = equations.model.get(path)
+    return given <= 0.0 or 1.0 / FACTOR < value / given < FACTOR or path.endswith(("damping", "friction_force"))
+
+
+def start_values(equations: Equations, explanation: Explanation | None = None) -> dict[str, float]:
+    """The rig's free parameters by path from the equations, with an explanation's effect taken out.
+
+    Parameters that the equations do not determine, or only with an artefact, are left out.
+    """
+    model = equations.model
+    found = {path: value for path, value in solved_values(equations, explanation).items() if path in model.free}
     if equations.only is not None:  # all records together tell more of the rest of the rig than each equation
         found |= rest_of(model, equations.only)
     return found
