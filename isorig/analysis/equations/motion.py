@@ -28,7 +28,7 @@ class Signals:
     orders: Mapping[int, FloatArray]
 
 
-def derivatives(values: FloatArray, order: int, rate: float, low: float, high: float) -> Signals:
+def derivatives(values: FloatArray, order: int, rate: float, low: float, high: float, *, steady: bool = False) -> Signals:
     """A record of the derivative `order` as displacement, velocity and acceleration.
 
     Parameters
@@ -44,6 +44,8 @@ def derivatives(values: FloatArray, order: int, rate: float, low: float, high: f
         that is counted from the start of the record of a velocity.
     high
         Frequency in Hz above which derivatives have no content: there they are noise. Infinite for no limit.
+    steady
+        Whether the mean of a velocity is part of the motion, and no error of a sensor: its displacement is one about that mean.
     """
     counted = order == 1 and low == 0.0
     found = {order: values - (values.mean() if order and not counted else 0.0)}
@@ -60,6 +62,8 @@ def derivatives(values: FloatArray, order: int, rate: float, low: float, high: f
             found[1] = _high_passed(found[1] - slope, rate, low, -1.0)
     for above in range(order + 1, 3):
         found[above] = _derivative(found[above - 1], rate, high if above == order + 1 else np.inf)
+    if steady and order == 1:
+        found[1] = values
     return Signals(orders=found)
 
 

@@ -22,6 +22,7 @@ from isorig.analysis.equations.motion import (
 )
 from isorig.analysis.equations.sliding import ROUNDS, TAPS, Columns, Sliding, SlidingFit, SlidingRun
 from isorig.analysis.equations.spectral import SHORTEST, Prepared, Row, Solved, Spectra
+from isorig.analysis.fitting.linear_spectra import drags
 from isorig.analysis.fitting.preparation import zero_errors
 from isorig.analysis.laws import Coulomb
 from isorig.analysis.laws.base import NO_LINK
@@ -119,6 +120,7 @@ class Equations:
         self.wandering, self.only = frozenset(wandering), only
         self.hidden = estimable(model) if only is None else ()
         self.model, self.combos = model, Combinations(model, self.hidden)
+        self.imposing = {drive.channel for drive in model.drives if drive.imposes}
         # Where no spring holds a body, its position counts from the start of a run.
         self.counted = floats(model) and max(self.combos.orders.values(), default=0) < 2
         self.usable = min(run.usable for run in campaign.runs)
@@ -264,7 +266,8 @@ class Equations:
         for channel, values in record.channels.items():
             if channel in orders:
                 low = 0.0 if self.counted else (LOWEST if channel in self.wandering else CUT) * self.lowest
-                found = derivatives(values, orders[channel], self.rate, low, np.inf)
+                steady = channel in self.imposing and drags(values)
+                found = derivatives(values, orders[channel], self.rate, low, np.inf, steady=steady)
                 signals |= {(channel, order): part for order, part in found.orders.items()}
             else:
                 signals[channel, -1] = values
@@ -612,7 +615,8 @@ class Equations:
         d, v = np.zeros(n), np.zeros(n)
         for channel, weight in combo.items():
             order = orders[channel]
-            found = derivatives(signals[channel, order], order, self.rate, 0.0 if self.counted else low, self.edge)
+            steady = channel in self.imposing
+            found = derivatives(signals[channel, order], order, self.rate, 0.0 if self.counted else low, self.edge, steady=steady)
             d += weight * found.orders[0]
             v += weight * found.orders[1]
         if self.counted and self.integrated(element):

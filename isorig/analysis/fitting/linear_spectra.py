@@ -14,7 +14,7 @@ import numpy as np
 from isorig.analysis.campaign import MOTION, Campaign, ComplexArray, FloatArray, IntArray, Run, usable_stop
 from isorig.analysis.derivative import derivative
 from isorig.analysis.model.linear import floats, imposed_coordinates, linear_part, pushes_of
-from isorig.analysis.model.rig_model import GROUND, RigModel, Sensor, weights_of
+from isorig.analysis.model.rig_model import GROUND, Drive, RigModel, Sensor, weights_of
 from isorig.analysis.spectra.noise import noise_levels, rests
 from isorig.analysis.spectra.welch import DRIVEN
 from isorig.analysis.spectra.windows import hanning
@@ -31,6 +31,9 @@ LEAST_DAMPING = 1e-3
 #: Most iterations of the damper that replaces dry friction, the change of its logarithm below which they end, and the largest
 #: change in one of them.
 ROUNDS, SETTLED, FARTHEST = 15, 1e-6, 3.0
+#: Mean of an imposed sliding speed, relative to its standard deviation, from which it drags. Derived: the damper with the power of
+#: friction at a Gaussian speed with this mean is then exp(-1/2) of that without.
+DRAGS = 1.0
 #: Samples from which the noise of a record is determined: a few per cent accurate.
 LONGEST_NOISE = 1 << 13
 
@@ -76,11 +79,36 @@ class Spectrum:
 
 
 def spectra_of(model: RigModel, campaign: Campaign) -> tuple[Spectrum, ...]:
-    """Spectra of all runs that are driven, up to their first gaps."""
+    """Spectra of all runs that are driven, up to their first gaps, without those that drag a contact in one direction."""
     names = tuple(drive.channel for drive in model.drives)
     # A rig that nothing holds is judged by the force of its drive; its positions may drift.
     noise = {} if floats(model) else noise_levels(campaign, names, LONGEST_NOISE)
-    return tuple(found for run in campaign.runs if (found := spectrum_of(model, run, noise)) is not None)
+    runs = (run for run in campaign.runs if not _drags_a_contact(model, run))
+    return tuple(found for run in runs if (found := spectrum_of(model, run, noise)) is not None)
+
+
+def drags(speed: FloatArray) -> bool:
+    """Whether an imposed sliding speed keeps its direction; friction is then a constant force, no damper."""
+    return bool(abs(speed.mean()) > DRAGS * speed.std())
+
+
+def _drags_a_contact(model: RigModel, run: Run) -> bool:
+    samples, bodies = usable_stop(run), [body.name for body in model.bodies]
+    imposed = [drive for drive in model.drives if drive.imposes and MOTION.get(drive.quantity, 2) < 2]
+    if samples < SHORTEST or not imposed:
+        return False
+
+    def speed(drive: Drive) -> FloatArray:
+        values = run.channel(drive.channel).read(0, samples)
+        return values if MOTION[drive.quantity] == 1 else derivative(values, run.sample_rate)
+
+    speeds = {bodies.index(drive.imposes): speed(drive) for drive in imposed if drive.imposes}
+    for contact in model.contacts:
+        weights = weights_of(model, contact)
+        sliding = np.sum([weights[body] * values for body, values in speeds.items()], axis=0)
+        if drags(sliding):
+            return True
+    return False
 
 
 def spectrum_of(model: RigModel, run: Run, noise: Mapping[str, float]) -> Spectrum | None:
