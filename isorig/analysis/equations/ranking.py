@@ -620,6 +620,8 @@ class Regressions:
             after = dict(after)
             for name in slid:
                 after[name], fault = self._sliding_fault(name, what, channel, source, alone=not inside)
+                if what == "gain" and not values[0] < fault < values[-1]:
+                    after[name] = before[name]  # where that record alone sets the scale, zero solves the equation
                 value = value if inside else fault
             least = LATE[0] / self.on.rate if what == "delay" and not inside else values[0]
             if not least < value < values[-1]:
