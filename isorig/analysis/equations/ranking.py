@@ -217,6 +217,8 @@ class Regressions:
                 fitted = self.on.slid(element, sliding, base, shape, self.on.own_frequency(element, balance))
                 passive = shape.name != "relaxation" or dissipates(fitted.values[len(base.values) :])
                 after[balance.name] = sliding.residual(fitted, base) if passive else sliding.residual(base)
+            elif balance.name in self._sliding and (found := self.on.in_time(balance, element)) is not None:
+                after[balance.name] = self._counted[balance.name] * self._reduced(balance, element, shape, *found)
         if shape.name == "slip":
             for name, lock in self.on.stuck.items():
                 if lock.element.name == element.name:
@@ -255,9 +257,12 @@ class Regressions:
         found = self.on.in_time(balance, element)
         if found is None or found[0].residual(found[1]) < HINTS:
             return left
-        sliding, base = found
+        return min(left, before * self._reduced(balance, element, shape, *found))
+
+    def _reduced(self, balance: Balance, element: Element, shape: Shape, sliding: Sliding, base: SlidingFit) -> float:
+        # The ratio by which a shape reduces what an equation leaves in the time domain.
         fitted = self.on.slid(element, sliding, base, shape, self.on.own_frequency(element, balance))
-        return min(left, before * (sliding.residual(fitted, base) - 1.0) / (sliding.residual(base) - 1.0))
+        return (sliding.residual(fitted, base) - 1.0) / (sliding.residual(base) - 1.0)
 
     def _relaxed(self, balance: Balance, element: Element) -> float:
         # Residual with one relaxation of positive stiffness.

@@ -197,7 +197,7 @@ class Sliding:
 
     def select(self) -> int:
         """Choose the samples that slide; returns their number."""
-        masks = {run.run: self._slides(run) & run.usable if self.rubs else run.usable for run in self.runs}
+        masks = {run.run: self.slides(run) & run.usable if self.rubs else run.usable for run in self.runs}
         inner = [masks[block.run.run][block.first : block.first + self.length].copy() for block in self.blocks]
         every = max(1, sum(int(mask.sum()) for mask in inner) // MOST_SAMPLES)
         for block, inside in zip(self.blocks, inner, strict=True):
@@ -223,7 +223,8 @@ class Sliding:
             self.power = float(np.mean(np.concatenate([block.run.force[block.first + block.used] for block in self.active]) ** 2))
         return sum(len(block.used) for block in self.active)
 
-    def _slides(self, run: SlidingRun) -> BoolArray:
+    def slides(self, run: SlidingRun) -> BoolArray:
+        """Which samples slide, shape (n,): neither slow nor close to a reversal."""
         velocity = run.velocity + run.slow_velocity
         slow = np.abs(velocity) <= self.slow
         if self.spread:

@@ -402,9 +402,10 @@ class Equations:
     def in_time(self, balance: Balance, element: Element, *, sliding: bool | None = None) -> tuple[Sliding, SlidingFit] | None:
         """An equation in the time domain, with the motion of one of its elements; None if there are too few samples.
 
-        Only samples that slide count if `sliding`, or if that is None and a contact acts.
+        Only samples that slide count if `sliding`, or if that is None and the element has a contact; in an equation with another
+        element's contact, those in which that slides.
         """
-        rubs = balance.rubs if sliding is None else sliding
+        rubs = element.contact is not None if sliding is None else sliding
         key = balance.name, element.name, rubs
         if key not in self._in_time:
             sign = next(s for e, s in balance.crossing if e.name == element.name)
@@ -414,6 +415,8 @@ class Equations:
             shared, noise, velocity_noise = self._runs[key[:2]]
             runs = [run.without_slow_part() for run in shared]
             self._in_time[key] = None
+            if not rubs and balance.rubs:
+                runs = self._while_others_slide(balance, runs)
             if runs:
                 stiffness = element.link.stiffness if element.link is not None else 0.0
                 found = Sliding(
@@ -426,6 +429,14 @@ class Equations:
                     if found.usable:  # the samples that slide are chosen again as the slow part becomes known
                         self._in_time[key] = found, settled
         return self._in_time[key]
+
+    def _while_others_slide(self, balance: Balance, runs: Sequence[SlidingRun]) -> list[SlidingRun]:
+        # The signals of an equation in the samples in which its contact slides; none if it never does.
+        if balance.name not in self.sliding:
+            return []
+        sliding, _ = self.sliding[balance.name]
+        slides = {run.run: sliding.slides(run) for run in sliding.runs}
+        return [replace(run, usable=run.usable & slides[run.run]) for run in runs if run.run in slides]
 
     def in_motion(self, balance: Balance, element: Element, shape: Shape) -> float:
         """The ratio by which a shape reduces what an equation without friction leaves, while the element moves."""
@@ -546,6 +557,7 @@ class Equations:
                 od, ov = self.elongation(signals, other, CUT * self.lowest)
                 if other.link is not None and not element.has_ends_of(other):
                     fixed += [way * other_sign * od * self.springs(other.link), way * other_sign * ov]
+                    fixed += [way * other_sign * signals[law_of(other, k), -1] for k in range(law_columns(other))]
                 if other.contact is not None:
                     fixed.append(way * other_sign * direction_of(ov, max(float(np.std(ov)), 1e-12)))
             columns = np.column_stack(fixed) if fixed else np.zeros((len(force), 0))
@@ -582,6 +594,7 @@ class Equations:
                     row = self.motion_row(other.weights, order) if order or self.springs(other.link) else {}
                     path = f"links.{other.link.name}.{name}" if known else "-"
                     found.append((path, {key: sign * weight for key, weight in row.items()}))
+                found += [("-", {(law_of(other, k), -1): sign}) for k in range(law_columns(other))]
             if other.contact is not None:
                 found.append(("-", {}))
         return found
