@@ -159,6 +159,9 @@ class Sliding:
         self.spread = 0 if np.isinf(edge) else self.reach
         self.taps = _taps(rate, edge)
         self._gains: dict[int, FloatArray] = {}  # of the low-pass, by length of the transform
+        # The columns that were evaluated last, and their values by block, where nothing of the motion is fitted.
+        self._columns: Columns | None = None
+        self._matrices: dict[tuple[int, int], FloatArray] = {}
         self.speed = max((float(np.std(run.velocity)) for run in self.runs if len(run.velocity)), default=1e-2)
         known = max(SLOW_MEASURED * self.speed, SURE_SPEED * velocity_noise)
         self.slow = SLOW * self.speed if integrated else min(known, SLOW * self.speed)
@@ -197,6 +200,7 @@ class Sliding:
 
     def select(self) -> int:
         """Choose the samples that slide; returns their number."""
+        self._columns = None
         masks = {run.run: self.slides(run) & run.usable if self.rubs else run.usable for run in self.runs}
         inner = [masks[block.run.run][block.first : block.first + self.length].copy() for block in self.blocks]
         every = max(1, sum(int(mask.sum()) for mask in inner) // MOST_SAMPLES)
@@ -391,6 +395,16 @@ class Sliding:
 
         Where the force went through a low-pass, both go through it.
         """
+        if not self.integrated:
+            if columns is not self._columns:
+                self._columns, self._matrices = columns, {}
+            key = block.run.run, block.first
+            if key not in self._matrices:
+                self._matrices[key], _ = self._evaluated(block, columns, None)
+            return self._matrices[key], np.zeros((len(block.used), 0))
+        return self._evaluated(block, columns, values)
+
+    def _evaluated(self, block: _Block, columns: Columns, values: FloatArray | None) -> tuple[FloatArray, FloatArray]:
         beyond = 0 if self.integrated else len(self.taps) // 2
         used = block.used if len(self.taps) == 1 else np.arange(-beyond, self.length + beyond)
         place = np.clip(block.first + used, 0, len(block.run.force) - 1)

@@ -239,6 +239,7 @@ class Equations:
         self._in_time: dict[tuple[str, str, bool], tuple[Sliding, SlidingFit] | None] = {}
         self._scales: dict[tuple[str, str], tuple[float, float, float]] = {}
         self._runs: dict[tuple[str, str], tuple[list[SlidingRun], float, float]] = {}
+        self._base_columns: dict[tuple[str, bool], Columns] = {}
         self._slid: dict[tuple[int, str], tuple[SlidingFit, list[tuple[FloatArray, ...]]]] = {}
         for balance in self.balances:
             if balance.rubs:
@@ -523,6 +524,12 @@ class Equations:
 
     def base_columns(self, element: Element, *, dry: bool = True) -> Columns:
         """Spring, damper, and `dry` friction of an element, its laws, and the columns that do not depend on its motion."""
+        key = element.name, dry
+        if key not in self._base_columns:
+            self._base_columns[key] = self._columns_of(element, dry=dry)
+        return self._base_columns[key]
+
+    def _columns_of(self, element: Element, *, dry: bool) -> Columns:
         laws = law_columns(element)
         friction = element.contact.law if element.contact is not None else None
         shaped = friction is not None and not friction.remembers and not isinstance(friction, Coulomb)
