@@ -499,7 +499,9 @@ def test_a_deflection_is_an_integral_unless_it_is_measured(quantity: Quantity, i
 
 def test_a_measured_position_of_a_rig_without_a_spring_keeps_its_slow_part() -> None:
     model, travel = replace(stage(), sensors=stage().sensors[:1]), 3.0 + 0.1 * TIME
-    seen = SimpleNamespace(combos=Combinations(model), counted=True, rate=RATE, edge=np.inf, integrated=lambda element: False)
+    seen = SimpleNamespace(
+        combos=Combinations(model), counted=True, rate=RATE, edge=np.inf, integrated=lambda element: False, imposing=set()
+    )  # fmt: skip
     found, _ = Equations.elongation(cast(Equations, seen), {("x", 0): travel}, elements(model)[0], 1.0)
     assert found == pytest.approx(travel)
 
