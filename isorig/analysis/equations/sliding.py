@@ -81,6 +81,7 @@ class SlidingRun:
     slow: FloatArray
     slow_velocity: FloatArray
     memory: dict[str, FloatArray] = field(default_factory=dict)  #: Signals computed once, by name.
+    creep: float = 0.0  #: Velocity in m/s up to which a contact counts as not sliding.
 
     def without_slow_part(self) -> SlidingRun:
         """The same signals with a slow part of their own, still zero."""
@@ -165,6 +166,8 @@ class Sliding:
         self.speed = max((float(np.std(run.velocity)) for run in self.runs if len(run.velocity)), default=1e-2)
         known = max(SLOW_MEASURED * self.speed, SURE_SPEED * velocity_noise)
         self.slow = SLOW * self.speed if integrated else min(known, SLOW * self.speed)
+        for run in self.runs:
+            run.creep = self.slow
         shortest = min(len(run.force) for run in runs)
         self.knot = max(round(KNOT_PERIODS * period * rate), 8)
         knots = BLOCK_KNOTS if integrated else 1
@@ -455,6 +458,18 @@ class Sliding:
             parts = np.lib.stride_tricks.sliding_window_view(block.spline, 4).T
             block.run.slow[inside] = (self._value[: self.knot] @ parts).T.ravel()
             block.run.slow_velocity[inside] = (self._slope[: self.knot] @ parts).T.ravel()
+
+
+def direction_of_sliding(velocity: FloatArray, creep: float) -> FloatArray:
+    """Direction of sliding, shape (n,); linear in time where a contact sticks, as its force is close to there.
+
+    A low-pass spreads what is assumed there over samples that slide.
+    """
+    way, slides = np.sign(velocity), np.abs(velocity) > creep
+    if slides.all() or not slides.any():
+        return np.asarray(way)
+    at = np.arange(len(way))
+    return np.interp(at, at[slides], way[slides])
 
 
 def still(velocities: Iterable[FloatArray]) -> float:

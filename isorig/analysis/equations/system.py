@@ -20,9 +20,8 @@ from isorig.analysis.equations.motion import (
     estimate_of,
     without_slow_part,
 )
-from isorig.analysis.equations.sliding import ROUNDS, TAPS, Columns, Sliding, SlidingFit, SlidingRun
+from isorig.analysis.equations.sliding import ROUNDS, TAPS, Columns, Sliding, SlidingFit, SlidingRun, direction_of_sliding
 from isorig.analysis.equations.spectral import SHORTEST, Prepared, Row, Solved, Spectra
-from isorig.analysis.fitting.linear_spectra import drags
 from isorig.analysis.fitting.preparation import zero_errors
 from isorig.analysis.laws import Coulomb
 from isorig.analysis.laws.base import NO_LINK
@@ -150,10 +149,13 @@ class Equations:
         # In a decay a change in time is one with the amplitude, unless other runs begin later.
         self.timed = len(silent) < len(model.drives) or len({r.start for r in self.records}) > 1
         self.end = max((r.start + len(next(iter(r.channels.values()))) / self.rate for r in self.records), default=1.0)
-        # Displacements carry no signal in the second derivative above some frequency: there equations are cut.
+        # Displacements carry no signal in the second derivative above some frequency: there equations are cut. An imposed speed is
+        # not differentiated where no equation has the inertia of its body.
         self.edge = np.inf
+        weighed = {sensor.force_in for sensor in model.sensors}
+        as_it_is = {channel for channel in self.imposing if f"drive.{channel}" not in weighed and self.combos.orders.get(channel) == 1}
         for channel, order in self.combos.orders.items():
-            if order < 2 and channel in model.channels:
+            if order < 2 and channel in model.channels and channel not in as_it_is:
                 edges = [signal_edge(r.channels[channel], self.rate) for r in self.records if len(r.channels[channel]) > SHORTEST]
                 used = [e for e in edges if np.isfinite(e)]
                 if used:
@@ -267,7 +269,7 @@ class Equations:
         for channel, values in record.channels.items():
             if channel in orders:
                 low = 0.0 if self.counted else (LOWEST if channel in self.wandering else CUT) * self.lowest
-                steady = channel in self.imposing and drags(values)
+                steady = channel in self.imposing
                 found = derivatives(values, orders[channel], self.rate, low, np.inf, steady=steady)
                 signals |= {(channel, order): part for order, part in found.orders.items()}
             else:
@@ -535,7 +537,7 @@ class Equations:
         shaped = friction is not None and not friction.remembers and not isinstance(friction, Coulomb)
 
         def columns(d: FloatArray, v: FloatArray, run: SlidingRun, place: IntArray) -> FloatArray:
-            rubbing: FloatArray = np.sign(v)
+            rubbing: FloatArray = direction_of_sliding(v, run.creep)
             if shaped and friction is not None:
                 rubbing = friction.force(d, v, run.time[place], np.zeros((1, len(d))), NO_LINK)
             parts = [d, v, rubbing] if dry else [d, v]
