@@ -81,7 +81,8 @@ class SlidingRun:
     slow: FloatArray
     slow_velocity: FloatArray
     memory: dict[str, FloatArray] = field(default_factory=dict)  #: Signals computed once, by name.
-    creep: float = 0.0  #: Velocity in m/s up to which a contact counts as not sliding.
+    #: Velocity in m/s up to which a contact counts as not sliding; 0 where no low-pass spreads what is assumed of such samples.
+    creep: float = 0.0
 
     def without_slow_part(self) -> SlidingRun:
         """The same signals with a slow part of their own, still zero."""
@@ -167,7 +168,7 @@ class Sliding:
         known = max(SLOW_MEASURED * self.speed, SURE_SPEED * velocity_noise)
         self.slow = SLOW * self.speed if integrated else min(known, SLOW * self.speed)
         for run in self.runs:
-            run.creep = self.slow
+            run.creep = self.slow if self.spread else 0.0
         shortest = min(len(run.force) for run in runs)
         self.knot = max(round(KNOT_PERIODS * period * rate), 8)
         knots = BLOCK_KNOTS if integrated else 1
@@ -466,7 +467,7 @@ def direction_of_sliding(velocity: FloatArray, creep: float) -> FloatArray:
     A low-pass spreads what is assumed there over samples that slide.
     """
     way, slides = np.sign(velocity), np.abs(velocity) > creep
-    if slides.all() or not slides.any():
+    if creep == 0.0 or slides.all() or not slides.any():
         return np.asarray(way)
     at = np.arange(len(way))
     return np.interp(at, at[slides], way[slides])

@@ -429,7 +429,7 @@ def test_where_nothing_drifts_apart_candidates_are_fitted_to_the_whole_at_once(
     monkeypatch.setattr(search, "followed", lambda starts, *others: "growing")
     job = SimpleNamespace(
         progress=print, left=0.5, current=fitted(stage(), cost), rungs=[SimpleNamespace(problem=None)], promising=0.1,
-        follows=lambda run: bool(run) and follows,
+        follows=lambda run: bool(run) and follows, with_values_before_fit=list,
     )  # fmt: skip
     places = cast("Places", object()) if few else None
     assert search.Screened(job=cast("search.Job", job), places=places).forms == lengths
