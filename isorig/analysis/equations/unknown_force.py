@@ -35,8 +35,11 @@ EXPLAINS = 0.5
 EXCLUDED = 2.0
 #: The same before the last fits. Chosen: the right place was within this factor of the best one in all of these.
 LATER = 3.0
-#: Share of a place's largest response below which a frequency bin does not tell about it.
-UNDETERMINED = 0.01
+#: Share of a place's largest response below which a frequency bin does not tell about it: in the first fits, in which weak bins
+#: would take up what values far from the right ones leave, and in the later ones. Chosen: above a sweep the records are small
+#: and so is the error allowed in them; below a hundredth of the response to a force at such a frequency lay the two octaves of a
+#: sweep in which a beam's tip hardened.
+UNDETERMINED, FAINT = 0.01, 5e-4
 #: Most samples of a run that are used, relative spacing of its frequency bins, and the most of them.
 LONGEST, SPACING, BINS = 2**16, 1.0 / 240.0, 200
 #: Lowest frequency bin in use: the window spreads a record's zero over two.
@@ -112,7 +115,9 @@ def compared_places(model: RigModel, trials: Sequence[Trial], starts: Sequence[R
 
     found = {place: fitted(place) for place in places_of(model)}
     near = LATER * min(one.left for one in found.values())
-    found = {place: one.settled(place, runs) if one.left <= near else one for place, one in found.items()}
+    found = {
+        place: one.settled(place, runs).settled(place, runs, FAINT) if one.left <= near else one for place, one in found.items()
+    }
     located = [Located(place=place, left=one.left, model=one.model) for place, one in found.items()]
     located.sort(key=lambda one: one.left)
     # Of a sound rig every place leads to the right values.
@@ -232,15 +237,15 @@ class _Fitted(NamedTuple):
     left: float
     model: RigModel
 
-    def again(self, place: CausePlace | None, runs: Sequence[_Bins]) -> _Fitted:
+    def again(self, place: CausePlace | None, runs: Sequence[_Bins], least_response: float = UNDETERMINED) -> _Fitted:
         # The better one of this and a fit about the simulation with its values.
-        return min(self, _Rig(self.model, runs).fitted(place), key=lambda one: one.left)
+        return min(self, _Rig(self.model, runs).fitted(place, least_response), key=lambda one: one.left)
 
-    def settled(self, place: CausePlace | None, runs: Sequence[_Bins]) -> _Fitted:
+    def settled(self, place: CausePlace | None, runs: Sequence[_Bins], least_response: float = UNDETERMINED) -> _Fitted:
         # The same until the values are final.
         best = self
         for _ in range(FITS):
-            before, best = best, best.again(place, runs)
+            before, best = best, best.again(place, runs, least_response)
             if best.left > (1.0 - BETTER) * before.left:
                 break
         return best
@@ -258,7 +263,7 @@ class _Rig:
     def _records(bins: _Bins, model: RigModel) -> Response:
         return response_of(model, bins.trial.run.configuration, bins.omega, bins.drives, bins.sigma)
 
-    def fitted(self, place: CausePlace | None) -> _Fitted:
+    def fitted(self, place: CausePlace | None, least_response: float = UNDETERMINED) -> _Fitted:
         """The values that leave least of the misfit across the response to a force at a place."""
         from scipy.optimize import least_squares
 
@@ -276,7 +281,7 @@ class _Rig:
         def evaluated(logs: FloatArray) -> tuple[FloatArray, FloatArray]:
             if logs.tobytes() not in known:
                 known.clear()
-                known[logs.tobytes()] = self._left(place, paths, at(logs), about)
+                known[logs.tobytes()] = self._left(place, paths, at(logs), about, least_response)
             return known[logs.tobytes()]
 
         def residual(logs: FloatArray) -> FloatArray:
@@ -298,22 +303,23 @@ class _Rig:
             best = at(done.x)
         responses = [self._records(bins, best) for bins in self._bins]
         parts = (
-            force_at(place, best, response).beyond(misfit - (response.records - before))
+            force_at(place, best, response, least_response).beyond(misfit - (response.records - before))
             for misfit, response, before in zip(self._misfits, responses, about, strict=True)
         )
         left = float(np.sqrt(sum(float(np.sum(np.abs(part) ** 2)) for part in parts) / dimensions))
         return _Fitted(left, best)
 
     def _left(
-        self, place: CausePlace | None, paths: Sequence[str], model: RigModel, about: Sequence[ComplexArray]
-    ) -> tuple[FloatArray, FloatArray]:
+        self, place: CausePlace | None, paths: Sequence[str], model: RigModel, about: Sequence[ComplexArray],
+        least_response: float,
+    ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
         # The misfit across the response to a force at a place, and its derivatives with respect to the logarithms of the values.
         parts, slopes = [], []
         for bins, simulated, before in zip(self._bins, self._misfits, about, strict=True):
             response = self._records(bins, model)
             misfit = simulated - (response.records - before)
             by_force = response.seen @ response.compliance
-            force = force_at(place, model, response)
+            force = force_at(place, model, response, least_response)
             moved = response.moved + force.moved * force.estimated(misfit)[:, None]
             parts.append(force.across(misfit).ravel())
             every = (self._slope(path, model, bins.omega, response, by_force, moved) for path in paths)
@@ -366,8 +372,11 @@ class UnknownForce(NamedTuple):
         return misfit - (1.0 - ALONG) * self.records * self.estimated(misfit)[:, None]
 
 
-def force_at(place: CausePlace | None, model: RigModel, response: Response) -> UnknownForce:
-    """The unknown force at a place of a rig with this response; one without any effect if the place is None."""
+def force_at(place: CausePlace | None, model: RigModel, response: Response, least: float = FAINT) -> UnknownForce:
+    """The unknown force at a place of a rig with this response; one without any effect if the place is None.
+
+    Bins with less than a share `least` of the largest response tell nothing.
+    """
     shape = response.seen.shape[:2]
     records, moved = np.zeros(shape, dtype=complex), np.zeros_like(response.moved)
     if place is not None and place.kind == "sensor":
@@ -375,7 +384,7 @@ def force_at(place: CausePlace | None, model: RigModel, response: Response) -> U
     elif place is not None:
         moved = response.compliance @ _acting(model, place)
         records = np.einsum("fsb,fb->fs", response.seen, moved)
-    return UnknownForce.with_records(records, moved, UNDETERMINED)
+    return UnknownForce.with_records(records, moved, least)
 
 
 def is_linear(path: str) -> bool:
