@@ -221,8 +221,8 @@ def determined(carried: Entry, mates: Sequence[Entry], floors: FloatArray) -> En
 
 
 def is_determined(entry: Entry) -> bool:
-    """Whether the data determine a form's own values: each one's standard uncertainty is smaller than the value."""
-    own = [free for free in entry.candidate.free if free.log]
+    """Whether the data determine a form's own values: each one's standard uncertainty is smaller than the value; not of an angle."""
+    own = [free for free in entry.candidate.free if free.log or free.turn == np.inf]
     return all(entry.fit.std.get(free.path, 0.0) < abs(entry.fit.model.get(free.path)) for free in own)
 
 

@@ -291,13 +291,15 @@ def followed(
 
 
 def verified(
-    starts: Starts, rung: Rung, progress: Progress, most: int = TRIED, *, sure: bool = False, limit: float = np.inf
-) -> Running:
+    starts: Starts, rung: Rung, progress: Progress, most: int = TRIED, *, sure: bool = False, limit: float = np.inf,
+    whole: Problem | None = None,
+) -> Running:  # fmt: skip
     """Fits of candidates on one rung, best first, from the `most` starting points whose simulation is closest to the data.
 
     Of one candidate the `EACH` closest are tried. Those whose simulation leaves the data from the start are only tried if no
     other stays with them, but if the first candidate is `sure` to be in the rig, always its closest. None with a misfit above the
-    limit is tried; with a limit, none far from the data once another one agrees with them.
+    limit is tried; with a limit, none far from the data once another one agrees with them. A fit that leaves more of the `whole`
+    runs than its starting point is repeated on these: where a resonance jumps, the first seconds do not tell when.
     """
     costs = [misfit(model, rung.problem) for _, _, model in starts]
     begun = sorted(((cost, k) for k, cost in enumerate(costs) if np.isfinite(cost) and cost <= limit), key=lambda item: item[0])
@@ -319,6 +321,8 @@ def verified(
         progress(f"fitting {candidate.cause} ({candidate.location})")
         try:
             done = tried(model, free, rung)
+            if done is not None and whole is not None and misfit(model, whole) < misfit(done.model, whole):
+                done = tried(model, free, replace(rung, problem=whole))
         except OutOfTimeError:
             if climbed:  # what was fitted until then is the answer
                 break
