@@ -355,7 +355,7 @@ def estimate(
             for many in blocks:
                 sums.add(blocks, many)
         if count:
-            parts.append(sums.spectra(rate, _units(alike[0][0], names)))
+            parts.append(sums.spectra(rate, _units(alike[0][0], names), finished=True))
     if not parts:
         seconds = max((stop - start) / run.sample_rate for run in runs for start, stop in (*stretches(run), (0, 0)))
         raise DataError(
@@ -661,15 +661,16 @@ class _Sums:
                 sums.cross[later][row] = np.conj(sums.cross[name][column])
         return sums
 
-    def spectra(self, rate: float, units: tuple[str, ...]) -> Spectra:
+    def spectra(self, rate: float, units: tuple[str, ...], *, finished: bool = False) -> Spectra:
+        """The spectra of a record with this sample rate in Hz; if it is `finished`, no segment can be added."""
         each = np.full(self.length // 2 + 1, 2.0 / (rate * (self.window**2).sum()))
         each[[0, -1]] /= 2.0
         each, frequency = each[: self.lines], np.fft.rfftfreq(self.length, 1.0 / rate)[: self.lines]
         segments, group = self.segments, self._mirrored(self.group)
         whole = self.earlier.plus(group) if self.earlier else group
-        # In place, if they are new: these are the largest arrays of an estimate.
+        # In place, if they are needed no longer: these are the largest arrays of an estimate.
         auto, *cross = (
-            np.multiply(values, each / segments, out=values if self.earlier else None)
+            np.multiply(values, each / segments, out=values if self.earlier or finished else None)
             for values in (whole.auto, *whole.cross.values())
         )
         return Spectra(
