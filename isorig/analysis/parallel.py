@@ -6,6 +6,7 @@ A BLAS with its own threads inside ours makes two workers slower than one.
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
@@ -13,6 +14,8 @@ from typing import TypeVar
 
 T = TypeVar("T")
 R = TypeVar("R")
+#: Whether a thread is one of the pool.
+_thread = threading.local()
 
 
 def cores() -> int:
@@ -25,9 +28,12 @@ def _pool() -> ThreadPoolExecutor:
     from threadpoolctl import threadpool_limits
 
     threadpool_limits(limits=1, user_api="blas")
-    return ThreadPoolExecutor(cores())
+    return ThreadPoolExecutor(cores(), initializer=lambda: setattr(_thread, "pooled", True))
 
 
 def side_by_side(function: Callable[[T], R], jobs: Iterable[T]) -> list[R]:
-    """The function's results for all jobs, in their order, using all cores available to this process."""
-    return list(_pool().map(function, jobs))
+    """The function's results for all jobs, in their order, using all cores available to this process.
+
+    Jobs of a job are done in its thread: if all threads waited for jobs of their own, none would do them.
+    """
+    return list(map(function, jobs) if hasattr(_thread, "pooled") else _pool().map(function, jobs))

@@ -34,8 +34,10 @@ def deviation_by_median(values: FloatArray, differences: int = 0) -> float:
 
     From the median magnitude, to which a motion in a minority of the samples does not matter; 0 without any.
     """
-    steps = np.diff(values, differences)
-    return float(np.median(np.abs(steps))) / (MEDIAN_MAGNITUDE * sqrt((1, 2, 6)[differences])) if len(steps) else 0.0
+    steps = np.abs(np.diff(values, differences))
+    return (
+        float(np.median(steps, overwrite_input=True)) / (MEDIAN_MAGNITUDE * sqrt((1, 2, 6)[differences])) if len(steps) else 0.0
+    )
 
 
 def is_command(values: FloatArray) -> bool:

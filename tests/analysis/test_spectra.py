@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import tracemalloc
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,8 +14,10 @@ from hypothesis import strategies as st
 
 from isorig.analysis.campaign import Channel, FloatArray, Gap, Run
 from isorig.analysis.errors import DataError
+from isorig.analysis.parallel import side_by_side
+from isorig.analysis.spectra import welch
 from isorig.analysis.spectra.periodic import periodic
-from isorig.analysis.spectra.welch import RunningSpectra, averages_in, estimate, merged
+from isorig.analysis.spectra.welch import SHARE, RunningSpectra, averages_in, estimate, merged
 
 RATE = 512.0
 
@@ -84,6 +88,28 @@ def test_stated_deviations_are_the_scatter_of_repeats() -> None:
     turn = np.angle(values / values.mean(axis=0)).std(axis=0) / np.sqrt(np.mean([f.phase_std[inside] ** 2 for f in frfs], axis=0))
     assert 0.95 < size.mean() < 1.05
     assert 0.95 < turn.mean() < 1.05
+
+
+@pytest.mark.parametrize(("responses", "threads"), [(2 * SHARE - 1, []), (2 * SHARE, [2]), (4 * SHARE, [3])])
+def test_many_responses_are_shared_by_threads(responses: int, threads: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
+    counted: list[int] = []
+
+    def count(function: Callable[[object], None], shares: list[object]) -> None:
+        counted.append(len(shares))
+        side_by_side(function, shares)
+
+    monkeypatch.setattr(welch, "cores", lambda: 3)
+    monkeypatch.setattr(welch, "side_by_side", count)
+    x, y = pair(2, 3000)
+    names = [f"y{k}" for k in range(responses)]
+    channels = {name: Channel(name=name, samples=np.roll(y, k)) for k, name in enumerate(names)}
+    run = replace(run_of(x=x), channels={"x": Channel(name="x", samples=x), **channels})
+    found = estimate([run], references=["x"], resolution=2.0, jackknife=False)
+    assert counted == threads
+    for k, name in enumerate(names):
+        alone = estimate([run], references=["x"], channels=[name], resolution=2.0, jackknife=False)
+        np.testing.assert_array_equal(found.auto[k + 1], alone.auto[1])
+        np.testing.assert_array_equal(found.cross["x"][k + 1], alone.cross["x"][1])
 
 
 def test_no_segment_reaches_across_a_gap() -> None:

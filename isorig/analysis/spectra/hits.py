@@ -85,9 +85,9 @@ def pulses(run: Run, reference: str) -> Pulses | None:
         return None
     values = run.read(reference)
     offset = float(np.median(values))
-    values = values - offset
+    values -= offset
     noise = deviation_by_median(values)
-    top = float(np.abs(values).max())
+    top = float(max(values.max(), -values.min()))
     level = max(TRIGGER * top, ABOVE_NOISE * noise)
     if top == 0.0 or top <= level:
         return None

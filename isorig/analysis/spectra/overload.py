@@ -111,10 +111,10 @@ def extents(channel: Channel) -> tuple[Extent, ...]:
 
 
 def _extent(block: FloatArray, start: int, top: float | None) -> Extent:
-    low, high = float(block.min()), float(block.max())
+    low, high, mean = float(block.min()), float(block.max()), block.mean(keepdims=True)
     reached = top is not None and max(-low, high) >= FULL * top
     return Extent(
-        low=low, high=high, mean=float(block.mean()), std=float(block.std()), length=len(block),
+        low=low, high=high, mean=float(mean[0]), std=float(block.std(mean=mean)), length=len(block),
         tops=(_tops(block, low), _tops(block, high)), full=int((np.abs(block) >= FULL * top).sum()) if top and reached else 0,
         rows=tuple(_rows(block, start)),
     )  # fmt: skip
@@ -137,7 +137,7 @@ def _frequent(block: FloatArray, end: float) -> bool:
 
 def _rows(block: FloatArray, start: int) -> Iterator[Row]:
     same = block[1:] == block[:-1]
-    if b"\1" * (STUCK - 1) not in same.tobytes():
+    if np.count_nonzero(same) < STUCK - 1 or b"\1" * (STUCK - 1) not in same.tobytes():
         return
     edges = np.concatenate([[0], np.flatnonzero(~same) + 1, [len(block)]])
     rows = np.diff(edges)

@@ -15,6 +15,7 @@ import numpy as np
 from isorig.analysis.campaign import Campaign, FloatArray, Measured, Run, broad, given_campaign, once
 from isorig.analysis.errors import DataError
 from isorig.analysis.given import of_type
+from isorig.analysis.parallel import side_by_side
 from isorig.analysis.spectra.noise import ENOUGH, noise_level
 from isorig.analysis.spectra.overload import LONGEST, extents, extremes, plateaus
 from isorig.analysis.spectra.welch import Spectra, common_bins, estimate, stretches
@@ -129,6 +130,8 @@ def _faults(campaign: Campaign, reference: str) -> tuple[Fault, ...]:
 def clipped_or_dead(campaign: Campaign, *, reference: str) -> list[Fault]:
     """The faults that each record shows alone, in one pass over it: clipped and dead channels."""
     released = _released(campaign, reference)
+    if long := [channel for run in campaign.runs if len(run) > LONGEST for channel in run.sensors.values()]:
+        side_by_side(extents, long)
     found = [fault for run in campaign.runs for fault in (*_clipped(run), *_dead(run, reference))]
     return [fault for fault in found if fault.kind != "dead" or (fault.run, fault.channel) not in released]
 

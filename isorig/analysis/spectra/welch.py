@@ -16,13 +16,19 @@ import numpy as np
 from isorig.analysis.campaign import BoolArray, ComplexArray, FloatArray, IntArray, Run, given_runs
 from isorig.analysis.errors import DataError
 from isorig.analysis.given import channel_names, flag, number, of_type, one_of, text, whole
+from isorig.analysis.parallel import cores, side_by_side
 from isorig.analysis.spectra.estimators import Drives, Estimator
 from isorig.analysis.spectra.segment_groups import FEWEST_GROUPS, MOST, Grouping, Groups, Sums, group_bytes, group_size, joined
 from isorig.analysis.spectra.windows import HANN, OVERLAP_MOST, Window
 from isorig.analysis.views import Viewed
 
-#: Segments transformed at a time: at most so many, with at most so many samples together.
-BLOCK, CACHED = 8, 1 << 21
+#: Samples of the segments that are transformed at a time, and of those that are multiplied: with fewer, calls take a large share
+#: of the time; more leave the processor's caches. Chosen as the fastest with segments of 2048 and of 8192 samples.
+AT_ONCE, CACHED = 3 << 16, 1 << 15
+#: Number of responses for which another thread is worthwhile.
+SHARE = 8
+#: Segments of which a group consists, or of equal parts of them.
+BLOCK = 8
 OVERLAP = 0.5
 #: With fewer averages there is no scatter: the standard deviations are then set to the size of the values.
 FEWEST = 1.5
@@ -350,7 +356,7 @@ def estimate(
             for many in blocks:
                 sums.add(blocks, many)
         if count:
-            parts.append(sums.spectra(rate, _units(alike[0][0], names)))
+            parts.append(sums.spectra(rate, _units(alike[0][0], names), finished=True))
     if not parts:
         seconds = max((stop - start) / run.sample_rate for run in runs for start, stop in (*stretches(run), (0, 0)))
         raise DataError(
@@ -500,35 +506,37 @@ def _segments(samples: int, length: int, hop: int) -> int:
     return (samples - length) // hop + 1 if samples >= length else 0
 
 
+class _Buffer:
+    """Samples of one channel, and their segments: finding these takes longer than their mean."""
+
+    def __init__(self, segments: int, length: int, hop: int) -> None:
+        self.values = np.empty(segments * hop + length - hop)
+        self.segments = np.lib.stride_tricks.sliding_window_view(self.values, length)[::hop]
+
+
 class _Blocks:
     """Segments of the channels of an interval in blocks; every sample is read once, and no channel is stored whole.
 
-    Iterating gives the number of segments of each block; `rows` then gives the segments of one channel after the other. With
-    `ahead` all channels of a block are read before the block is given, so that no block is incomplete if one cannot be read.
+    Iterating gives the number of segments of each block; `segments` then gives those of each channel. With `ahead` all channels
+    of a block are read before the block is given, so that no block is incomplete if one cannot be read.
     """
 
     def __init__(self, run: Run, sums: _Sums, start: int, stop: int, *, ahead: bool = False) -> None:
         self._channels = [run.channel(name) for name in sums.names]
-        self._sums, self._start, self._ahead = sums, start, ahead
+        self._sums, self._start = sums, start
         self._count = _segments(stop - start, sums.length, sums.hop)
-        kept = sums.length - sums.hop
         most = min(_at_once(sums.length), self._count)
-        self._buffers = np.empty((len(self._channels) if ahead else 1, most * sums.hop + kept if most else 0))
-        #: The segments in each buffer: finding them takes longer than the mean of a block.
-        self._segments = [
-            np.lib.stride_tricks.sliding_window_view(each, sums.length)[:: sums.hop] for each in self._buffers if most
-        ]
+        self._ahead = [_Buffer(most, sums.length, sums.hop) for _ in self._channels if ahead and most]
         #: What the last segment of a block shares with the first one of the next block.
-        self._kept = np.empty((len(self._channels), kept))
+        self._kept = np.empty((len(self._channels), sums.length - sums.hop))
         self._first, self._given, self._many = 0, 0, 0
 
     def __iter__(self) -> Iterator[int]:
         while self._first < self._count:
             many = min(_at_once(self._sums.length), self._count - self._first)
-            if self._ahead:
-                for row in range(len(self._channels)):
-                    self._read(row, many)
-            else:
+            for row, buffer in enumerate(self._ahead):
+                self._read(row, many, buffer)
+            if not self._ahead:
                 many = min(many, self._sums.room)
             self._given = 0
             while self._given < many:
@@ -537,16 +545,16 @@ class _Blocks:
                 self._given += self._many
             self._first += many
 
-    def rows(self) -> Iterator[FloatArray]:
-        """The segments of each channel, shape (segments, length), overwritten by those of the next one."""
-        for row in range(len(self._channels)):
-            if not self._ahead:
-                self._read(row, self._many)
-            yield self._segments[row if self._ahead else 0][self._given : self._given + self._many]
+    def segments(self, row: int, buffer: _Buffer) -> FloatArray:
+        """The segments of a channel, shape (segments, length); in `buffer`, unless all channels have been read."""
+        if self._ahead:
+            buffer = self._ahead[row]
+        else:
+            self._read(row, self._many, buffer)
+        return buffer.segments[self._given : self._given + self._many]
 
-    def _read(self, row: int, many: int) -> None:
-        values: FloatArray = self._buffers[row if self._ahead else 0]
-        kept, hop = self._kept[row], self._sums.hop
+    def _read(self, row: int, many: int, buffer: _Buffer) -> None:
+        values, kept, hop = buffer.values, self._kept[row], self._sums.hop
         begin, size, held = self._start + self._first * hop, many * hop + len(kept), len(kept) if self._first else 0
         values[:held] = kept[:held]
         self._channels[row].read_into(values[held:size], begin + held)
@@ -554,7 +562,19 @@ class _Blocks:
 
 
 def _at_once(length: int) -> int:
-    return max(1, min(BLOCK, CACHED // length))
+    return max(1, AT_ONCE // length)
+
+
+class _Work:
+    """What one thread needs for a channel: memory that is new for each block would take longer than the transform."""
+
+    def __init__(self, length: int, hop: int, lines: int) -> None:
+        most = _at_once(length)
+        self.buffer = _Buffer(most, length, hop)
+        self.windowed = np.empty((most, length))
+        self.transformed = np.empty((most, length // 2 + 1), dtype=np.complex128)
+        self.products = np.empty((max(1, CACHED // length), lines), dtype=np.complex128)
+        self.product, self.squares, self.power = np.empty(lines, dtype=np.complex128), np.empty(2 * lines), np.empty(lines)
 
 
 class _Sums:
@@ -568,13 +588,12 @@ class _Sums:
         self.names, self.references, self.length = names, tuple(references), length
         self.seen_through, self.overlap, self.hop = window, overlap, _hop(length, overlap)
         self.window = window.samples(length)
-        # Memory that is new for each block would take longer than the transform.
-        most = _at_once(length)
-        self.windowed = np.empty((most, length))
-        self.transformed = np.empty((most, length // 2 + 1), dtype=np.complex128)
-        self.conjugates = {name: np.empty((most, lines), dtype=np.complex128) for name in references}
-        self.products = np.empty((most, lines), dtype=np.complex128)
-        self.product, self.squares, self.power = np.empty(lines, dtype=np.complex128), np.empty(2 * lines), np.empty(lines)
+        responses = range(len(self.references), len(names))
+        threads = max(1, min(cores(), len(responses) // SHARE))
+        #: The responses of each thread, and its arrays.
+        self._shares = [(responses[k::threads], _Work(length, self.hop, lines)) for k in range(threads)]
+        #: Transforms of the references in the current block, conjugated when they have been added.
+        self._conjugates = {name: np.empty((_at_once(length), length // 2 + 1), dtype=np.complex128) for name in references}
         # Of the current group, and of all groups before it.
         self.grouping = Grouping(group, groups)
         self.earlier: Sums | None = None
@@ -592,30 +611,43 @@ class _Sums:
 
     def add(self, blocks: _Blocks, many: int) -> None:
         """Add the current block of `many` segments."""
-        auto, cross = self.group.auto, self.group.cross
-        part, products, product = self.windowed[:many], self.products[:many], self.product
-        squares, power = self.squares, self.power
+
+        def add_share(share: tuple[Sequence[int], _Work]) -> None:
+            rows, work = share
+            for row in rows:
+                self._add_channel(blocks, many, row, work)
+
         # References come first, so that a channel meets all of them when it is processed.
-        for row, (name, segments) in enumerate(zip(self.names, blocks.rows(), strict=True)):
-            mean = np.add.reduce(segments, axis=1, keepdims=True)
-            mean /= self.length
-            np.subtract(segments, mean, out=part)
-            part *= self.window
-            lines = np.fft.rfft(part, axis=1, out=self.transformed[:many])[:, : self.lines]
-            if name in cross:
-                np.conj(lines, out=self.conjugates[name][:many])
-            parts = lines.view(np.float64) if lines.flags.c_contiguous else np.ascontiguousarray(lines).view(np.float64)
-            np.einsum("sf,sf->f", parts, parts, out=squares)
-            np.add(squares[0::2], squares[1::2], out=power)
-            auto[row] += power
-            if name in cross:
-                cross[name][row] += power
-            for reference in self.references[:row]:
-                np.multiply(self.conjugates[reference][:many], lines, out=products)
-                cross[reference][row] += np.add.reduce(products, axis=0, out=product)
+        add_share((range(len(self.references)), self._shares[0][1]))
+        if len(self._shares) == 1:
+            add_share(self._shares[0])
+        else:
+            side_by_side(add_share, self._shares)
         self.group.segments += many
         if not self.room:
             self._close()
+
+    def _add_channel(self, blocks: _Blocks, many: int, row: int, work: _Work) -> None:
+        name, auto, cross = self.names[row], self.group.auto, self.group.cross
+        segments, part = blocks.segments(row, work.buffer), work.windowed[:many]
+        mean = np.add.reduce(segments, axis=1, keepdims=True)
+        mean /= self.length
+        np.subtract(segments, mean, out=part)
+        part *= self.window
+        held = self._conjugates.get(name, work.transformed)[:many]
+        lines = np.fft.rfft(part, axis=1, out=held)[:, : self.lines]
+        parts = np.ascontiguousarray(lines).view(np.float64)
+        np.einsum("sf,sf->f", parts, parts, out=work.squares)
+        auto[row] += np.add(work.squares[0::2], work.squares[1::2], out=work.power)
+        for reference in self.references[:row]:
+            conjugates = self._conjugates[reference][:many, : self.lines]
+            for first in range(0, many, len(work.products)):
+                some = slice(first, first + len(work.products))
+                products = np.multiply(conjugates[some], lines[some], out=work.products[: many - first])
+                cross[reference][row] += np.add.reduce(products, axis=0, out=work.product)
+        if name in cross:
+            cross[name][row] += work.power
+            np.conj(lines, out=lines)
 
     def _close(self) -> None:
         # The group is full: it is stored separately, and added to the total.
@@ -632,15 +664,16 @@ class _Sums:
                 sums.cross[later][row] = np.conj(sums.cross[name][column])
         return sums
 
-    def spectra(self, rate: float, units: tuple[str, ...]) -> Spectra:
+    def spectra(self, rate: float, units: tuple[str, ...], *, finished: bool = False) -> Spectra:
+        """The spectra of a record with this sample rate in Hz; if it is `finished`, no segment can be added."""
         each = np.full(self.length // 2 + 1, 2.0 / (rate * (self.window**2).sum()))
         each[[0, -1]] /= 2.0
         each, frequency = each[: self.lines], np.fft.rfftfreq(self.length, 1.0 / rate)[: self.lines]
         segments, group = self.segments, self._mirrored(self.group)
         whole = self.earlier.plus(group) if self.earlier else group
-        # In place, if they are new: these are the largest arrays of an estimate.
+        # In place, if they are needed no longer: these are the largest arrays of an estimate.
         auto, *cross = (
-            np.multiply(values, each / segments, out=values if self.earlier else None)
+            np.multiply(values, each / segments, out=values if self.earlier or finished else None)
             for values in (whole.auto, *whole.cross.values())
         )
         return Spectra(
