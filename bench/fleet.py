@@ -31,7 +31,7 @@ from table import Row, keep, options
 from isorig.rig.diagnose.many import diagnose_file, shared_out
 from isorig.rig.fleet.catalogue import Catalogue
 from isorig.rig.fleet.history import followed
-from isorig.rig.fleet.query import query_answers
+from isorig.rig.fleet.catalogue import query_answers
 from isorig.rig.fleet.report import fleet_page
 from isorig.rig.fleet.update import update, work_of
 
