@@ -64,7 +64,7 @@ class PrologixLink:
 
     bus = True
 
-    def __init__(self, name: str, *, port: str, address: int, waits: Waits = WAITS) -> None:
+    def __init__(self, name: str, *, port: str, address: int, waits: Waits) -> None:
         if address > HIGHEST:
             raise SettingError(f"{name} has the GPIB address {address}; give 0 to {HIGHEST}")
         self.name = name

@@ -107,7 +107,7 @@ def read_parameter_plan(path: Path) -> ParameterPlan:
 
 
 def designed_parameters(
-    plan: ParameterPlan, given: GivenRig, parameters: Path | None, *, points: int = 100, draws: int = 100, seed: int = 0
+    plan: ParameterPlan, given: GivenRig, parameters: Path | None, *, points: int, draws: int, seed: int
 ) -> ParameterDesign:
     """Search the best values, sweep each parameter around them, and repeat the sweeps for drawn rigs.
 

@@ -60,7 +60,7 @@ SYMBOLS = {"V": "u|v|voltage|spannung", "A": "i|current|strom", "m": "x|y|z|s|d|
 FREE = 'write excitation = "free" in every run of the mapping'
 _RUN = r"(?P<after>(?:run|trial|test|rep|experiment|measurement|versuch|lauf|messung)[ _-]?\d+)"
 #: Names of records with the run or the part of a benchmark: data[1][0], run1_force, force_run1, uEst and uVal.
-PARTS = tuple(
+RUN_FORMS = tuple(
     re.compile(rf"(?P<before>){form}", re.IGNORECASE)
     for form in (
         r"(?P<after>[^./]+\[\d+\])(?P<name>\[[\d,]+\])",
@@ -332,7 +332,7 @@ def _groups(table: ForeignTable) -> dict[str, dict[str, tuple[str, Column]]]:
     groups: dict[str, dict[str, tuple[str, Column]]] = {}
     # An estimation and a validation part of a benchmark are runs, too.
     records = [source for source, column in table.columns.items() if not is_clock(source, column)]
-    matched = ({source: form.fullmatch(source) for source in records} for form in PARTS)
+    matched = ({source: form.fullmatch(source) for source in records} for form in RUN_FORMS)
     parts = next((each for each in matched if all(each.values()) and len({m["after"] for m in each.values() if m}) > 1), {})
     for source, column in table.columns.items():
         found = parts.get(source) or re.fullmatch(r"(?:(?P<before>.*)[./])?(?P<name>[^./#]+)(?:#(?P<after>\d+))?", source)
