@@ -51,17 +51,22 @@ def way(v0: float, vm: float, v1: float, low: float, x: float, h: float) -> floa
 
 
 @inlined
+def steps_over(distance: float, v0: float, vm: float, v1: float, h: float) -> float:
+    """Runge-Kutta steps in h seconds of a state variable that changes by a factor of e within a distance in m."""
+    return STEPS * max(abs(v0), abs(vm), abs(v1)) * h / distance
+
+
+@inlined
 def integrated(
-    rate: Callable[[FloatArray, float, float], float], p: FloatArray, z: float, fastest: float, v0: float, vm: float, v1: float,
+    rate: Callable[[FloatArray, float, float], float], p: FloatArray, z: float, steps: float, v0: float, vm: float, v1: float,
     low: float, high: float, h: float,
 ) -> float:  # fmt: skip
     """State variable at the fraction `high` of a step of h seconds from its value z at `low`, by classical Runge-Kutta steps.
 
-    ``rate(p, z, v)`` is dz/dt at the velocity v, and `fastest` the rate in 1/m at which z can change with the distance. The
-    velocity is the parabola through three velocities. Steps end where it changes sign, because the rate has a kink there.
+    ``rate(p, z, v)`` is dz/dt at the velocity v, and `steps` how many of these steps the whole one needs. The velocity is the
+    parabola through three velocities. Steps end where it changes sign, because the rate has a kink there.
     """
     b, c = -3.0 * v0 + 4.0 * vm - v1, 2.0 * (v0 - 2.0 * vm + v1)
-    steps = STEPS * fastest * max(abs(v0), abs(vm), abs(v1)) * h
     x = turning(v0, vm, v1, low, high)
     for begin, end in ((low, high), (high, high)) if x < 0.0 else ((low, x), (x, high)):
         parts = 1 + int(steps * (end - begin))
@@ -78,15 +83,6 @@ def integrated(
             k4 = rate(p, z + dx * h * k3, vc)
             z += dx * h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
     return z
-
-
-@inlined
-def one_after_another(step: Callable[[float, P, float], float], p: P, inputs: FloatArray, out: FloatArray) -> None:
-    """States from zero after each of the inputs, into `out`, shape (n,); ``step(state, p, input)`` is the next one."""
-    state = 0.0
-    for k in range(len(inputs)):
-        state = step(state, p, inputs[k])
-        out[k] = state
 
 
 @inlined
@@ -127,23 +123,12 @@ class Dahl(ContactLaw, frozen=True, kw_only=True, tag="dahl"):
     def rates(self, d: float, v: float, memory: FloatArray) -> FloatArray:
         return np.array([self.bristle_stiffness * (v - abs(v) * memory[0] / self.friction_force)])
 
-    def along(self, d: FloatArray, v: FloatArray, rate: float, link: LinkConstants = NO_LINK) -> FloatArray:
-        out = np.empty(len(v))
-        slid_along(np.array([self.friction_force, self.bristle_stiffness]), np.diff(d, prepend=d[:1]), out)
-        return out
-
 
 @kernel
 def slid(f: float, p: FloatArray, x: float) -> float:
     """Force after a distance x (m) in one direction: df/dx = k (1 - f sign(v) / Fc) in closed form."""
     s = 1.0 if x >= 0.0 else -1.0
     return s * p[0] + (f - s * p[0]) * np.exp(-p[1] * abs(x) / p[0])
-
-
-@kernel
-def slid_along(p: FloatArray, distance: FloatArray, out: FloatArray) -> None:
-    """Forces after each of the distances (m), one after another, into `out`, shape (n,)."""
-    one_after_another(slid, p, distance, out)
 
 
 @kernel
@@ -209,7 +194,7 @@ def bent_along(p: FloatArray, distance: FloatArray, loading: FloatArray, out: Fl
     z = -1.0 + NEAR
     for k in range(len(loading)):
         loading[k] = z
-        z = integrated(bend_rate, p, z, p[2], 1.0, 1.0, 1.0, 0.0, 1.0, STEP * p[0] / p[1])
+        z = integrated(bend_rate, p, z, STEPS * STEP * p[2] * p[0] / p[1], 1.0, 1.0, 1.0, 0.0, 1.0, STEP * p[0] / p[1])
     sign, at = 1.0, place(loading, 0.0)
     for k in range(len(distance)):
         x = distance[k]
@@ -244,7 +229,8 @@ def bouc_wen_carry(
     p: FloatArray, memory: FloatArray, after: FloatArray, d0: float, d1: float, v0: float, vm: float, v1: float,
     low: float, high: float, h: float,
 ) -> None:  # fmt: skip
-    after[0] = integrated(bend_rate, p, memory[0], p[2] * p[1] / p[0], v0, vm, v1, low, high, h)
+    steps = steps_over(p[0] / (p[1] * p[2]), v0, vm, v1, h)
+    after[0] = integrated(bend_rate, p, memory[0], steps, v0, vm, v1, low, high, h)
 
 
 BOUC_WEN = Formula(resist=bouc_wen_resist, carry=bouc_wen_carry)
@@ -279,11 +265,6 @@ class StiffeningHysteresis(SpringLaw, frozen=True, kw_only=True, tag="stiffening
         f = memory[0]
         return np.array([v * (self.initial_stiffness + abs(f) * (self.stiffening - self.dissipation * np.sign(v * f)))])
 
-    def along(self, d: FloatArray, v: FloatArray, rate: float, link: LinkConstants = NO_LINK) -> FloatArray:
-        out = np.empty(len(v))
-        stiffened_along(np.array(self._params), np.diff(d, prepend=d[:1]), out)
-        return out
-
 
 @kernel
 def grown(f: float, k: float, growth: float, x: float) -> float:
@@ -303,12 +284,6 @@ def stiffened(f: float, p: FloatArray, x: float) -> float:
             return s * grown(f, p[0], -p[2], x)
         f, x = 0.0, x - unloaded
     return s * grown(f, p[0], p[1], x)
-
-
-@kernel
-def stiffened_along(p: FloatArray, distance: FloatArray, out: FloatArray) -> None:
-    """Forces after each of the distances (m), one after another, into `out`, shape (n,)."""
-    one_after_another(stiffened, p, distance, out)
 
 
 @kernel
@@ -356,11 +331,6 @@ class LuGre(ContactLaw, frozen=True, kw_only=True, tag="lugre"):
     def rates(self, d: float, v: float, memory: FloatArray) -> FloatArray:
         return np.asarray(v - self.bristle_stiffness * abs(v) * memory / self._level(np.array(v)))
 
-    def along(self, d: FloatArray, v: FloatArray, rate: float, link: LinkConstants = NO_LINK) -> FloatArray:
-        bristles = np.zeros((1, len(v)))
-        bristles_along(np.array(self._params), np.ascontiguousarray(v), 1.0 / rate, bristles[0])
-        return self.force(d, v, d, bristles, link)
-
     def _level(self, v: FloatArray) -> FloatArray:
         return falling(v, self.friction_force, self.static_force, self.stribeck_velocity, self.exponent)
 
@@ -373,13 +343,6 @@ def bristle_rate(p: FloatArray, z: float, v: float) -> float:
 
 
 @kernel
-def bristles_along(p: FloatArray, v: FloatArray, h: float, out: FloatArray) -> None:
-    """Mean bristle for velocities v (m/s), linear between samples h seconds apart, into `out`, shape (n,)."""
-    for k in range(len(v) - 1):
-        out[k + 1] = integrated(bristle_rate, p, out[k], p[0] / p[3], v[k], 0.5 * (v[k] + v[k + 1]), v[k + 1], 0.0, 1.0, h)
-
-
-@kernel
 def lugre_resist(p: FloatArray, gate: float, memory: FloatArray, d: float, v: float, t: float) -> float:
     return p[0] * memory[0] + p[1] * bristle_rate(p, memory[0], v) + p[2] * v
 
@@ -389,7 +352,7 @@ def lugre_carry(
     p: FloatArray, memory: FloatArray, after: FloatArray, d0: float, d1: float, v0: float, vm: float, v1: float,
     low: float, high: float, h: float,
 ) -> None:  # fmt: skip
-    after[0] = integrated(bristle_rate, p, memory[0], p[0] / p[3], v0, vm, v1, low, high, h)
+    after[0] = integrated(bristle_rate, p, memory[0], steps_over(p[3] / p[0], v0, vm, v1, h), v0, vm, v1, low, high, h)
 
 
 LUGRE = Formula(resist=lugre_resist, carry=lugre_carry)
@@ -416,15 +379,11 @@ class Maxwell(SpringLaw, frozen=True, kw_only=True, tag="maxwell"):
     def rates(self, d: float, v: float, memory: FloatArray) -> FloatArray:
         return np.array([self.relaxation_stiffness * v - memory[0] / self.relaxation_time])
 
-    def along(self, d: FloatArray, v: FloatArray, rate: float, link: LinkConstants = NO_LINK) -> FloatArray:
-        from scipy.signal import lfilter
 
-        # The damper's elongation, which lags behind d: a first-order filter, exact for an elongation linear between samples.
-        steps = 1.0 / (rate * self.relaxation_time)
-        kept = np.exp(-steps)
-        new = 1.0 - (1.0 - kept) / steps
-        lag = lfilter([new, 1.0 - kept - new], [1.0, -kept], d - d[0])
-        return np.asarray(self.relaxation_stiffness * (d - d[0] - lag))
+@kernel
+def relaxed_rate(p: FloatArray, f: float, v: float) -> float:
+    """df/dt."""
+    return p[0] * v - f / p[1]
 
 
 @kernel
@@ -432,21 +391,7 @@ def maxwell_carry(
     p: FloatArray, memory: FloatArray, after: FloatArray, d0: float, d1: float, v0: float, vm: float, v1: float,
     low: float, high: float, h: float,
 ) -> None:  # fmt: skip
-    # RK4 in sub-steps with parabolic velocity.
-    b, c = -3.0 * v0 + 4.0 * vm - v1, 2.0 * (v0 - 2.0 * vm + v1)
-    rate, f = 1.0 / p[1], memory[0]
-    parts = 1 + int(5.0 * rate * (high - low) * h)
-    dx = (high - low) / parts
-    for k in range(parts):
-        x = low + k * dx
-        xm, x1 = x + 0.5 * dx, x + dx
-        va, vb, vc = v0 + x * (b + c * x), v0 + xm * (b + c * xm), v0 + x1 * (b + c * x1)
-        k1 = p[0] * va - rate * f
-        k2 = p[0] * vb - rate * (f + 0.5 * dx * h * k1)
-        k3 = p[0] * vb - rate * (f + 0.5 * dx * h * k2)
-        k4 = p[0] * vc - rate * (f + dx * h * k3)
-        f += dx * h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
-    after[0] = f
+    after[0] = integrated(relaxed_rate, p, memory[0], STEPS * h / p[1], v0, vm, v1, low, high, h)
 
 
 MAXWELL = Formula(resist=remembered, carry=maxwell_carry)
