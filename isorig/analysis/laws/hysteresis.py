@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Annotated, ClassVar, TypeVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from isorig.analysis.laws.base import NO_LINK, ContactLaw, LinkConstants, Parame
 from isorig.analysis.laws.elements import Element, Formula
 from isorig.analysis.laws.friction import falling
 
-P = TypeVar("P", FloatArray, float)
 #: Relative change of a state variable in one Runge-Kutta step, below which it is rounding: steady sliding is not integrated.
 SATURATED = 1e-13
 #: Runge-Kutta steps in the distance over which a state variable changes by a factor of e: (1/5)^5 / 120 = 3e-6 of error in each.
@@ -23,6 +22,8 @@ STEPS = 5.0
 STEP, POINTS, NEAR = 1.0 / 128.0, 4096, 1e-6
 #: Largest exponent of a force that grows with the distance: a simulation that leaves the data stays finite.
 STRONGEST = 50.0
+#: Time constants up to which a relaxation is computed from a series: its error and rounding are below 1e-9 there.
+SHORT = 0.01
 #: Stiffness of a loop that stiffens, over its initial one, up to which the step of a simulation is fine. Chosen: published loops
 #: reach three times.
 STEEPENED = 4.0
@@ -51,22 +52,17 @@ def way(v0: float, vm: float, v1: float, low: float, x: float, h: float) -> floa
 
 
 @inlined
-def steps_over(distance: float, v0: float, vm: float, v1: float, h: float) -> float:
-    """Runge-Kutta steps in h seconds of a state variable that changes by a factor of e within a distance in m."""
-    return STEPS * max(abs(v0), abs(vm), abs(v1)) * h / distance
-
-
-@inlined
 def integrated(
-    rate: Callable[[FloatArray, float, float], float], p: FloatArray, z: float, steps: float, v0: float, vm: float, v1: float,
+    rate: Callable[[FloatArray, float, float], float], p: FloatArray, z: float, fastest: float, v0: float, vm: float, v1: float,
     low: float, high: float, h: float,
 ) -> float:  # fmt: skip
     """State variable at the fraction `high` of a step of h seconds from its value z at `low`, by classical Runge-Kutta steps.
 
-    ``rate(p, z, v)`` is dz/dt at the velocity v, and `steps` how many of these steps the whole one needs. The velocity is the
-    parabola through three velocities. Steps end where it changes sign, because the rate has a kink there.
+    ``rate(p, z, v)`` is dz/dt at the velocity v, and `fastest` the rate in 1/m at which z can change with the distance. The
+    velocity is the parabola through three velocities. Steps end where it changes sign, because the rate has a kink there.
     """
     b, c = -3.0 * v0 + 4.0 * vm - v1, 2.0 * (v0 - 2.0 * vm + v1)
+    steps = STEPS * fastest * max(abs(v0), abs(vm), abs(v1)) * h
     x = turning(v0, vm, v1, low, high)
     for begin, end in ((low, high), (high, high)) if x < 0.0 else ((low, x), (x, high)):
         parts = 1 + int(steps * (end - begin))
@@ -194,7 +190,7 @@ def bent_along(p: FloatArray, distance: FloatArray, loading: FloatArray, out: Fl
     z = -1.0 + NEAR
     for k in range(len(loading)):
         loading[k] = z
-        z = integrated(bend_rate, p, z, STEPS * STEP * p[2] * p[0] / p[1], 1.0, 1.0, 1.0, 0.0, 1.0, STEP * p[0] / p[1])
+        z = integrated(bend_rate, p, z, p[2], 1.0, 1.0, 1.0, 0.0, 1.0, STEP * p[0] / p[1])
     sign, at = 1.0, place(loading, 0.0)
     for k in range(len(distance)):
         x = distance[k]
@@ -229,8 +225,7 @@ def bouc_wen_carry(
     p: FloatArray, memory: FloatArray, after: FloatArray, d0: float, d1: float, v0: float, vm: float, v1: float,
     low: float, high: float, h: float,
 ) -> None:  # fmt: skip
-    steps = steps_over(p[0] / (p[1] * p[2]), v0, vm, v1, h)
-    after[0] = integrated(bend_rate, p, memory[0], steps, v0, vm, v1, low, high, h)
+    after[0] = integrated(bend_rate, p, memory[0], p[2] * p[1] / p[0], v0, vm, v1, low, high, h)
 
 
 BOUC_WEN = Formula(resist=bouc_wen_resist, carry=bouc_wen_carry)
@@ -352,7 +347,7 @@ def lugre_carry(
     p: FloatArray, memory: FloatArray, after: FloatArray, d0: float, d1: float, v0: float, vm: float, v1: float,
     low: float, high: float, h: float,
 ) -> None:  # fmt: skip
-    after[0] = integrated(bristle_rate, p, memory[0], steps_over(p[3] / p[0], v0, vm, v1, h), v0, vm, v1, low, high, h)
+    after[0] = integrated(bristle_rate, p, memory[0], p[0] / p[3], v0, vm, v1, low, high, h)
 
 
 LUGRE = Formula(resist=lugre_resist, carry=lugre_carry)
@@ -381,17 +376,18 @@ class Maxwell(SpringLaw, frozen=True, kw_only=True, tag="maxwell"):
 
 
 @kernel
-def relaxed_rate(p: FloatArray, f: float, v: float) -> float:
-    """df/dt."""
-    return p[0] * v - f / p[1]
-
-
-@kernel
 def maxwell_carry(
     p: FloatArray, memory: FloatArray, after: FloatArray, d0: float, d1: float, v0: float, vm: float, v1: float,
     low: float, high: float, h: float,
 ) -> None:  # fmt: skip
-    after[0] = integrated(relaxed_rate, p, memory[0], STEPS * h / p[1], v0, vm, v1, low, high, h)
+    # In closed form: the integrals of exp(-t) times 1, t and t^2 over s time constants, the last by its series if s is small.
+    b, c, part = -3.0 * v0 + 4.0 * vm - v1, 2.0 * (v0 - 2.0 * vm + v1), high - low
+    s = part * h / p[1]
+    third = (0.5 - (1.0 + np.expm1(-s) / s) / s) / s if s > SHORT else 1.0 / 6.0 - s / 24.0 + s * s / 120.0
+    second = 0.5 - s * third
+    first = 1.0 - s * second
+    moved = (v0 + low * (b + c * low)) * first + part * ((b + 2.0 * c * low) * second + 2.0 * c * part * third)
+    after[0] = memory[0] * (1.0 - s * first) + p[0] * part * h * moved
 
 
 MAXWELL = Formula(resist=remembered, carry=maxwell_carry)
