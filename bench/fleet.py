@@ -29,9 +29,8 @@ from recorded import drawn_rig, record
 from table import Row, keep, options
 
 from isorig.rig.diagnose.many import diagnose_file, shared_out
-from isorig.rig.fleet.catalogue import Catalogue
+from isorig.rig.fleet.catalogue import Catalogue, query_answers
 from isorig.rig.fleet.history import followed
-from isorig.rig.fleet.query import query_answers
 from isorig.rig.fleet.report import fleet_page
 from isorig.rig.fleet.update import update, work_of
 

@@ -11,9 +11,9 @@ from isorig.rig.wire_bonder.description import THESIS
 from isorig.rig.wire_bonder.design_files import history_figure, offset_figure, stroke_figure
 from isorig.rig.wire_bonder.design_study import Designed, DesignPlan, HeadPlan, designed, with_head
 from isorig.rig.wire_bonder.figures import isolation_figure
-from isorig.rig.wire_bonder.flexure import SPRING_STEEL, thinnest
 from isorig.rig.wire_bonder.parameters import OF_THESIS
 from isorig.rig.wire_bonder.stroke import DAMPING_RATIO, HEIGHT, RADIUS, frictionless, stroke_study
+from thesis.flexure import SPRING_STEEL, thinnest
 from thesis.published_values import above, printed
 from thesis.step import Step, judged, plain
 
@@ -143,7 +143,7 @@ def _text() -> list[str]:
         "**Flexures** instead of bearings have no friction: these are the cases without friction. Four vertical leaf springs of "
         f"{SPRING_STEEL.name} (E {SPRING_STEEL.modulus / 1e9:g} GPa, endurance limit {SPRING_STEEL.endurance / 1e6:g} MPa) are "
         "as thin as the stress at ±5 mm and lateral buckling under the motor's weight allow with a safety factor of 1.5 "
-        f"(formulas in `rig/wire_bonder/flexure.py`). At {SOFT:g} Hz the weight determines their length, not the stroke: "
+        f"(formulas in `thesis/flexure.py`). At {SOFT:g} Hz the weight determines their length, not the stroke: "
         f"{1e3 * soft.length:.0f} mm for any number and width. Nonlinear springs are laws of a link (`cubic`, "
         "`bounded_softening`, `end_stop`) in any model for `rig simulate`.",
     ]

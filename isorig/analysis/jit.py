@@ -36,6 +36,7 @@ class Kernel:
 
     def __init__(self, function: Callable[..., Any], *, cached: bool, **options: Any) -> None:
         self._function, self._cached, self._options = function, cached, options
+        self.symbol = f"{function.__module__}.{function.__qualname__}"
 
     @cached_property
     def compiled(self) -> Any:
@@ -96,8 +97,7 @@ class SeparateKernel(Kernel):
 
     def __init__(self, function: Callable[..., Any], *, signature: str, **options: Any) -> None:
         super().__init__(function, **options)
-        self._signature = signature
-        self._symbol, self._loaded = f"{function.__module__}.{function.__qualname__}", False
+        self._signature, self._loaded = signature, False
         self._place: Any = None
 
     @property
@@ -110,7 +110,7 @@ class SeparateKernel(Kernel):
         # The linker knows one place of its address, whichever thread asks first.
         with LINKING:
             if self._place is None:
-                self._place = _compiler().called_by_name(self._symbol, self._signature)
+                self._place = _compiler().called_by_name(self.symbol, self._signature)
             return self._place
 
     def load(self) -> None:
@@ -124,7 +124,7 @@ class SeparateKernel(Kernel):
     @property
     def contained(self) -> str:
         """What a kernel depends on that calls this one."""
-        return f"address of {self._symbol}: {self._signature}"
+        return f"address of {self.symbol}: {self._signature}"
 
 
 def _outside(function: Any) -> Iterator[Any]:

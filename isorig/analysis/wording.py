@@ -37,8 +37,8 @@ SIMILAR = 0.6
 INITIALS = 2
 
 
-def of_signal(share: float, digits: int = 2) -> str:
-    """An error as a share of the signal, to significant digits.
+def of_signal(share: float) -> str:
+    """An error as a share of the signal, to two significant digits.
 
     Examples
     --------
@@ -46,8 +46,8 @@ def of_signal(share: float, digits: int = 2) -> str:
     ('3.1 % of the signal', '6.4e+05 times the signal')
     """
     if share >= MULTIPLE:
-        return f"{share:.{digits}g} times the signal"
-    return f"{float(f'{100.0 * share:.{digits}g}'):g} % of the signal"
+        return f"{share:.2g} times the signal"
+    return f"{float(f'{100.0 * share:.2g}'):g} % of the signal"
 
 
 def in_per_cent(share: float) -> str:

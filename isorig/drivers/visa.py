@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from isorig.drivers.answers import parse, whole
 from isorig.drivers.errors import ConnectionLostError, ProtocolError, SettingError, brief
 from isorig.drivers.port import BITS, LONGEST, SLOWER, WAITING
-from isorig.drivers.waits import WAITS, Waits
+from isorig.drivers.waits import Waits
 
 if TYPE_CHECKING:
     from pyvisa import ResourceManager
@@ -24,8 +24,6 @@ BACKEND = "@py"
 #: Timeout of the search for unrequested bytes, milliseconds; and seconds that a bus may take to open a resource.
 GLANCE = 1
 OPENING = 5.0
-#: Slowest link of the kinds that VISA opens, bits per second, if the plan gives no baud rate.
-SLOWEST = 9600
 
 
 def manager() -> ResourceManager:
@@ -50,7 +48,7 @@ class VisaLink:
     """A VISA resource by its name, e.g. GPIB0::11::INSTR, TCPIP0::192.168.1.5::INSTR, ASRL/dev/ttyUSB0::INSTR. Raises
     SettingError if PyVISA is missing; ConnectionLostError if the resource cannot be opened."""
 
-    def __init__(self, name: str, *, baud_rate: int = SLOWEST, waits: Waits = WAITS) -> None:
+    def __init__(self, name: str, *, baud_rate: int, waits: Waits) -> None:
         self.name, self._waits = name, waits
         self.bus = not (name.upper().startswith("ASRL") or name.upper().endswith("::SOCKET"))
         self._baud_rate = baud_rate

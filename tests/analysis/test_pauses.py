@@ -9,8 +9,7 @@ import pytest
 from scipy import signal
 
 from isorig.analysis.campaign import Channel, FloatArray, Run
-from isorig.analysis.spectra.hits import looks_hit, pulses
-from isorig.analysis.spectra.pauses import COHERENT, RESOLVED, drives_in_pauses
+from isorig.analysis.spectra.hits import COHERENT, RESOLVED, drives_in_pauses, looks_hit, pulses
 
 RATE, COUNT = 2048.0, 40960
 

@@ -14,7 +14,7 @@ from isorig.analysis.spectra.stated_drives import wrong_bands
 from isorig.rig.cli import main
 from isorig.rig.exchange.importing import shortcomings
 from isorig.rig.files.rigfile import SHIPPED, read_rig
-from isorig.rig.virtual.described import described_campaign
+from isorig.rig.virtual.simulated_recording import described_campaign
 
 
 def tones(shares: tuple[float, float], band: tuple[float, float]) -> Campaign:

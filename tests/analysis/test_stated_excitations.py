@@ -10,7 +10,7 @@ import isorig as iso
 from isorig.analysis.campaign import Campaign, FloatArray
 from isorig.analysis.spectra.stated_drives import wrong_excitations
 from isorig.rig.files.rigfile import SHIPPED, read_rig
-from isorig.rig.virtual.described import described_campaign
+from isorig.rig.virtual.simulated_recording import described_campaign
 
 RATE, SECONDS = 256.0, 12.0
 TIME = np.arange(int(RATE * SECONDS)) / RATE

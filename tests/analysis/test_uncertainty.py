@@ -23,7 +23,7 @@ from isorig.analysis.fitting.uncertainty import Known
 from isorig.analysis.model.rig_model import RigModel
 from isorig.rig.cli import main
 from isorig.rig.files.rigfile import description_text, read_rig
-from isorig.rig.virtual.described import described_campaign
+from isorig.rig.virtual.simulated_recording import described_campaign
 from isorig.rig.wire_bonder.description import wire_bonder
 
 ONE = np.ones(1)

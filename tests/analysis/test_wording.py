@@ -17,7 +17,7 @@ def test_examples() -> None:
 
 def test_an_error_of_ten_times_the_signal_is_given_as_a_multiple() -> None:
     assert of_signal(0.985) == "98 % of the signal"
-    assert of_signal(1.024, 3) == "102 % of the signal"
+    assert of_signal(1.024) == "100 % of the signal"
     assert of_signal(9.87) == "990 % of the signal"
     assert of_signal(10.0) == "10 times the signal"
 

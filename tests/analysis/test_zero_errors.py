@@ -20,7 +20,7 @@ from isorig.analysis.spectra.zero_errors import MATTERS, WANDERS, wandering_in_w
 from isorig.rig.cli import main
 from isorig.rig.exchange.importing import shortcomings
 from isorig.rig.files.rigfile import SHIPPED, read_rig
-from isorig.rig.virtual.described import described_campaign
+from isorig.rig.virtual.simulated_recording import described_campaign
 from isorig.rig.wire_bonder.session import SESSION
 
 

@@ -17,9 +17,8 @@ from isorig.drivers import visa
 from isorig.drivers.block import InstrumentRecord
 from isorig.drivers.errors import ConnectionLostError, DriverError, InstrumentError, ProtocolError, SettingError
 from isorig.drivers.hp35670a import Hp35670aInstrument
-from isorig.drivers.link import linked
+from isorig.drivers.link import PrologixLink, linked
 from isorig.drivers.port import Port
-from isorig.drivers.prologix import PrologixLink
 from isorig.drivers.sr785 import Sr785Instrument
 
 Answers = dict[str, bytes | Callable[[str], bytes]]

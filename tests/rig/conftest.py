@@ -10,7 +10,7 @@ from isorig.analysis.laws import Cubic
 from isorig.rig.diagnose.many import diagnose_file
 from isorig.rig.files.recording import write
 from isorig.rig.files.rigfile import read_rig
-from isorig.rig.virtual.described import described_campaign
+from isorig.rig.virtual.simulated_recording import described_campaign
 
 
 @pytest.fixture(scope="session")

@@ -31,7 +31,7 @@ from isorig.rig.files.rigfile import SHIPPED, read_rig
 from isorig.rig.model.baseline import baseline_model
 from isorig.rig.next.proposal import single_driven
 from isorig.rig.report.frequency import transfer_section
-from isorig.rig.virtual.described import described_campaign
+from isorig.rig.virtual.simulated_recording import described_campaign
 
 #: What only the wire bonder has.
 BONDER = re.compile(r"wire.?bonder|heat.?block|\bbond\b|\bthesis|head_mass|\bthe head\b|\bthe motor\b|\bhead\b", re.IGNORECASE)

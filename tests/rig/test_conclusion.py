@@ -28,7 +28,7 @@ from isorig.rig.frf.transfer import transfer_functions
 from isorig.rig.model.prediction import predicted
 from isorig.rig.report.conclusion import OPEN, cause_in_words, conclude
 from isorig.rig.report.sections import unbroken
-from isorig.rig.virtual.described import described_campaign
+from isorig.rig.virtual.simulated_recording import described_campaign
 from isorig.rig.wire_bonder.description import wire_bonder
 
 DOUBT = {"parameter": "sensors", "kind": "unit", "ratio": 9.81, "text": "Doubtful unit."}

@@ -10,7 +10,7 @@ import pytest
 from isorig.rig.cli import main
 from isorig.rig.files.recording import write
 from isorig.rig.files.rigfile import read_rig
-from isorig.rig.virtual.described import described_campaign
+from isorig.rig.virtual.simulated_recording import described_campaign
 
 #: Seconds of each run.
 SECONDS = 4.0

@@ -220,7 +220,7 @@ MISTAKES: dict[str, tuple[Mistake, str]] = {
         "low seems to be on table instead of device and top seems to be on device instead of table",
     ),
     # types of values
-    "a text for a number": (mapped("gain = 1.0", 'gain = "low"'), "runs[0].gain is a text in quotes, but must be a number"),
+    "a text for a number": (mapped("gain = 1.0", 'gain = "low"'), "runs.first.gain is 'low', but must be a number"),
     "no channels": (lambda files: replace(files, mapping='description = "rig.toml"\n'), "the file lacks the key 'channels'"),
     # sample rates
     "band beyond the rate": (mapped("band = [0.5, 40.0]", "band = [0.5, 400.0]"), "256 samples/s contain only frequencies up to"),
@@ -271,15 +271,15 @@ MISTAKES: dict[str, tuple[Mistake, str]] = {
     "a value that is none": (holed, "contains inf at sample 100"),
     "a word in a column": (ended("12.0,1.0,bad,1.0\n"), "contains 'bad', which is not a number"),
     # spelling
-    "key of a channel": (mapped('unit = "N"', 'units = "N"'), "key 'units', which is unknown there (did you mean 'unit'?)"),
-    "key of a run": (mapped("excitation", "exitation"), "key 'exitation', which is unknown there (did you mean 'excitation'?)"),
+    "key of a channel": (mapped('unit = "N"', 'units = "N"'), "key 'units' = 'N', which is unknown there (did you mean 'unit'?)"),
+    "key of a run": (mapped("excitation", "exitation"), "= 'random', which is unknown there (did you mean 'excitation'?)"),
     "unit": (mapped('unit = "N"', 'unit = "Nwt"'), "has unit 'Nwt' (did you mean 'newton'?); known are"),
     "key of a link": (described(("stiffness = 4700.0", "stifness = 4700.0")), "(did you mean 'stiffness'?)"),
     "free parameter": (
         described(('"links.foot.stiffness"', '"links.foot.stifness"')), "'stifness' is not there (did you mean 'stiffness'?)"
     ),
     "body": (described(('a = "device"', 'a = "devise"')), "body 'devise', which does not exist (did you mean 'device'?)"),
-    "quantity": (described(('quantity = "displacement"', 'quantity = "position"')), "'position', which is none of"),
+    "quantity": (described(('quantity = "displacement"', 'quantity = "position"')), "'position'; allowed are acceleration, "),
     "configuration": (mapped('"unlocked"', '"unlock"'), "has the configuration 'unlock'"),
     "channel": (mapped("channels.top", "channels.tpo"), "no channel 'top' (did you mean 'tpo'?)"),
     # missing

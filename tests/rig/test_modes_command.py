@@ -13,7 +13,7 @@ from isorig.analysis.simulate.natural import natural_modes
 from isorig.rig.cli import main
 from isorig.rig.files.recording import write
 from isorig.rig.files.rigfile import read_rig
-from isorig.rig.virtual.described import described_campaign
+from isorig.rig.virtual.simulated_recording import described_campaign
 
 #: What the page shows: charts, dots of the shapes from a moment on, readouts of the peaks, width, legends.
 PROBE = """<script>

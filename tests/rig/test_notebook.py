@@ -17,7 +17,7 @@ from isorig.analysis.simulate.natural import natural_modes
 from isorig.rig.files.parameter_table import characterize_campaign
 from isorig.rig.files.recording import write
 from isorig.rig.files.rigfile import read_rig
-from isorig.rig.virtual.described import described_campaign
+from isorig.rig.virtual.simulated_recording import described_campaign
 
 #: Shipped rigs without friction and laws, whose drive is a force or an imposed acceleration.
 LINEAR = ("absorber", "two-carts", "hammer-chain", "shaken-base", "rocking-table", "two-shakers", "free-free-pair")

@@ -14,7 +14,7 @@ from isorig.analysis.wording import noise_alone
 from isorig.rig.cli import main
 from isorig.rig.files.recording import write
 from isorig.rig.files.rigfile import read_rig
-from isorig.rig.virtual.described import described_campaign
+from isorig.rig.virtual.simulated_recording import described_campaign
 
 
 @pytest.mark.parametrize("calibration", [0.0, 0.01])

@@ -227,7 +227,7 @@ def fitted_form(
     names = element.names | force.parallel
     own = [f for f in free if any(f.path.startswith(f"{part}.{name}.") for part in ("links", "contacts") for name in names)]
     courses: dict[Law, FloatArray] = {}
-    if not own or _predicted(model, element, force, courses) is None:
+    if not own:
         return None
     size = float(np.std(force.force)) or 1.0
     low = np.array([f.encode(f.low) if f.low > 0.0 or not f.log else -np.inf for f in own])
@@ -242,7 +242,6 @@ def fitted_form(
         except ModelError:
             return np.full(len(force.force) + held_points + 1, 1e3)
         predicted = _predicted(trial, element, force, courses, swing * float(coordinates[-1]))
-        assert predicted is not None
         left = (predicted - force.force) / size
         # Points of a curve without samples follow their neighbours.
         values = {**given, **values}
@@ -288,12 +287,12 @@ def force_left(model: RigModel, element: Element, force: ElementForce, offset: f
     """The rms force in N that a model's element leaves of the recorded one, without a constant, with an offset in m of the
     deflections."""
     predicted = _predicted(model, element, force, {}, offset)
-    return float(np.std(force.force - predicted)) if predicted is not None else np.inf
+    return float(np.std(force.force - predicted))
 
 
 def _predicted(
     model: RigModel, element: Element, force: ElementForce, courses: dict[Law, FloatArray], offset: float = 0.0
-) -> FloatArray | None:
+) -> FloatArray:
     # An element's force in N; `courses` holds that of laws with memory, which depends on their own parameters only.
     d, v, t = force.deflection + offset, force.velocity, force.time
     total = np.zeros(len(d))
@@ -305,8 +304,6 @@ def _predicted(
     for law, constants in laws + ([(contact.law, NO_LINK)] if contact is not None else []):
         if not law.remembers:
             total = total + law.force(d, v, t, np.zeros((1, len(d))), constants)
-        elif type(law).along is Law.along:  # only by steps much finer than the samples
-            return None
         else:
             if law not in courses:
                 along = (law.along(run.deflection, run.velocity, force.rate, constants)[run.used] for run in force.motions)

@@ -161,8 +161,8 @@ def outcomes(models: Sequence[RigModel], target: Target, limits: Limits, drive: 
 
 
 def optimum(
-    model: RigModel, varied: Sequence[Varied], target: Target, limits: Limits, drive: Excitation, *, points: int = 100,
-    seed: int = 0,
+    model: RigModel, varied: Sequence[Varied], target: Target, limits: Limits, drive: Excitation, *, points: int,
+    seed: int,
 ) -> Optimum:  # fmt: skip
     """Search the values with the smallest target within the limits.
 

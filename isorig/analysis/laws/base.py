@@ -14,9 +14,6 @@ from isorig.analysis.errors import ModelError
 from isorig.analysis.given import all_of_type, number, one_of
 from isorig.analysis.laws.elements import Element
 
-#: Sub-steps of a sample interval for integrating a memory along a measured motion.
-PARTS = 16
-
 
 @dataclass(frozen=True)
 class Parameter:
@@ -108,7 +105,7 @@ class Law(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
         raise NotImplementedError(f"the law {type(self).__name__} lacks force(); implement it")
 
     def rates(self, d: float, v: float, memory: FloatArray) -> FloatArray:
-        """Time derivative of the memory, shape (numbers,); a law with memory implements it, or `along`."""
+        """Time derivative of the memory, shape (numbers,), in plain numpy, too; a law with memory implements it."""
         raise NotImplementedError(f"the law {type(self).__name__} lacks rates(); implement it")
 
     def begun(self) -> FloatArray:
@@ -121,20 +118,11 @@ class Law(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
         That of a law with memory depends on its own parameters only, not on the link's constants. Raises SimulationError if the
         law's force does not follow from a motion.
         """
-        memory = np.zeros((len(self.begun()), len(d)))
-        if self.remembers:
-            dt, now = 1.0 / (rate * PARTS), self.begun()
-            memory[:, 0] = now
-            for k in range(len(d) - 1):
-                for part in range(PARTS):
-                    at = (part + np.array([0.0, 0.5, 1.0])) / PARTS
-                    x, y = d[k] + (d[k + 1] - d[k]) * at, v[k] + (v[k + 1] - v[k]) * at
-                    k1 = self.rates(x[0], y[0], now)
-                    k2 = self.rates(x[1], y[1], now + 0.5 * dt * k1)
-                    k3 = self.rates(x[1], y[1], now + 0.5 * dt * k2)
-                    now = now + dt * (k1 + 2.0 * k2 + 2.0 * k3 + self.rates(x[2], y[2], now + dt * k3)) / 6.0
-                memory[:, k + 1] = now
-        return self.force(d, v, np.arange(len(d)) / rate, memory, link)
+        memory = np.zeros((len(d), len(self.begun())))
+        if self.remembers and len(d) and (element := self.element(link)) is not None and element.formula is not None:
+            memory[0] = self.begun()
+            element.formula.follow(np.array(element.params), *map(np.ascontiguousarray, (d, v)), 1.0 / rate, memory)
+        return self.force(d, v, np.arange(len(d)) / rate, memory.T, link)
 
 
 class SpringLaw(Law, frozen=True, kw_only=True):

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
+from typing import cast
 
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.jit import kernel
+from isorig.analysis.jit import Kernel, kernel
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,6 +63,25 @@ class Formula:
     #: velocity and the memory follows: ``to_kink(p, memory, d, sign)``. None for a law with memory whose force has kinks only
     #: where the velocity changes sign.
     to_kink: Callable[..., float] | None = None
+
+    @cached_property
+    def follow(self) -> Callable[..., None]:
+        """Kernel for the memory along a measured motion: ``follow(p, d, v, h, memory)`` fills `memory`, shape (n, numbers), whose
+        first row is given; d and v are elongations (m) and velocities (m/s) at samples h seconds apart."""
+        carry = cast("Kernel", self.carry)
+
+        def follow(p: FloatArray, d: FloatArray, v: FloatArray, h: float, memory: FloatArray) -> None:
+            # The motion may begin where no memory of zero is possible.
+            carry(p, memory[0], memory[0], d[0], d[0], v[0], v[0], v[0], 0.0, 0.0, h)
+            for k in range(len(d) - 1):
+                # In the middle by the cubic through four samples.
+                before, after = v[max(k - 1, 0)], v[min(k + 2, len(d) - 1)]
+                vm = (9.0 * (v[k] + v[k + 1]) - before - after) / 16.0
+                carry(p, memory[k], memory[k + 1], d[k], d[k + 1], v[k], vm, v[k + 1], 0.0, 1.0, h)
+
+        # The compiler's cache has a file for each name.
+        follow.__qualname__ = f"follow_{carry.symbol}"
+        return kernel(follow)
 
 
 def curved(resist: Callable[[FloatArray, float, float, float, float], float]) -> Formula:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Annotated, ClassVar, TypeVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from isorig.analysis.laws.base import NO_LINK, ContactLaw, LinkConstants, Parame
 from isorig.analysis.laws.elements import Element, Formula
 from isorig.analysis.laws.friction import falling
 
-P = TypeVar("P", FloatArray, float)
 #: Relative change of a state variable in one Runge-Kutta step, below which it is rounding: steady sliding is not integrated.
 SATURATED = 1e-13
 #: Runge-Kutta steps in the distance over which a state variable changes by a factor of e: (1/5)^5 / 120 = 3e-6 of error in each.
@@ -23,6 +22,8 @@ STEPS = 5.0
 STEP, POINTS, NEAR = 1.0 / 128.0, 4096, 1e-6
 #: Largest exponent of a force that grows with the distance: a simulation that leaves the data stays finite.
 STRONGEST = 50.0
+#: Time constants up to which a relaxation is computed from a series: its error and rounding are below 1e-9 there.
+SHORT = 0.01
 #: Stiffness of a loop that stiffens, over its initial one, up to which the step of a simulation is fine. Chosen: published loops
 #: reach three times.
 STEEPENED = 4.0
@@ -81,15 +82,6 @@ def integrated(
 
 
 @inlined
-def one_after_another(step: Callable[[float, P, float], float], p: P, inputs: FloatArray, out: FloatArray) -> None:
-    """States from zero after each of the inputs, into `out`, shape (n,); ``step(state, p, input)`` is the next one."""
-    state = 0.0
-    for k in range(len(inputs)):
-        state = step(state, p, inputs[k])
-        out[k] = state
-
-
-@inlined
 def carried(
     step: Callable[[float, FloatArray, float], float], p: FloatArray, f: float, d0: float, d1: float,
     v0: float, vm: float, v1: float, low: float, high: float, h: float,
@@ -127,23 +119,12 @@ class Dahl(ContactLaw, frozen=True, kw_only=True, tag="dahl"):
     def rates(self, d: float, v: float, memory: FloatArray) -> FloatArray:
         return np.array([self.bristle_stiffness * (v - abs(v) * memory[0] / self.friction_force)])
 
-    def along(self, d: FloatArray, v: FloatArray, rate: float, link: LinkConstants = NO_LINK) -> FloatArray:
-        out = np.empty(len(v))
-        slid_along(np.array([self.friction_force, self.bristle_stiffness]), np.diff(d, prepend=d[:1]), out)
-        return out
-
 
 @kernel
 def slid(f: float, p: FloatArray, x: float) -> float:
     """Force after a distance x (m) in one direction: df/dx = k (1 - f sign(v) / Fc) in closed form."""
     s = 1.0 if x >= 0.0 else -1.0
     return s * p[0] + (f - s * p[0]) * np.exp(-p[1] * abs(x) / p[0])
-
-
-@kernel
-def slid_along(p: FloatArray, distance: FloatArray, out: FloatArray) -> None:
-    """Forces after each of the distances (m), one after another, into `out`, shape (n,)."""
-    one_after_another(slid, p, distance, out)
 
 
 @kernel
@@ -279,11 +260,6 @@ class StiffeningHysteresis(SpringLaw, frozen=True, kw_only=True, tag="stiffening
         f = memory[0]
         return np.array([v * (self.initial_stiffness + abs(f) * (self.stiffening - self.dissipation * np.sign(v * f)))])
 
-    def along(self, d: FloatArray, v: FloatArray, rate: float, link: LinkConstants = NO_LINK) -> FloatArray:
-        out = np.empty(len(v))
-        stiffened_along(np.array(self._params), np.diff(d, prepend=d[:1]), out)
-        return out
-
 
 @kernel
 def grown(f: float, k: float, growth: float, x: float) -> float:
@@ -303,12 +279,6 @@ def stiffened(f: float, p: FloatArray, x: float) -> float:
             return s * grown(f, p[0], -p[2], x)
         f, x = 0.0, x - unloaded
     return s * grown(f, p[0], p[1], x)
-
-
-@kernel
-def stiffened_along(p: FloatArray, distance: FloatArray, out: FloatArray) -> None:
-    """Forces after each of the distances (m), one after another, into `out`, shape (n,)."""
-    one_after_another(stiffened, p, distance, out)
 
 
 @kernel
@@ -356,11 +326,6 @@ class LuGre(ContactLaw, frozen=True, kw_only=True, tag="lugre"):
     def rates(self, d: float, v: float, memory: FloatArray) -> FloatArray:
         return np.asarray(v - self.bristle_stiffness * abs(v) * memory / self._level(np.array(v)))
 
-    def along(self, d: FloatArray, v: FloatArray, rate: float, link: LinkConstants = NO_LINK) -> FloatArray:
-        bristles = np.zeros((1, len(v)))
-        bristles_along(np.array(self._params), np.ascontiguousarray(v), 1.0 / rate, bristles[0])
-        return self.force(d, v, d, bristles, link)
-
     def _level(self, v: FloatArray) -> FloatArray:
         return falling(v, self.friction_force, self.static_force, self.stribeck_velocity, self.exponent)
 
@@ -370,13 +335,6 @@ def bristle_rate(p: FloatArray, z: float, v: float) -> float:
     """dz/dt of the mean bristle."""
     level = p[3] + p[4] * np.exp(-((abs(v) / p[5]) ** p[6]))
     return v - p[0] * abs(v) * z / level
-
-
-@kernel
-def bristles_along(p: FloatArray, v: FloatArray, h: float, out: FloatArray) -> None:
-    """Mean bristle for velocities v (m/s), linear between samples h seconds apart, into `out`, shape (n,)."""
-    for k in range(len(v) - 1):
-        out[k + 1] = integrated(bristle_rate, p, out[k], p[0] / p[3], v[k], 0.5 * (v[k] + v[k + 1]), v[k + 1], 0.0, 1.0, h)
 
 
 @kernel
@@ -416,37 +374,20 @@ class Maxwell(SpringLaw, frozen=True, kw_only=True, tag="maxwell"):
     def rates(self, d: float, v: float, memory: FloatArray) -> FloatArray:
         return np.array([self.relaxation_stiffness * v - memory[0] / self.relaxation_time])
 
-    def along(self, d: FloatArray, v: FloatArray, rate: float, link: LinkConstants = NO_LINK) -> FloatArray:
-        from scipy.signal import lfilter
-
-        # The damper's elongation, which lags behind d: a first-order filter, exact for an elongation linear between samples.
-        steps = 1.0 / (rate * self.relaxation_time)
-        kept = np.exp(-steps)
-        new = 1.0 - (1.0 - kept) / steps
-        lag = lfilter([new, 1.0 - kept - new], [1.0, -kept], d - d[0])
-        return np.asarray(self.relaxation_stiffness * (d - d[0] - lag))
-
 
 @kernel
 def maxwell_carry(
     p: FloatArray, memory: FloatArray, after: FloatArray, d0: float, d1: float, v0: float, vm: float, v1: float,
     low: float, high: float, h: float,
 ) -> None:  # fmt: skip
-    # RK4 in sub-steps with parabolic velocity.
-    b, c = -3.0 * v0 + 4.0 * vm - v1, 2.0 * (v0 - 2.0 * vm + v1)
-    rate, f = 1.0 / p[1], memory[0]
-    parts = 1 + int(5.0 * rate * (high - low) * h)
-    dx = (high - low) / parts
-    for k in range(parts):
-        x = low + k * dx
-        xm, x1 = x + 0.5 * dx, x + dx
-        va, vb, vc = v0 + x * (b + c * x), v0 + xm * (b + c * xm), v0 + x1 * (b + c * x1)
-        k1 = p[0] * va - rate * f
-        k2 = p[0] * vb - rate * (f + 0.5 * dx * h * k1)
-        k3 = p[0] * vb - rate * (f + 0.5 * dx * h * k2)
-        k4 = p[0] * vc - rate * (f + dx * h * k3)
-        f += dx * h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
-    after[0] = f
+    # In closed form: the integrals of exp(-t) times 1, t and t^2 over s time constants, the last by its series if s is small.
+    b, c, part = -3.0 * v0 + 4.0 * vm - v1, 2.0 * (v0 - 2.0 * vm + v1), high - low
+    s = part * h / p[1]
+    third = (0.5 - (1.0 + np.expm1(-s) / s) / s) / s if s > SHORT else 1.0 / 6.0 - s / 24.0 + s * s / 120.0
+    second = 0.5 - s * third
+    first = 1.0 - s * second
+    moved = (v0 + low * (b + c * low)) * first + part * ((b + 2.0 * c * low) * second + 2.0 * c * part * third)
+    after[0] = memory[0] * (1.0 - s * first) + p[0] * part * h * moved
 
 
 MAXWELL = Formula(resist=remembered, carry=maxwell_carry)

@@ -9,9 +9,9 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.errors import ModelError
 from isorig.analysis.jit import kernel
-from isorig.analysis.laws.base import NO_LINK, ContactLaw, LinkConstants, Parameter, SpringLaw
+from isorig.analysis.laws.base import ContactLaw, LinkConstants, Parameter, SpringLaw
 from isorig.analysis.laws.elements import Element, Formula
-from isorig.analysis.laws.hysteresis import one_after_another, turning, way
+from isorig.analysis.laws.hysteresis import turning, way
 
 #: Maximum number of springs of a contact.
 MOST = 16
@@ -56,17 +56,6 @@ class ElastoSlip(SpringLaw, frozen=True, kw_only=True, tag="elasto_slip"):
         slips = abs(lead) >= self.slip_force / self.spring_stiffness + self.clearance and lead * v > 0.0
         return np.array([v if slips else 0.0])
 
-    def along(self, d: FloatArray, v: FloatArray, rate: float, link: LinkConstants = NO_LINK) -> FloatArray:
-        sliders = np.empty(len(d))
-        dragged_along(self.slip_force / self.spring_stiffness + self.clearance, np.ascontiguousarray(d), sliders)
-        return self.force(d, v, d, sliders[None], link)
-
-
-@kernel
-def dragged_along(give: float, d: FloatArray, out: FloatArray) -> None:
-    """Positions of a slider for elongations d (m), linear between samples, into `out`, shape (n,)."""
-    one_after_another(dragged, give, d, out)
-
 
 class MaxwellSlip(ContactLaw, frozen=True, kw_only=True, tag="maxwell_slip"):
     """Parallel springs; spring i of `stiffnesses` (N/m) slips at force i of `slip_forces` (N).
@@ -107,12 +96,6 @@ class MaxwellSlip(ContactLaw, frozen=True, kw_only=True, tag="maxwell_slip"):
         lead = d - memory
         slips = (np.abs(lead) >= np.array(self.slip_forces) / np.array(self.stiffnesses)) & (lead * v > 0.0)
         return np.where(slips, v, 0.0)
-
-    def along(self, d: FloatArray, v: FloatArray, rate: float, link: LinkConstants = NO_LINK) -> FloatArray:
-        sliders = np.empty((len(self.stiffnesses), len(d)))
-        for stiffness, force, out in zip(self.stiffnesses, self.slip_forces, sliders, strict=True):
-            dragged_along(force / stiffness, np.ascontiguousarray(d), out)
-        return self.force(d, v, d, sliders, link)
 
 
 @kernel

@@ -457,8 +457,7 @@ def from_tree(tree: Mapping[str, Any]) -> RigModel:
     try:
         return msgspec.convert(_plain(tree), RigModel)
     except msgspec.ValidationError as error:
-        parts = (Body, Link, Contact, Chain, Drive, Sensor, Configuration, Usual, Limits, RigModel)
-        raise ModelError(explained(str(error), tree, [key for part in parts for key in part.__struct_fields__])) from None
+        raise ModelError(explained(str(error), tree, RigModel, "the rig")) from None
     except RecursionError:
         raise ModelError("the rig's description is nested too deeply; write its parts as flat tables") from None
 

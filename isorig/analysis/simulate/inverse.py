@@ -85,7 +85,7 @@ def position_from(velocity: FloatArray, rate: float) -> FloatArray:
     return np.asarray(cumulative_trapezoid(velocity, dx=1.0 / rate, initial=0))
 
 
-def decimated(values: FloatArray, decimation: int = DECIMATIONS[0]) -> FloatArray:
+def decimated(values: FloatArray, decimation: int) -> FloatArray:
     """Records, shape (..., n), decimated by one of `DECIMATIONS` without delay, without the filter transients at their ends."""
     from scipy.signal import sosfiltfilt
 

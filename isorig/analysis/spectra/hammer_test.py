@@ -39,9 +39,7 @@ class HammerTest:
     text: tuple[str, ...]  #: Sentences about the result.
 
 
-def hammer_test(
-    runs: Sequence[Run], *, reference: str, channels: Sequence[str] | None = None, resolution: float = 0.25
-) -> HammerTest:
+def hammer_test(runs: Sequence[Run], *, reference: str, channels: Sequence[str] | None = None, resolution: float) -> HammerTest:
     """Find the hits of runs, reject faulty ones, and average the rest.
 
     The runs have one sample rate, and each one hit or many; the responses are all other channels of the first run if no

@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 
 from isorig.analysis.campaign import ComplexArray, FloatArray
-from isorig.analysis.spectra.windows import HANN, Window
+from isorig.analysis.spectra.windows import Window
 
 #: Bins over which errors are correlated, reach of the window's transform in bins, and steps per bin of the integrals.
 APART, REACH, STEPS = 4, 8, 16
@@ -27,7 +27,7 @@ PASSES = 3
 
 def error_moments(
     model: Callable[[FloatArray], ComplexArray], seen: ComplexArray, frequency: FloatArray, resolution: float,
-    variance: FloatArray, averages: float, window: Window = HANN, overlap: float = 0.5, groups: int = 1,
+    variance: FloatArray, averages: float, window: Window, overlap: float, groups: int,
 ) -> tuple[tuple[ComplexArray, ComplexArray], tuple[ComplexArray, ComplexArray]]:  # fmt: skip
     """Covariance E[a conj(b)] and pseudo-covariance E[a b] of the errors of H1 in bins k and k + d.
 

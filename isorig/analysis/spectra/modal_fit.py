@@ -177,7 +177,7 @@ class SolvedModes:
 
 
 def solved_modes(
-    frf: Frf, band: tuple[float, float], *, kind: FrfKind, guesses: Sequence[tuple[float, float]] = (), residuals: int = 2,
+    frf: Frf, band: tuple[float, float], *, kind: FrfKind, guesses: Sequence[tuple[float, float]], residuals: int = 2,
     tapered: bool = True, settled: float = 1e-12,
 ) -> SolvedModes:  # fmt: skip
     """The modes of `fit_modes`, whose arguments these are, without their uncertainties, which take half of its time.

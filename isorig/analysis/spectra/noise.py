@@ -133,7 +133,7 @@ def noise_levels(campaign: Campaign, drives: tuple[str, ...] = (), longest: int 
 
 
 @once
-def noise_of_runs(campaign: Campaign, drives: tuple[str, ...] = ()) -> tuple[Mapping[str, float], ...]:
+def noise_of_runs(campaign: Campaign, drives: tuple[str, ...]) -> tuple[Mapping[str, float], ...]:
     """The same for each run, as `noise_levels`: an instrument with several ranges has another noise in each.
 
     A run's own level counts if every estimate of it agrees, that of all runs otherwise: friction and impacts also reach high

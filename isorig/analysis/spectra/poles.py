@@ -38,9 +38,7 @@ class Pole:
     status: Status
 
 
-def poles_by_order(
-    values: ComplexArray, frequency: FloatArray, weights: FloatArray, order: int | None = None
-) -> tuple[Pole, ...]:
+def poles_by_order(values: ComplexArray, frequency: FloatArray, weights: FloatArray, order: int | None) -> tuple[Pole, ...]:
     """The poles at every order from 1 to the largest: `ORDER` or as the number of bins allows if None.
 
     They have positive frequency and damping ratios between 0 and `HEAVY`, and are by order and ascending in frequency. The

@@ -116,7 +116,7 @@ class Grouping:
     At `most` groups, an even number, neighbouring groups are merged.
     """
 
-    def __init__(self, size: int = 1, most: int = MOST) -> None:
+    def __init__(self, size: int, most: int) -> None:
         self._parts: list[Sums] = []
         self.size, self._most = size, most
 

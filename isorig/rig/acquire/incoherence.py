@@ -37,7 +37,7 @@ class Incoherence:
 
 
 def incoherence(
-    run: Run, spectra: Spectra, name: str, drive: str, *, others: Sequence[Run] = (), detections: Sequence[Detection] = ()
+    run: Run, spectra: Spectra, name: str, drive: str, *, others: Sequence[Run], detections: Sequence[Detection] = ()
 ) -> Incoherence:
     """The reason for a low coherence of the response `name`, from its run and from others of the session.
 

@@ -42,14 +42,14 @@ def opened(plan: Plan, port: str, waits: Waits = WAITS) -> Iterator[Stream]:
 
 
 @contextmanager
-def opened_analyzer(plan: Plan, port: str, waits: Waits = WAITS) -> Iterator[Records]:
+def opened_analyzer(plan: Plan, port: str, waits: Waits) -> Iterator[Records]:
     """The plan's analyzer; the port "virtual" is a simulated one."""
     with _reached(plan.instrument.kind, port, [shown.trace for shown in plan.instrument.shows], waits) as instrument:
         yield instrument
 
 
 @contextmanager
-def opened_loggers(plan: Plan, waits: Waits = WAITS) -> Iterator[Mapping[str, Stream]]:
+def opened_loggers(plan: Plan, waits: Waits) -> Iterator[Mapping[str, Stream]]:
     """The loggers of a plan by name, prepared; the port "virtual" is a simulated one. Raises DriverError if one of them cannot be
     opened or prepared; PlanError if a channel is not among its inputs."""
     streams: dict[str, Stream] = {}

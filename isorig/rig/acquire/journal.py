@@ -60,7 +60,7 @@ class Journal:
     With an interval of 0 every block is synced before `append` returns. Raises OutputError if the file cannot be opened.
     """
 
-    def __init__(self, path: Path, *, sync: float = SYNC) -> None:
+    def __init__(self, path: Path, *, sync: float) -> None:
         try:
             self._file: BinaryIO = path.open("r+b", buffering=0)
         except OSError as error:

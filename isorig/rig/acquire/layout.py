@@ -110,7 +110,7 @@ class RunEnd(msgspec.Struct, frozen=True, kw_only=True):
     counted: int
 
 
-def layout_of(plan: Plan, inputs: Sequence[Input], *, real_time: bool = True) -> Layout:
+def layout_of(plan: Plan, inputs: Sequence[Input], *, real_time: bool) -> Layout:
     """The layout of a plan's session with an instrument with these inputs."""
     rate = plan.instrument.sample_rate
     channels = {}

@@ -12,6 +12,7 @@ import msgspec
 from isorig.analysis.campaign import Quantity
 from isorig.analysis.excitations import PlannedExcitation
 from isorig.analysis.model.limits import Limits
+from isorig.analysis.model.refusals import explained
 from isorig.analysis.model.rig_model import RigModel, from_tree
 from isorig.drivers.kinds import RecordsKind, StreamKind, kinds
 from isorig.rig.files.recording import SENSOR
@@ -199,13 +200,18 @@ def as_virtual(plan: Plan) -> Plan:
 def load_plan(path: Path) -> Plan:
     """Read a plan; `isorig.rig.acquire.plan_check` validates its values. Raises PlanError, a sentence with the key and what is
     allowed, if it is invalid."""
-    plan = read_toml(path, plan_of, "a plan")
+    plan = read_toml(path, Plan, "a plan", prepared=_prepared)
     return msgspec.structs.replace(plan, sensors=str(path.parent / plan.sensors)) if plan.sensors else plan
 
 
 def plan_of(tree: Mapping[str, Any]) -> Plan:
     """A plan from plain dicts and lists, before validation of its values. Raises msgspec.ValidationError, with the key and what
     is allowed, if they are no plan."""
+    return msgspec.convert(_prepared(tree), Plan, strict=False)
+
+
+def _prepared(tree: Mapping[str, Any]) -> Mapping[str, Any]:
+    # With the settings of instrument and loggers as their kinds have them.
     instrument, loggers = tree.get("instrument"), tree.get("loggers")
     if isinstance(instrument, Mapping):
         keys = ("kind", "port", "sample_rate", "usable_to", "shows")
@@ -217,7 +223,7 @@ def plan_of(tree: Mapping[str, Any]) -> Plan:
             for name, one in loggers.items()
         }
         tree = {**tree, "loggers": converted}
-    return msgspec.convert(tree, Plan, strict=False)
+    return tree
 
 
 def _with_settings(table: Mapping[str, Any], keys: Sequence[str], where: str) -> dict[str, Any]:
@@ -231,5 +237,6 @@ def _with_settings(table: Mapping[str, Any], keys: Sequence[str], where: str) ->
         try:
             own["settings"] = msgspec.convert(rest, kind.settings, strict=False)
         except msgspec.ValidationError as error:
-            raise msgspec.ValidationError(f"{where} of kind {kind.name}: {error}") from None
+            said = explained(str(error), rest, kind.settings, "this table")
+            raise msgspec.ValidationError(f"{where} of kind {kind.name}: {said}") from None
     return own

@@ -66,7 +66,7 @@ def recording_into(
 class WorkingFileWriter:
     """The working file of a running session: runs are written into it in sequence."""
 
-    def __init__(self, journal: Journal, layout: Layout, *, after: datetime | None = None) -> None:
+    def __init__(self, journal: Journal, layout: Layout, *, after: datetime | None) -> None:
         self.journal, self.layout = journal, layout
         self._takes = 0
         # Start times identify runs: within a session they come from a monotonic clock.

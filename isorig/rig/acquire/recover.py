@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import struct
+import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -32,7 +33,9 @@ from isorig.rig.acquire.layout import (
 )
 from isorig.rig.acquire.pace import ClockDrift, Pace
 from isorig.rig.acquire.policy import RATE_REPORTED
+from isorig.rig.acquire.recorder import working_file
 from isorig.rig.errors import RecordingError
+from isorig.rig.files.recording import open_recording
 
 T = TypeVar("T")
 #: Index entry of each block of samples: its number, its offset, its first tick, its size.
@@ -343,3 +346,45 @@ def campaign_of(known: Mapping[str, float | str], runs: Sequence[Run], source: s
         known={key: value for key, value in known.items() if not isinstance(value, str)},
         description=description if isinstance(description, str) else None, source=source,
     )  # fmt: skip
+
+
+def follow(output: Path, *, every: float = 1.0, shortest: float = 0.0, patience: float = 30.0) -> Iterator[tuple[Campaign, bool]]:
+    """The campaign that a session is writing, each time it has grown, and whether it is the finished recording (the last one).
+
+    The writer is not delayed and may be another process. Read each campaign before requesting the next. `every` are the seconds
+    between two readings; runs shorter than the seconds `shortest` are omitted until the recording is finished. Raises
+    RecordingError if no session is writing there, or the writer has stopped without finishing: no new sample came for `patience`
+    seconds.
+    """
+    partial = working_file(output)
+    file: WorkingFileReader | None = None
+    size, grown = 0, time.monotonic()
+    try:
+        while partial.exists():
+            # It may be about to be created, or has just become the recording.
+            with suppress(RecordingError):
+                file = _opened(file, partial)
+                runs = [item.run for item in file.runs() if item.run is not None]
+                if (now := sum(len(run) for run in runs)) > size:
+                    size, grown = now, time.monotonic()
+                    kept = [run for run in runs if run.duration >= shortest]
+                    if kept:
+                        yield campaign_of(file.known, kept, str(partial)), False
+            if time.monotonic() - grown > patience:
+                raise RecordingError(f"{partial} has not grown for {patience:g} s; its writer has ended, so use rig recover")
+            time.sleep(every)
+    finally:
+        if file is not None:
+            file.close()
+    with open_recording(output) as campaign:
+        yield campaign, True
+
+
+def _opened(file: WorkingFileReader | None, partial: Path) -> WorkingFileReader:
+    # Blocks are read only once.
+    if file is None or file.replaced:
+        if file is not None:
+            file.close()
+        return WorkingFileReader(partial)
+    file.refresh()
+    return file

@@ -268,7 +268,6 @@ def sql(query: str, /, *, catalogue: Where = HERE) -> None:
     catalogue
         The folder of the fleet's files.
     """
-    from isorig.rig.fleet.catalogue import Catalogue
-    from isorig.rig.fleet.query import query_answers
+    from isorig.rig.fleet.catalogue import Catalogue, query_answers
 
     print(query_answers(Catalogue(catalogue).existing(), query), end="")

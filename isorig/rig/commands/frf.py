@@ -133,7 +133,7 @@ def frf(
             _write(found, " and ".join(path.name for path in paths), output, drawing, view, band)
             print(output)
             return
-        from isorig.rig.acquire.follow import follow as followed
+        from isorig.rig.acquire.recover import follow as followed
 
         for measured, finished in followed(campaign, every=LOOK, shortest=2.0 / resolution):
             try:

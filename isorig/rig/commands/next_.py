@@ -67,7 +67,7 @@ def next_(
     now = situation(found, limits_of(found[-1].explains.model, own, limits), earlier)
     with Console(stderr=True).status("comparing candidate runs") as status:
         if for_ is not None:
-            from isorig.rig.next.required_uncertainty import propose_for, required_uncertainty
+            from isorig.rig.next.proposal import propose_for, required_uncertainty
 
             proposal = propose_for(now, *required_uncertainty(for_), budget=seconds, tell=status.update)
         else:

@@ -57,7 +57,7 @@ def campaign(
     from isorig.rig.errors import PlanError
     from isorig.rig.files.recording import write
     from isorig.rig.files.rigfile import read_rig
-    from isorig.rig.virtual.described import described_campaign
+    from isorig.rig.virtual.simulated_recording import described_campaign
     from isorig.rig.wire_bonder.effects import campaign_with, hidden_in
     from isorig.rig.wire_bonder.session import LATER, SESSION
 

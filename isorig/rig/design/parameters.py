@@ -26,6 +26,7 @@ from isorig.analysis.isolation.optimum import (
 )
 from isorig.analysis.model.limits import Limits
 from isorig.analysis.model.parameter_units import unit_of
+from isorig.analysis.model.refusals import explained
 from isorig.analysis.model.rig_model import RigModel, Usual
 from isorig.analysis.simulate.free_run import excitation_of
 from isorig.analysis.simulate.move_profile import Move, head_acceleration
@@ -95,7 +96,7 @@ def is_parameter_plan(path: Path) -> bool:
 
 def read_parameter_plan(path: Path) -> ParameterPlan:
     """Read and validate a design plan. Raises PlanError, a sentence with the key and what is allowed, if it is invalid."""
-    plan = read_toml(path, lambda tree: msgspec.convert(tree, ParameterPlan, strict=False), "a design plan")
+    plan = read_toml(path, ParameterPlan, "a design plan")
     if not plan.vary:
         raise PlanError(f"{path}: vary is empty; give at least one parameter with low and high")
     if not 1.0 <= plan.safety < math.inf:
@@ -106,7 +107,7 @@ def read_parameter_plan(path: Path) -> ParameterPlan:
 
 
 def designed_parameters(
-    plan: ParameterPlan, given: GivenRig, parameters: Path | None, *, points: int = 100, draws: int = 100, seed: int = 0
+    plan: ParameterPlan, given: GivenRig, parameters: Path | None, *, points: int, draws: int, seed: int
 ) -> ParameterDesign:
     """Search the best values, sweep each parameter around them, and repeat the sweeps for drawn rigs.
 
@@ -167,12 +168,11 @@ def _run(plan: ParameterPlan, rig: RigModel, seed: int) -> Run:
             id="moves", configuration=first, sample_rate=MOVE_RATE, gain=1.0, excitation="moves",
             channels={rig.drive.channel: replace(channel, samples=samples)}, started=BEGIN,
         )  # fmt: skip
+    given = {**msgspec.to_builtins(rig.usual), **plan.drive}
     try:
-        usual = msgspec.convert({**msgspec.to_builtins(rig.usual), **plan.drive}, Usual)
-    except (msgspec.ValidationError, ModelError) as error:
-        raise PlanError(f"drive: {str(error).replace('`', '')}; correct that key") from None
-    if unknown := [key for key in plan.drive if key not in Usual.__struct_fields__]:
-        raise PlanError(f"drive has the key {unknown[0]!r}; give {', '.join(Usual.__struct_fields__)}")
+        usual = msgspec.convert(given, Usual)
+    except msgspec.ValidationError as error:
+        raise PlanError(f"drive: {explained(str(error), given, Usual, 'this table')}") from None
     described = msgspec.structs.replace(rig, usual=usual)
     recipe = usual_run(described, first)
     return synthetic_drive(described, replace(recipe, seed=seed)).runs[0]

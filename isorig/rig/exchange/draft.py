@@ -7,7 +7,7 @@ import os
 import re
 import unicodedata
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -31,7 +31,6 @@ from isorig.rig.exchange.clock import (
     seconds_per,
     time_unit,
 )
-from isorig.rig.exchange.file_sets import runs_of
 from isorig.rig.exchange.table import STREAMED, UNNAMED, UNTITLED, Column, ForeignTable
 from isorig.rig.exchange.tree import PLAIN, SHORT, rate_of
 from isorig.rig.exchange.units import OTHER_UNITS, UNITS, known_unit
@@ -61,7 +60,7 @@ SYMBOLS = {"V": "u|v|voltage|spannung", "A": "i|current|strom", "m": "x|y|z|s|d|
 FREE = 'write excitation = "free" in every run of the mapping'
 _RUN = r"(?P<after>(?:run|trial|test|rep|experiment|measurement|versuch|lauf|messung)[ _-]?\d+)"
 #: Names of records with the run or the part of a benchmark: data[1][0], run1_force, force_run1, uEst and uVal.
-PARTS = tuple(
+RUN_FORMS = tuple(
     re.compile(rf"(?P<before>){form}", re.IGNORECASE)
     for form in (
         r"(?P<after>[^./]+\[\d+\])(?P<name>\[[\d,]+\])",
@@ -72,6 +71,12 @@ PARTS = tuple(
 )
 #: Single numbers of a file that are listed at most.
 NUMBERS_MOST = 12
+#: Words of a file name that denote a channel, also with a number.
+CHANNEL = re.compile(
+    r"(?:ch|chan|channel|kanal|voie|sensor|ai|in|input|out|output|mic|acc|accel|acceleration|beschleunigung|vib|laser|disp|pos|vel|speed)"
+    r"\d*|[xyz]",
+    re.IGNORECASE,
+)
 
 
 @dataclass(frozen=True)
@@ -327,7 +332,7 @@ def _groups(table: ForeignTable) -> dict[str, dict[str, tuple[str, Column]]]:
     groups: dict[str, dict[str, tuple[str, Column]]] = {}
     # An estimation and a validation part of a benchmark are runs, too.
     records = [source for source, column in table.columns.items() if not is_clock(source, column)]
-    matched = ({source: form.fullmatch(source) for source in records} for form in PARTS)
+    matched = ({source: form.fullmatch(source) for source in records} for form in RUN_FORMS)
     parts = next((each for each in matched if all(each.values()) and len({m["after"] for m in each.values() if m}) > 1), {})
     for source, column in table.columns.items():
         found = parts.get(source) or re.fullmatch(r"(?:(?P<before>.*)[./])?(?P<name>[^./#]+)(?:#(?P<after>\d+))?", source)
@@ -565,3 +570,38 @@ def _run(
     if other:
         lines.append(f"sources = {value_text(other)}")
     return [*lines, ""]
+
+
+def runs_of(
+    paths: Sequence[Path], records: Sequence[Set[Hashable]], quantities: Sequence[str]
+) -> Mapping[str, Mapping[str, int]]:
+    """The runs of files with different channels: by run, the index of each file by its word. Empty if they are no such files.
+
+    The names, with their folders, have as many words. One of these denotes the channels: it is a word for a channel, or contains
+    one of those for `quantities`; or, if no word does, files with another word have none of the same `records`, the name and
+    unit of each column.
+    """
+    if len(paths) < 2:
+        return {}
+    whole = [path.absolute().with_suffix("").parts for path in paths]
+    common = next((k for k, parts in enumerate(zip(*whole, strict=False)) if len({*parts}) > 1), 0)
+    names = [tuple(re.split(r"[\s_./-]+", "/".join(parts[common:]))) for parts in whole]
+    if len({*map(len, names)}) > 1:
+        return {}
+    varied = [place for place, words in enumerate(zip(*names, strict=True)) if len({*words}) > 1]
+    said = [place for place in varied if all(_denotes_channel(name[place], quantities) for name in names)]
+    for place in said or varied:
+        runs: dict[tuple[str, ...], dict[str, int]] = {}
+        meant: dict[str, set[frozenset[Hashable]]] = {}
+        for at, (name, record) in enumerate(zip(names, records, strict=True)):
+            runs.setdefault((*name[:place], *name[place + 1 :]), {})[name[place]] = at
+            meant.setdefault(name[place], set()).add(frozenset(record))
+        one_each = sum(map(len, runs.values())) == len(paths) and all(len(each) == 1 for each in meant.values())
+        sets = [record for (record, *_) in meant.values()]
+        if one_each and (said or len(frozenset().union(*sets)) == sum(map(len, sets))):
+            return {"_".join(rest) or "run": files for rest, files in runs.items()}
+    return {}
+
+
+def _denotes_channel(word: str, quantities: Sequence[str]) -> bool:
+    return CHANNEL.fullmatch(word) is not None or any(each in word.lower() for each in quantities)

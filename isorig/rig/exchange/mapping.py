@@ -76,13 +76,7 @@ class Mapping(MappingPart, frozen=True):
 
 def read_mapping(path: Path) -> Mapping:
     """Read and validate a mapping. Raises PlanError, a sentence with the key and what is allowed, if it is invalid."""
-    mapping = read_toml(
-        path,
-        lambda tree: msgspec.convert(tree, Mapping, strict=False),
-        "a mapping",
-        hint=", or let rig import --draft propose one",
-        parts=(Mapping, RunMap, ChannelMap),
-    )
+    mapping = read_toml(path, Mapping, "a mapping", hint=", or let rig import --draft propose one")
     _check(mapping, str(path))
     return mapping
 

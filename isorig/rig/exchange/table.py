@@ -109,7 +109,7 @@ def check_declared(path: Path, declared: int, stored: int, advice: str) -> None:
         )
 
 
-def vectors_of(name: str, values: NDArray[Any], samples: int | None = None) -> dict[str, NDArray[Any]]:
+def vectors_of(name: str, values: NDArray[Any], samples: int | None) -> dict[str, NDArray[Any]]:
     """A vector by its name; a multidimensional array as vectors along its axis `samples`, by default its longest one, named
     name[0], name[1] ... or name[0,2] ...
 

@@ -4,38 +4,31 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, TypeVar, get_args, get_origin
+from typing import Any, TypeVar
 
 import msgspec
 
-from isorig.analysis.model.refusals import KINDS
-from isorig.analysis.wording import did_you_mean
+from isorig.analysis.model.refusals import explained
 from isorig.rig.errors import PlanError
 from isorig.rig.files.inputs import TOML_MOST, content_of
 
 T = TypeVar("T")
 
 
-def read_toml(
-    path: Path,
-    convert: Callable[[Mapping[str, Any]], T],
-    what: str,
-    *,
-    hint: str = "",
-    parts: Collection[type[msgspec.Struct]] = (),
-) -> T:
-    """Read a file, and convert its plain dicts and lists by `msgspec.convert`; a leading byte order mark is skipped.
+def read_toml(path: Path, kind: type[T], what: str, *, hint: str = "", prepared: Callable[[dict[str, Any]], Any] = dict) -> T:
+    """Read a file as an object of a `kind`; a leading byte order mark is skipped.
 
-    `what` is a noun with its article, for messages; `hint` is appended to the sentence if there is no such file, and `parts` are
-    the types of its tables, to propose the key or the word that was meant. Raises PlanError, in one sentence: which key, what was
-    found, what is allowed.
+    `what` is a noun with its article, for messages; `hint` is appended to the sentence if there is no such file. The object is
+    made from the file's plain dicts and lists, `prepared` before. Raises PlanError, in one sentence: which key, what was found,
+    what is allowed.
     """
-    text = ""
+    text, tree = "", {}
     try:
         text = content_of(path, TOML_MOST).decode("utf-8-sig")
-        return convert(tomllib.loads(text))
+        tree = prepared(tomllib.loads(text))
+        return msgspec.convert(tree, kind, strict=False)
     except FileNotFoundError:
         raise PlanError(f"{path} does not exist; give the path of {what}{hint}") from None
     except (OSError, UnicodeDecodeError) as error:
@@ -47,7 +40,7 @@ def read_toml(
     except RecursionError:
         raise PlanError(f"{path} is nested too deeply; write {what} with flat tables") from None
     except msgspec.ValidationError as error:
-        raise PlanError(f"{path}: {_explained(str(error), parts)}; correct that key") from None
+        raise PlanError(f"{path}: {explained(str(error), tree, kind, 'the file')}") from None
 
 
 def _line_advice(text: str, error: str) -> str:
@@ -61,33 +54,6 @@ def _line_advice(text: str, error: str) -> str:
     if re.search(r"=\s*[A-Za-z_]", line) and "Invalid value" in error:
         return "write texts in quotes"
     return "correct that line"
-
-
-def _explained(text: str, parts: Collection[type[msgspec.Struct]]) -> str:
-    text = text.replace("`", "")
-    fields = {field.name: field.type for part in parts for field in msgspec.structs.fields(part)}
-    place = re.search(r" - at \$\.(\S+)", text)
-    where = place[1] if place else "the file"
-    if unknown := re.match(r"Object contains unknown field (\S+)", text):
-        return f"{where} has the key {unknown[1]!r}, which is unknown there{did_you_mean(unknown[1], fields)}"
-    if missing := re.match(r"Object missing required field (\S+)", text):
-        return f"{where} lacks the key {missing[1]!r}"
-    if wrong := re.match(r"Expected (.+), got (\w+)(?: - at|$)", text):
-        if wrong.groups() == ("array", "object"):
-            return f"{where} is a single table, but there may be several: write its head as [[{where}]]"
-        wanted, found = ([KINDS[kind][0] if kind in KINDS else kind for kind in kinds.split(" | ")] for kinds in wrong.groups())
-        return f"{where} is {found[0]}, but must be {' or '.join(wanted)}"
-    words = _words(fields.get(where.rpartition(".")[2]))
-    if words and (wrong := re.match(r"Invalid enum value '(.*)'", text)):
-        return f"{where} is {wrong[1]!r}{did_you_mean(wrong[1], words)}; allowed are {', '.join(words)}"
-    return text
-
-
-def _words(kind: Any) -> list[str]:
-    # The words that a type allows: those of a Literal, also within a union.
-    if get_origin(kind) is Literal:
-        return [word for word in get_args(kind) if isinstance(word, str)]
-    return [word for part in get_args(kind) for word in _words(part)]
 
 
 def plain(value: Any) -> Any:

@@ -116,7 +116,7 @@ def _explained(question: ChangeToExplain) -> list[dict[str, object]]:
 
 
 def search_causes(
-    catalogue: Catalogue, baseline: str, *, scheduler: str | None = None, false_per_month: float | None = None
+    catalogue: Catalogue, baseline: str, *, scheduler: str | None, false_per_month: float | None = None
 ) -> Iterator[str]:
     """Track the fleet, search for the causes of new changes, and yield a line for each.
 

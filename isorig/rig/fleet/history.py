@@ -16,8 +16,7 @@ from isorig.analysis.campaign import FloatArray
 from isorig.analysis.trends import policy as trends
 from isorig.analysis.trends.change import DatedChange, Followed, follow
 from isorig.analysis.trends.cusum import thresholds
-from isorig.analysis.trends.series import Scatter, Series, scatter_of
-from isorig.analysis.trends.siblings import Siblings, siblings
+from isorig.analysis.trends.series import Scatter, Series, Siblings, scatter_of, siblings
 from isorig.analysis.wording import with_std
 from isorig.rig.errors import RigError
 from isorig.rig.fleet.catalogue import SUPERSEDED, WITHOUT

@@ -56,7 +56,7 @@ def save(figure: MatplotlibFigure, path: str | Path) -> None:
         figure.savefig(temporary, format=kind, dpi=150, **how)
 
 
-def frf_view(frfs: Mapping[str, Frf], band: tuple[float, float], view: View = "bode") -> Figure:
+def frf_view(frfs: Mapping[str, Frf], band: tuple[float, float], view: View) -> Figure:
     """Transfer functions by name in one of the views, within a band (Hz)."""
     return {"bode": frf_figure, "parts": parts_figure, "nyquist": nyquist_figure}[view](frfs, band)
 

@@ -54,10 +54,10 @@ def transmissibility(
     campaign: Campaign,
     models: Sequence[Model],
     *,
-    reference: str | None = None,
-    response: str | None = None,
-    configurations: tuple[str, str] | None = None,
-    resolution: float = 0.25,
+    reference: str | None,
+    response: str | None,
+    configurations: tuple[str, str] | None,
+    resolution: float,
 ) -> Transmitted:
     """The magnitude of one channel over another by gain, and between two configurations where both were measured.
 

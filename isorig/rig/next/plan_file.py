@@ -97,9 +97,7 @@ def limits_of(model: RigModel, plan: Plan | None, file: Path | None) -> Limits:
     """
     others = [] if plan is None else [plan.limits]
     if file is not None:
-        others.append(
-            read_toml(file, lambda tree: msgspec.convert(tree.get("limits", tree), Limits, strict=False), "a file of limits")
-        )
+        others.append(read_toml(file, Limits, "a file of limits", prepared=lambda tree: tree.get("limits", tree)))
     try:
         return model.limits_within(*others)
     except ModelError as error:

@@ -36,7 +36,7 @@ def unbroken(text: str) -> str:
     return re.sub(r"(?<=[\d±]) (?=[±\d%]|[a-zA-Zµ]{1,2}(?:[ ,;.)/²³]|$))", "\u00a0", text)
 
 
-def label(run: Run, alone: bool = False) -> str:
+def label(run: Run, alone: bool) -> str:
     """Name of a run in a legend."""
     return f"{run.id} ({state(run.configuration, run.gain, alone)})"
 

@@ -13,8 +13,8 @@ from typing import Any
 from numpy.typing import NDArray
 
 from isorig.analysis.campaign import Campaign, Channel, Run, Samples
-from isorig.rig.acquire.follow import follow
 from isorig.rig.acquire.recorder import working_file
+from isorig.rig.acquire.recover import follow
 from isorig.rig.errors import RecordingError
 from isorig.rig.files.recording import open_recording
 

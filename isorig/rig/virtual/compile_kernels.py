@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from isorig.analysis.equations.slip import slip_operator
-from isorig.analysis.laws import BoucWen, Dahl, ElastoSlip, LuGre
+from isorig.analysis.laws import BoucWen, Dahl, ElastoSlip, LuGre, Maxwell, StiffeningHysteresis
 from isorig.analysis.simulate.batch import scan
 from isorig.analysis.simulate.curves import load_laws
 from isorig.analysis.simulate.sampling import Excitation
@@ -16,6 +16,8 @@ ALONG_MOTIONS = (
     BoucWen(friction_force=1.0, initial_stiffness=1.0), Dahl(friction_force=1.0, bristle_stiffness=1.0),
     ElastoSlip(slip_force=1.0, spring_stiffness=1.0),
     LuGre(friction_force=1.0, static_force=1.0, bristle_stiffness=1.0, stribeck_velocity=1.0),
+    Maxwell(relaxation_stiffness=1.0, relaxation_time=1.0),
+    StiffeningHysteresis(initial_stiffness=1.0, stiffening=1.0, dissipation=1.0),
 )  # fmt: skip
 
 

@@ -133,7 +133,7 @@ class Designed:
 
 def read_design(path: Path) -> DesignPlan:
     """Read and validate a move profile. Raises PlanError, a sentence with the key and what is allowed, if it is invalid."""
-    plan = read_toml(path, lambda tree: msgspec.convert(tree, DesignPlan, strict=False), "a move profile")
+    plan = read_toml(path, DesignPlan, "a move profile")
     low, high = plan.frequencies
     if not TRIED[0] <= low < high <= TRIED[1]:
         raise PlanError(

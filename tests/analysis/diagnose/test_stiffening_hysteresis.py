@@ -100,15 +100,17 @@ def test_its_equation_holds_with_the_loop() -> None:
 @pytest.mark.parametrize(("stiffening", "dissipation"), [(300.0, 500.0), (500.0, 300.0), (400.0, 400.0), (0.0, 0.0)])
 def test_the_force_along_a_motion_is_that_of_the_rates(stiffening: float, dissipation: float) -> None:
     law = Law(initial_stiffness=4e3, stiffening=stiffening, dissipation=dissipation)
-    t = np.arange(1500) / 500.0
-    d = 2e-3 * np.sin(2.0 * np.pi * 5.0 * t) * np.sin(2.0 * np.pi * 0.9 * t) + 3e-4 * np.sin(2.0 * np.pi * 31.0 * t)
-    v = np.diff(d, prepend=d[:1]) * 500.0
-    want, z, h = np.zeros(len(v)), law.begun(), 1.0 / (500.0 * 20.0)
-    for k, speed in enumerate(v):
-        for _ in range(20):
-            z = z + h * law.rates(0.0, speed, z + 0.5 * h * law.rates(0.0, speed, z))
-        want[k] = z[0]
-    assert law.along(d, v, 500.0) == pytest.approx(want, abs=1e-3 * np.abs(want).max())
+    # Sines of three frequencies, with and without their derivative, at samples and twice as often as Runge-Kutta steps.
+    h = 1.0 / (500.0 * 20.0)
+    t = 0.5 * h * np.arange(1500 * 40)
+    parts = ((2e-3 / 2.0, 4.1, 0.5 * np.pi), (-2e-3 / 2.0, 5.9, 0.5 * np.pi), (3e-4, 31.0, 0.0))
+    d = sum(size * np.sin(2.0 * np.pi * f * t + phase) for size, f, phase in parts)
+    v = sum(size * 2.0 * np.pi * f * np.cos(2.0 * np.pi * f * t + phase) for size, f, phase in parts)
+    want, z = [], law.begun()
+    for begin, middle in zip(v[0::2], v[1::2], strict=True):
+        want.append(z[0])
+        z = z + h * law.rates(0.0, middle, z + 0.5 * h * law.rates(0.0, begin, z))
+    assert law.along(d[::40], v[::40], 500.0) == pytest.approx(want[::20], abs=1e-3 * np.abs(want).max())
 
 
 def test_without_stiffening_it_is_elastic_friction() -> None:

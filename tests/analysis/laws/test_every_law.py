@@ -16,6 +16,7 @@ from scipy.interpolate import CubicSpline
 from isorig.analysis import laws
 from isorig.analysis.errors import ModelError, SimulationError
 from isorig.analysis.laws.base import LinkConstants
+from isorig.analysis.laws.hysteresis import SHORT, maxwell_carry
 from isorig.analysis.model.parameter_units import rotational, unit_of
 from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel, Sensor
 from isorig.analysis.simulate import Excitation, trace
@@ -311,3 +312,16 @@ def test_the_distance_to_a_kink_ends_where_the_slope_changes(law: laws.Law, seed
         _, memory = force(memory, d, grid[-1])
         d = grid[-1]
     assert distance == np.inf
+
+
+@pytest.mark.parametrize("constants", [1e-8, SHORT, np.nextafter(SHORT, 1.0), 1.0, 50.0])
+def test_a_relaxation_is_exact_in_short_and_long_steps(constants: float) -> None:
+    """From an eighth to seven eighths of a step that takes so many time constants between them, by scipy's integrator."""
+    velocity, after, h = np.array([0.3, -0.5, 0.4]), np.zeros(1), 1e-3
+    parameters = np.array([1e3, 0.75 * h / constants])
+    maxwell_carry(parameters, np.array([2.0]), after, 0.0, 0.0, *velocity, 0.125, 0.875, h)
+    course = np.polynomial.Polynomial.fit([0.0, 0.5 * h, h], velocity, 2)
+    found = solve_ivp(
+        lambda t, f: parameters[0] * course(t) - f / parameters[1], (0.125 * h, 0.875 * h), [2.0], rtol=1e-12, atol=1e-14
+    )  # fmt: skip
+    assert after[0] == pytest.approx(found.y[0, -1], rel=1e-8)

@@ -10,8 +10,7 @@ from isorig.analysis.fitting.solve import Free
 from isorig.analysis.trends.change import change_in, date_of_step, fitted_knee, follow, likelihood_of_steps
 from isorig.analysis.trends.cusum import alarms, thresholds
 from isorig.analysis.trends.difference import CauseOfChange, _deviation, _judged
-from isorig.analysis.trends.series import Series, scatter_of
-from isorig.analysis.trends.siblings import siblings
+from isorig.analysis.trends.series import Series, scatter_of, siblings
 
 NEVER = (np.inf, np.inf)
 AROUND = pytest.mark.parametrize("share", [0.98, 1.02])

@@ -13,8 +13,7 @@ from isorig.analysis.errors import DataError
 from isorig.analysis.trends.change import change_in, date_of_step, follow
 from isorig.analysis.trends.cusum import alarms, false_rate, run_length, thresholds
 from isorig.analysis.trends.policy import POLICY
-from isorig.analysis.trends.series import Series, scatter_of
-from isorig.analysis.trends.siblings import siblings
+from isorig.analysis.trends.series import Series, scatter_of, siblings
 
 #: Rosner (1983), Table: 54 values of which the last three are outliers (also in the NIST/SEMATECH handbook, 1.3.5.17.3).
 ROSNER = np.array([

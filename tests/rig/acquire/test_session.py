@@ -16,11 +16,10 @@ from ramps import RampPlant, Watcher, acquire, plan_of, ramp_instrument
 from isorig.drivers.block import Block, Input
 from isorig.drivers.simulated.commanded import Faults
 from isorig.drivers.simulated.served import served
-from isorig.rig.acquire.follow import follow
 from isorig.rig.acquire.journal import Reader
 from isorig.rig.acquire.plan_check import read_plan
 from isorig.rig.acquire.recorder import RunWriter, recording_into
-from isorig.rig.acquire.recover import WorkingFileReader
+from isorig.rig.acquire.recover import WorkingFileReader, follow
 from isorig.rig.acquire.simulated_instruments import far_end
 from isorig.rig.cli import main
 from isorig.rig.errors import PlanError

@@ -195,7 +195,7 @@ def test_missing_channels_and_typing_errors(tmp_path: Path, capsys: pytest.Captu
             'gain = 1.0\nexcitation = "randm"',
             "excitation is 'randm' (did you mean 'random'?); allowed are random, ",
         ),
-        ("gain = 1.0", 'gain = 1.0\nrate_from = "header"', "runs[0].rate_from is 'header'; allowed are mapping, time, file"),
+        ("gain = 1.0", 'gain = 1.0\nrate_from = "header"', "runs.a.rate_from is 'header'; allowed are mapping, time, file"),
         ('unit = "N"', 'unit = "N"\nquantity = "forces"', "is 'forces' (did you mean 'force'?); allowed are acceleration, "),
         ("rig.toml", "rigs.toml", "rigs.toml does not exist; give the file of a rig's description"),
         ("a.csv", "aa.csv", "aa.csv does not exist (did you mean 'a.csv'?); give the path of a file"),

@@ -10,7 +10,7 @@ import pytest
 from scipy.io import wavfile
 
 from isorig.rig.cli import main
-from isorig.rig.exchange.file_sets import runs_of
+from isorig.rig.exchange.draft import runs_of
 from isorig.rig.files.recording import read
 
 N = 120

@@ -8,7 +8,7 @@ import pytest
 
 from isorig.rig.files.recording import write
 from isorig.rig.files.rigfile import read_rig
-from isorig.rig.virtual.described import described_campaign
+from isorig.rig.virtual.simulated_recording import described_campaign
 
 
 @pytest.fixture(scope="session")

@@ -18,8 +18,7 @@ from hypothesis import strategies as st
 
 from isorig.rig.cli import main
 from isorig.rig.errors import RigError
-from isorig.rig.fleet.catalogue import SCHEMA, Catalogue, StoredAnswer, StoredParameter
-from isorig.rig.fleet.query import query_answers
+from isorig.rig.fleet.catalogue import SCHEMA, Catalogue, StoredAnswer, StoredParameter, query_answers
 
 #: The columns that other programs may count on, in this order.
 PROMISED = ["rig", "campaign", "started", "parameter", "value", "std", "verdict", "cause", "version", "content"]
@@ -183,8 +182,8 @@ def test_an_empty_query_is_refused(tmp_path: Path, query: str, capsys: pytest.Ca
 )
 def test_an_endless_query_is_ended(tmp_path: Path, query: str, says: str, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("duckdb", reason="DuckDB is not installed: pip install 'isorig[sql]'")
-    monkeypatch.setattr("isorig.rig.fleet.query.SECONDS", 0.5)
-    monkeypatch.setattr("isorig.rig.fleet.query.ROWS", 1000)
+    monkeypatch.setattr("isorig.rig.fleet.catalogue.SECONDS", 0.5)
+    monkeypatch.setattr("isorig.rig.fleet.catalogue.ROWS", 1000)
     store = Catalogue(tmp_path)
     store.add_folder(tmp_path, None)
     with pytest.raises(RigError, match=says):

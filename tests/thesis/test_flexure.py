@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.linalg import eigh
 
 from isorig.analysis.errors import DataError
-from isorig.rig.wire_bonder.flexure import GRAVITY, SPRING_STEEL, Flexure, flexure, thinnest
+from thesis.flexure import GRAVITY, SPRING_STEEL, Flexure, flexure, thinnest
 
 ELEMENTS = 40
 
