@@ -315,7 +315,7 @@ def _predicted(
 def solved_values(equations: Equations, explanation: Explanation | None = None) -> dict[str, float]:
     """Values by path that the equations solve for, known or free, with an explanation's effect taken out.
 
-    Stiffnesses and dampings of links, levels of contacts, and the free parameters; each from the equation with the fewest elements.
+    Stiffnesses and dampings of links, levels of contacts, free parameters; each from the equation with the fewest elements.
     """
     found: dict[str, float] = {}
 
@@ -326,7 +326,12 @@ def solved_values(equations: Equations, explanation: Explanation | None = None) 
     for balance in sorted(equations.balances, key=lambda b: len(b.crossing)):
         for path, value in _values_of(equations, balance, explanation).items():
             element = next((e for e, _ in balance.crossing if path == f"links.{e.name}.stiffness"), None)
-            if path not in found and value > 0.0 and (element is None or not bends(element)) and _is_likely(equations, path, value):
+            if (
+                path not in found
+                and value > 0.0
+                and (element is None or not bends(element))
+                and _is_likely(equations, path, value)
+            ):
                 found[path] = value
     return found
 

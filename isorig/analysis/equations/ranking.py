@@ -625,8 +625,6 @@ class Regressions:
             after = dict(after)
             for name in slid:
                 after[name], fault = self._sliding_fault(name, what, channel, source, alone=not inside)
-                if what == "gain" and not values[0] < fault < values[-1]:
-                    after[name] = before[name]  # where that record alone sets the scale, zero solves the equation
                 value = value if inside else fault
             least = LATE[0] / self.on.rate if what == "delay" and not inside else values[0]
             if not least < value < values[-1]:
@@ -651,8 +649,11 @@ class Regressions:
             known = replace(base, values=fitted.values[:count])
             fitted = self._with_signals(element, sliding, known, [self._faulty(name, what, channel, source, known, value)])
             residual, value = min((residual, value), (sliding.residual(fitted, base), value * float(fitted.values[count])))
-        # A record that is true (1 + error) has true values that are less by the error.
-        return residual, 1.0 / (1.0 + value) if what == "gain" else value
+        if what != "gain":
+            return residual, value
+        gain = 1.0 / (1.0 + value)  # a record that is true (1 + error) has true values that are less by the error
+        # Where that record alone sets the scale of an equation, zero solves it.
+        return residual if GAINS[0] < gain < GAINS[-1] else sliding.residual(base), gain
 
     def _acting(self, name: str, channel: str, samples: FloatArray, acts: Callable[..., FloatArray]) -> tuple[float, float]:
         # Residual of a sliding equation with a drive that acts otherwise than its record tells, and by how much in s: a command

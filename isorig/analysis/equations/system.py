@@ -149,11 +149,13 @@ class Equations:
         # In a decay a change in time is one with the amplitude, unless other runs begin later.
         self.timed = len(silent) < len(model.drives) or len({r.start for r in self.records}) > 1
         self.end = max((r.start + len(next(iter(r.channels.values()))) / self.rate for r in self.records), default=1.0)
-        # Displacements carry no signal in the second derivative above some frequency: there equations are cut. An imposed speed is
-        # not differentiated where no equation has the inertia of its body.
+        # Displacements carry no signal in the second derivative above some frequency: there equations are cut. An imposed speed
+        # is not differentiated where no equation has the inertia of its body.
         self.edge = np.inf
         weighed = {sensor.force_in for sensor in model.sensors}
-        as_it_is = {channel for channel in self.imposing if f"drive.{channel}" not in weighed and self.combos.orders.get(channel) == 1}
+        as_it_is = {
+            channel for channel in self.imposing if f"drive.{channel}" not in weighed and self.combos.orders.get(channel) == 1
+        }
         for channel, order in self.combos.orders.items():
             if order < 2 and channel in model.channels and channel not in as_it_is:
                 edges = [signal_edge(r.channels[channel], self.rate) for r in self.records if len(r.channels[channel]) > SHORTEST]

@@ -31,8 +31,8 @@ LEAST_DAMPING = 1e-3
 #: Most iterations of the damper that replaces dry friction, the change of its logarithm below which they end, and the largest
 #: change in one of them.
 ROUNDS, SETTLED, FARTHEST = 15, 1e-6, 3.0
-#: Mean of an imposed sliding speed, relative to its standard deviation, from which it drags. Derived: the damper with the power of
-#: friction at a Gaussian speed with this mean is then exp(-1/2) of that without.
+#: Mean of an imposed sliding speed, relative to its standard deviation, from which it drags. Derived: the damper with the power
+#: of friction at a Gaussian speed with this mean is then exp(-1/2) of that without.
 DRAGS = 1.0
 #: Samples from which the noise of a record is determined: a few per cent accurate.
 LONGEST_NOISE = 1 << 13
