@@ -156,6 +156,11 @@ class Job:
         """Growing lengths of the runs. If a shorter one shows the misfit too, fits may approach on that."""
         return ladder(self.trials, 0.0 if self.seconds < SCREENS[-1] else self.seconds)
 
+    @cached_property
+    def whole(self) -> Problem:
+        """All fit data."""
+        return Problem(self.trials)
+
     @property
     def promising(self) -> float:
         """Share of the misfit that a candidate must remove."""
@@ -240,12 +245,11 @@ class Job:
         Both, the form of the same kind at the same place, are fitted to the first seconds only: what follows shows whether the
         shape has found more than its freedom explains (`Policy.form_close`).
         """
-        whole = Problem(self.trials)
 
         def predicts(candidate: Candidate, rough: Fit) -> bool:
             place = kind_of(candidate.cause), candidate.location
             own = next((fit for other, fit in forms if place in most and (kind_of(other.cause), other.location) == place), None)
-            return own is None or misfit(rough.model, whole) < misfit(own.model, whole) / POLICY.form_close**2
+            return own is None or misfit(rough.model, self.whole) < misfit(own.model, self.whole) / POLICY.form_close**2
 
         return [(candidate, rough) for candidate, rough in shapes if predicts(candidate, rough)]
 
@@ -553,7 +557,7 @@ class Suspected:
             own = [(c, free, m) for c, free, _ in unlike(starts) if c.shape is None for m in c.starts]
             starts = [*starts, *(start for start in own if (id(start[0]), id(start[2])) not in begun)]
         starts = job.with_values_before_fit(starts)
-        run = verified(starts, job.rungs[-1], job.progress, sure=self.found.shows, limit=limit, whole=Problem(job.trials))
+        run = verified(starts, job.rungs[-1], job.progress, sure=self.found.shows, limit=limit, whole=job.whole)
         if (place := self.found.equations.only) is not None and run:
             # The force there has no content where noise hides it, which biases the values of a form.
             best = next(start for start in starts if start[0] is run[0][0])

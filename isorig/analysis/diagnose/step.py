@@ -221,8 +221,8 @@ def determined(carried: Entry, mates: Sequence[Entry], floors: FloatArray) -> En
 
 
 def is_determined(entry: Entry) -> bool:
-    """Whether the data determine a form's own values, apart from angles: each one's standard uncertainty is below the value."""
-    own = [free for free in entry.candidate.free if free.log or free.turn == np.inf]
+    """Whether the data determine a form's own values: each one's standard uncertainty is smaller than the value."""
+    own = [free for free in entry.candidate.free if free.log]
     return all(entry.fit.std.get(free.path, 0.0) < abs(entry.fit.model.get(free.path)) for free in own)
 
 

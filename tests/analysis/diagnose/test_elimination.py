@@ -164,6 +164,41 @@ def test_the_closest_starting_points_of_each_candidate_are_fitted(monkeypatch: p
     assert sorted(done) == sorted(2 * [model.get("bodies.table.mass") for model in models[1:]])
 
 
+@pytest.mark.parametrize(("of_start", "repeated"), [(0.99, True), (1.01, False)])
+def test_a_fit_that_leaves_more_of_the_whole_runs_than_its_start_is_repeated_on_these(
+    of_start: float, repeated: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    start, short, whole = stage(), cast("Problem", "short"), cast("Problem", "whole")
+    led_away = start.replace({"bodies.table.mass": 9.0})
+    left = {("whole", start.encoded): of_start, ("whole", led_away.encoded): 1.0}
+    monkeypatch.setattr(ladder, "misfit", lambda model, problem: left.get((problem, model.encoded), 3.0))
+    monkeypatch.setattr(ladder, "tried", lambda model, free, rung: fitted(led_away if rung.problem == "short" else start, 0.5))
+    one = Candidate(cause="end_stop", location="rail", family="spring", starts=(), free=(), reported=())
+    run = verified([(one, (), start)], Rung(problem=short, steps=0, seconds=1.0), lambda text: None, whole=whole)
+    assert [done.model for _, done in run] == [start if repeated else led_away]
+
+
+@pytest.mark.parametrize(("misfit_of_first_moments", "left", "added"), [(9.9, 1.0, 0), (10.1, 1.0, 2), (10.1, 0.5, 0)])
+def test_where_a_missing_effect_bent_the_fit_a_candidate_starts_from_what_the_equations_solve_for(
+    misfit_of_first_moments: float, left: float, added: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(search, "misfit", lambda model, problem: misfit_of_first_moments)
+    damping, stiffness = "links.rail.damping", "links.rail.stiffness"
+    described = msgspec.structs.replace(stage(), free=(damping,))
+    guess, bent = described.replace({damping: 7.0}), described.replace({damping: 70.0})
+    candidate = Candidate(
+        cause="wrong_stiffness", location="rail", family="stiffness", starts=(bent,), free=(Free(path=stiffness),), reported=()
+    )
+    job = SimpleNamespace(
+        left=left, current=fitted(bent, 1.0), rungs=[SimpleNamespace(problem=None)], guess=guess,
+        solved={stiffness: 1800.0, damping: 5.0},
+    )  # fmt: skip
+    starts = [(candidate, (*base_parameters(bent), *candidate.free), bent)]
+    found = search.Job.with_values_before_fit(cast("search.Job", job), starts)[1:]
+    values = [(model.get(damping), model.get(stiffness)) for _, _, model in found]
+    assert values == [(7.0, stage().get(stiffness)), (7.0, 1800.0)][:added]
+
+
 @pytest.mark.parametrize("sure", [True, False])
 @pytest.mark.parametrize(("ratio", "tried_too"), [(LEAVES * 0.99, True), (LEAVES * 1.01, False)])
 def test_starting_points_far_from_the_data_are_tried_for_a_sure_candidate_only(
@@ -221,13 +256,12 @@ def test_a_free_shape_is_finished_only_where_it_may_beat_the_form() -> None:
 def test_a_free_shape_must_predict_the_runs_better_than_a_form_that_removes_most(
     form: float, place: str, kept: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(search, "Problem", lambda trials: None)
     monkeypatch.setattr(search, "misfit", lambda model, problem: model.get("bodies.table.mass"))
     spring = Candidate(cause="end_stop", location="rail", family="spring", starts=(), free=(), reported=())
     shape = replace(spring, cause="spring_shape")
     costs = {spring.key: form, shape.key: 1.0}
     fits = {key: fitted(stage().replace({"bodies.table.mass": cost}), 1.0) for key, cost in costs.items()}
-    job = cast("search.Job", SimpleNamespace(trials=()))
+    job = cast("search.Job", SimpleNamespace(whole=None))
     found = search.Job.following(job, [(shape, fits[shape.key])], [(spring, fits[spring.key])], {("spring_shape", place)})
     assert [candidate for candidate, _ in found] == ([shape] if kept else [])
 

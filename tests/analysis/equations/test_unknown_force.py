@@ -7,6 +7,7 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 import pytest
+from scipy.signal import chirp
 from strange_rigs import StrangeRig
 
 from isorig.analysis.campaign import Campaign, Channel, Run
@@ -47,11 +48,13 @@ def given(off: float = 1.0) -> RigModel:
     return msgspec.structs.replace(described, links=links, free=free)
 
 
-def campaign(truth: RigModel, gains: dict[str, float] | None = None) -> Campaign:
-    """Two levels of a random force, with noise of 0.1 % of each record."""
-    draw, runs = np.random.default_rng(1), []
+def campaign(truth: RigModel, gains: dict[str, float] | None = None, *, swept: bool = False) -> Campaign:
+    """Two levels of a random force, or of a `swept` one, with noise of 0.1 % of each record."""
+    draw, runs, time = np.random.default_rng(1), [], np.arange(8192) / RATE
     for k, level in enumerate((10.0, 30.0)):
         force = random(samples=4096, sample_rate=RATE, rms=level, band=(1.0, 30.0), seed=k)
+        if swept:
+            force = level * chirp(time, 2.0, time[-1], 60.0, method="logarithmic") * np.minimum(time, 1.0)
         shown = simulate(truth, Excitation.prepare(force, RATE), configuration="unlocked").channels
         records = {name: values * (gains or {}).get(name, 1.0) for name, values in {"force": force, **shown}.items()}
         channels = {
@@ -60,7 +63,7 @@ def campaign(truth: RigModel, gains: dict[str, float] | None = None) -> Campaign
             for name, values in records.items()
         }  # fmt: skip
         runs.append(Run(id=f"r{k}", configuration="unlocked", sample_rate=RATE, gain=level, channels=channels,
-                        excitation="random", band=(1.0, 30.0)))  # fmt: skip
+                        excitation="other" if swept else "random", band=None if swept else (1.0, 30.0)))  # fmt: skip
     return replace(Campaign(runs=tuple(runs), source="chain"), description=description_text(CHAIN.description(), {}))
 
 
@@ -95,6 +98,15 @@ def test_the_link_that_hardens_leaves_least_of_all_links_though_all_springs_are_
     assert ranked.worst > 10.0
     assert {item.place for item in ranked.explanations} == {link}
     assert ranked.explanations[0].what == "force over deflection"
+
+
+def test_a_sweep_tells_of_its_resonance_though_the_allowed_errors_are_largest_there() -> None:
+    """Above its end the records are small, so that a force there would count a hundred times as much."""
+    model, measured = given(0.95), campaign(with_cubic("l2", 3e9), swept=True)
+    places = compared_places(model, prepare(measured, model))
+    assert places is not None
+    assert places.located[0].place == CausePlace("link", "l2")
+    assert places.located[0].left < 2.0
 
 
 def test_a_channel_with_a_wrong_gain_leaves_least() -> None:
