@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from isorig.analysis import laws
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
@@ -97,3 +98,19 @@ def test_no_gain_solves_an_equation_whose_scale_is_that_record_alone() -> None:
     assert gain is None or gain.residuals["slider"] == found.residuals["slider"]
     best = next(item for item in found.explanations if item.kind != "sensor")
     assert (best.kind, best.place) == ("friction_shape", "pad")
+
+
+def test_the_level_of_a_described_stribeck_friction_is_a_multiple_of_its_own() -> None:
+    truth, described = (
+        laws.Stribeck(friction_force=level, static_force=1.8 * level, stribeck_velocity=0.05)
+        for level in (FRICTION, 0.5 * FRICTION)
+    )
+    solved = solved_values(equations_of(dragged(tribometer(truth), reversals()), tribometer(described)))
+    assert solved["contacts.pad.law.friction_force"] == pytest.approx(FRICTION, rel=0.03)
+
+
+def test_a_described_friction_without_one_level_has_no_solved_level() -> None:
+    law = laws.Asymmetric(forward_force=FRICTION, backward_force=FRICTION)
+    described = replace(tribometer(law), free=("links.leaf.stiffness",))
+    solved = solved_values(equations_of(dragged(tribometer(law), reversals()), described))
+    assert set(solved) <= {"links.leaf.stiffness", "links.leaf.damping"}

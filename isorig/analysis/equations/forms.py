@@ -17,7 +17,7 @@ from isorig.analysis.equations.filters import resonator
 from isorig.analysis.equations.known import law_columns
 from isorig.analysis.equations.ranking import Explanation
 from isorig.analysis.equations.sliding import Sliding, SlidingFit
-from isorig.analysis.equations.system import CHANNEL_FAULTS, HOLDS, Equations
+from isorig.analysis.equations.system import CHANNEL_FAULTS, HOLDS, Equations, is_shaped
 from isorig.analysis.equations.unknown_force import rest_of
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.solve import Free, base_parameters
@@ -399,8 +399,9 @@ def _values_of(equations: Equations, balance: Balance, explanation: Explanation 
         if element.link is not None:
             found[f"links.{element.link.name}.stiffness"] = float(values[0]) / size
             found[f"links.{element.link.name}.damping"] = float(values[1]) / size
-        if element.contact is not None:
-            found[f"contacts.{element.contact.name}.law.friction_force"] = float(values[2]) / size
+        if element.contact is not None and (level := getattr(element.contact.law, "friction_force", None)) is not None:
+            own = level if is_shaped(element.contact.law) else 1.0  # the column is the law's force then
+            found[f"contacts.{element.contact.name}.law.friction_force"] = own * float(values[2]) / size
         paths = [path for path, _ in equations.fixed_rows(balance, element)]
         found |= zip(paths, values[3 + law_columns(element) :].tolist(), strict=False)
         found.pop("-", None)

@@ -23,7 +23,7 @@ from isorig.analysis.equations.motion import (
 from isorig.analysis.equations.sliding import ROUNDS, TAPS, Columns, Sliding, SlidingFit, SlidingRun, direction_of_sliding
 from isorig.analysis.equations.spectral import SHORTEST, Prepared, Row, Solved, Spectra
 from isorig.analysis.fitting.preparation import zero_errors
-from isorig.analysis.laws import Coulomb
+from isorig.analysis.laws import Coulomb, FrictionLaw
 from isorig.analysis.laws.base import NO_LINK
 from isorig.analysis.lowpass import fast_length, force_edge, low_passed, signal_edge
 from isorig.analysis.model.linear import floats
@@ -93,6 +93,11 @@ class Record:
     start: float
     channels: dict[str, FloatArray]
     noise: dict[str, float]
+
+
+def is_shaped(friction: FrictionLaw) -> bool:
+    """Whether a friction depends on more than its direction, but has no memory: its column is then the law's own force."""
+    return not friction.remembers and not isinstance(friction, Coulomb)
 
 
 class Equations:
@@ -536,11 +541,10 @@ class Equations:
     def _columns_of(self, element: Element, *, dry: bool) -> Columns:
         laws = law_columns(element)
         friction = element.contact.law if element.contact is not None else None
-        shaped = friction is not None and not friction.remembers and not isinstance(friction, Coulomb)
 
         def columns(d: FloatArray, v: FloatArray, run: SlidingRun, place: IntArray) -> FloatArray:
             rubbing: FloatArray = direction_of_sliding(v, run.creep)
-            if shaped and friction is not None:
+            if friction is not None and is_shaped(friction):
                 rubbing = friction.force(d, v, run.time[place], np.zeros((1, len(d))), NO_LINK)
             parts = [d, v, rubbing] if dry else [d, v]
             if laws:
