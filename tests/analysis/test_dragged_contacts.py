@@ -110,7 +110,8 @@ def test_the_level_of_a_described_stribeck_friction_is_a_multiple_of_its_own() -
 
 
 def test_a_described_friction_without_one_level_has_no_solved_level() -> None:
-    law = laws.Asymmetric(forward_force=FRICTION, backward_force=FRICTION)
-    described = replace(tribometer(law), free=("links.leaf.stiffness",))
-    solved = solved_values(equations_of(dragged(tribometer(law), reversals()), described))
+    rig = tribometer(laws.Coulomb(friction_force=FRICTION))
+    both = laws.Asymmetric(forward_force=FRICTION, backward_force=FRICTION)
+    described = replace(rig, contacts=(replace(rig.contacts[0], law=both),), free=("links.leaf.stiffness",))
+    solved = solved_values(equations_of(dragged(rig, reversals()), described))
     assert set(solved) <= {"links.leaf.stiffness", "links.leaf.damping"}
