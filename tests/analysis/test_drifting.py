@@ -36,6 +36,21 @@ def test_a_measured_position_drifts(quantity: Quantity, drifting: bool) -> None:
     assert drifts(measured, 100.0 * FALLS) is drifting
 
 
+def test_a_position_that_springs_hold_does_not_drift_beside_a_speed_that_nothing_holds() -> None:
+    # A belt moves a carriage on a spring; what turns moves the carriage by the belt's deflection only.
+    belt = Link(name="belt", a="carriage", stiffness=1500.0, damping=2.0, arms={"motor": -0.03, "load": 0.03})
+    held = Link(name="spring", a="carriage", stiffness=1800.0, damping=5.0)
+    carriage = Sensor(channel="carriage", body="carriage", quantity="displacement")
+    rig = replace(
+        RIG,
+        bodies=(*RIG.bodies, Body(name="carriage", mass=1.8)),
+        links=(*RIG.links, belt, held),
+        sensors=(RIG.sensors[1], carriage),
+    )
+    assert not drifts(rig, 100.0 * FALLS)
+    assert drifts(replace(rig, sensors=(RIG.sensors[1], replace(carriage, body="load", quantity="angle"))), 100.0 * FALLS)
+
+
 def test_speeds_without_dampers_drift_and_what_springs_hold_does_not() -> None:
     assert drifts(replace(RIG, links=(replace(RIG.links[0], damping=0.0), replace(RIG.links[1], damping=0.0), RIG.links[2])), 1e3)
     assert not drifts(replace(RIG, links=(replace(RIG.links[0], stiffness=1.0), *RIG.links[1:])), 1e-3)

@@ -12,6 +12,8 @@ from isorig.analysis.model.rig_model import GROUND, Link, RigModel, direction, m
 
 #: Normalised eigenvalue of the stiffness matrix below which a motion counts as held by no spring (rounding).
 SLACK = 1e-12
+#: Share of a rigid-body motion in a sensor's position below which it does not show there (rounding of an eigenvector).
+UNMOVED = 1e-6
 #: Weight of a force in a sum of equations of motion below which it cancels, up to rounding.
 ROUNDED = 1e-9
 #: Time constants of the slowest speed in a run from which on a simulation of speeds does not drift. Chosen: an error of the first
@@ -159,28 +161,33 @@ def constraint_basis(model: RigModel, rigid: Sequence[Link]) -> FloatArray:
 
 def floats(model: RigModel) -> bool:
     """Whether no spring holds some body, directly or through others: a rigid-body motion exists."""
-    if model.free_free:
-        # Its accelerations are compared in a free run, independent of its drift.
-        return False
+    # Accelerations of a free-free rig are compared in a free run, independent of its drift.
+    return not model.free_free and rigid_motions(model).shape[1] > 0
+
+
+def rigid_motions(model: RigModel) -> FloatArray:
+    """Displacements of the bodies that no spring resists, shape (bodies, count)."""
     loose = [k for k, body in enumerate(model.bodies) if body.name not in model.imposed]
-    if not loose:
-        return False
     stiffness = matrices(model)[2][np.ix_(loose, loose)]
     size = np.sqrt(np.diag(stiffness))
-    if not size.all():
-        return True
-    return bool(np.linalg.eigvalsh(stiffness / np.outer(size, size))[0] < SLACK)
+    size[size == 0.0] = 1.0
+    values, vectors = np.linalg.eigh(stiffness / np.outer(size, size))
+    found = np.zeros((len(model.bodies), int(np.sum(values < SLACK))))
+    found[loose] = (vectors / size[:, None])[:, values < SLACK]
+    return found
 
 
 def drifts(model: RigModel, seconds: float) -> bool:
     """Whether a simulation of runs of this length drifts away from the records although the rig's values are right.
 
-    It does where no spring holds some body, unless only speeds and accelerations are measured and dampers hold these: an error of
-    a speed has died away long before the end of a run then.
+    It does where no spring holds some body, unless no position that changes with it is measured and dampers hold its speed: an
+    error of a speed has died away long before the end of a run then.
     """
     if not floats(model):
         return False
-    if any(sensor.force_in is None and MOTION[sensor.quantity] == 0 for sensor in model.sensors):
+    rigid = rigid_motions(model)
+    positions = [sensor for sensor in model.sensors if sensor.force_in is None and MOTION[sensor.quantity] == 0]
+    if any(np.any(np.abs(weights_of(model, sensor) @ rigid) > UNMOVED * np.abs(rigid).max(axis=0)) for sensor in positions):
         return True
     return any(_slowest_speed(model, name) * seconds < SETTLED for name in model.configurations)
 
