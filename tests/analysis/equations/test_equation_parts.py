@@ -294,6 +294,14 @@ def sliding(integrated: bool, still: float, velocity_noise: float = 0.0, *, rubs
     )  # fmt: skip
 
 
+def test_fewer_samples_than_the_slow_part_has_coefficients_leave_it_small_without_a_described_spring() -> None:
+    one = sliding(integrated=True, still=0.0, rubs=False)
+    one.stiffness, block = 0.0, one.active[0]
+    block.used = np.arange(2)
+    reduced = one._reduced(block, lambda d, v, run, place: np.column_stack([d, v]), np.array([100.0, 1.0]), damped=False)
+    assert np.abs(reduced.back).max() < 10.0
+
+
 def test_only_a_measured_position_shows_that_an_element_rests() -> None:
     assert sliding(integrated=False, still=0.6).rests
     assert not sliding(integrated=False, still=0.0).rests
@@ -312,7 +320,7 @@ def test_a_contact_slides_from_a_share_of_the_largest_velocity_on(integrated: bo
 
 def test_the_slow_part_is_a_spline_and_its_derivative() -> None:
     """Equal coefficients are a constant, rising ones a line; a knot lies between two coefficients."""
-    one = sliding(integrated=True, still=0.0)
+    one = sliding(integrated=True, still=0.0, rubs=False)
     assert one._value.sum(axis=1) == pytest.approx(1.0)
     assert one._slope.sum(axis=1) == pytest.approx(0.0, abs=1e-9)
     assert one._slope @ np.arange(4.0) == pytest.approx(RATE / one.knot)
