@@ -63,6 +63,17 @@ def in_per_cent(share: float) -> str:
     return f"{100.0 * share:.0f} %" if share >= 0.0995 else f"{100.0 * share:#.2g} %"
 
 
+def as_difference(share: float) -> str:
+    """A relative difference to two digits, in per cent; as a factor if it is larger.
+
+    Examples
+    --------
+    >>> as_difference(0.043), as_difference(584.0)
+    ('4.3 %', 'a factor of 580')
+    """
+    return f"a factor of {float(f'{share:.2g}'):g}" if share >= MULTIPLE else f"{100.0 * share:.2g} %"
+
+
 def noise_alone(floor: float) -> str:
     """A noise floor, a share of the signal, in the words of every command.
 

@@ -24,7 +24,7 @@ from isorig.analysis.model.rig_model import GROUND, RigModel
 from isorig.analysis.spectra.periodic import periodic
 from isorig.analysis.spectra.quality import faults
 from isorig.analysis.spectra.welch import estimate
-from isorig.analysis.wording import of_signal, with_article, with_std
+from isorig.analysis.wording import as_difference, of_signal, with_article, with_std
 
 #: Standard errors above which a quantity is a sign, and the share below which it is too small to be one.
 SURE, SMALL = 4.0, 0.004
@@ -307,7 +307,7 @@ def _gains(model: RigModel, groups: Groups) -> list[Sign]:
         if len(gains) < 2:
             continue
         seen = [
-            (f"{sensor.channel} between gains {high:g} and {low:g} by {100 * pair[0]:.2g} %", *pair)
+            (f"{sensor.channel} between gains {high:g} and {low:g} by {as_difference(pair[0])}", *pair)
             for high, low in pairwise(gains)
             for sensor in model.sensors
             if (pair := _compared(groups[name, high], groups[name, low], sensor.channel)) is not None
@@ -353,7 +353,7 @@ def homogeneity(
         return Sign(text=f"Homogeneity: {name}, {text}", supported=supported("amplitude"))
     within = max((max(apart, APART * noise) for _, apart, noise in seen), default=np.inf)
     if not within <= RESOLVED:
-        known = "no common frequency bins" if not seen else f"a difference below {100 * within:.2g} % would not be detected"
+        known = "no common frequency bins" if not seen else f"a difference below {as_difference(within)} would not be detected"
         text = f"gains {levels} cannot be compared ({known}), so whether the misfit depends on the amplitude is not known."
         return Sign(text=f"Homogeneity: {name}, {text}")
     text = (
@@ -380,7 +380,7 @@ def _time(model: RigModel, groups: Groups) -> list[Sign]:
                 continue
             within = max(within, off[0], APART * off[1])
             if _differ(*off):
-                differences.append(f"{sensor.channel} {100 * off[0]:.2g} % (random error {100 * off[1]:.2g} %)")
+                differences.append(f"{sensor.channel} {as_difference(off[0])} (random error {as_difference(off[1])})")
         where = f"Repeatability: {name} at gain {gain:g}, {first.trial.run.id} and {last.trial.run.id}, {minutes:.3g} min apart,"
         if differences:
             text = (
@@ -391,7 +391,7 @@ def _time(model: RigModel, groups: Groups) -> list[Sign]:
         elif 0.0 < within <= RESOLVED:
             found.append(Sign(text=f"{where} agree to within {100 * within:.2g} %: no change of the rig was detected."))
         elif within:
-            text = f"a change of the rig below {100 * within:.2g} % would not be detected"
+            text = f"a change of the rig below {as_difference(within)} would not be detected"
             found.append(Sign(text=f"{where} agree within the random error; {text}."))
     return found
 
