@@ -388,7 +388,7 @@ class Sliding:
             if damped:
                 plain = self._spread(block.used, self._value[block.used])
                 gram += DAMPED * scale * (plain.T @ plain)
-            # Where no sample in use tells of a coefficient, and without a described spring, the others set the scale.
+            # Where no sample in use determines a coefficient, and without a described spring, the others set the scale.
             gram[np.diag_indices(self.knots)] += 1e-6 * max(scale, 1e-6 * float(np.trace(gram)))
             cross = basis.T @ whole
             back = np.asarray(np.linalg.solve(gram, cross), dtype=np.float64)
