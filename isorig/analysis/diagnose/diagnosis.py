@@ -537,9 +537,9 @@ class _Search:
             return False
         several, disturbed = searched or len(job.evidence.mains) > 1, False
         with self.until_the_time_ends():
-            explained = [item for item in ranking(job.equations).explanations if not (several and item.what == "hum")]
-            if not explained or explained[0].score < SHOWN:
-                disturbed = not self._is_related(job.current.model)
+            if not self._is_related(job.current.model):
+                explained = [item for item in ranking(job.equations).explanations if not (several and item.what == "hum")]
+                disturbed = not explained or explained[0].score < SHOWN
         return disturbed
 
     def _is_related(self, model: RigModel) -> bool:

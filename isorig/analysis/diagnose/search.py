@@ -141,7 +141,14 @@ class Job:
 
     @cached_property
     def suspects(self) -> Suspects | None:
-        """What the equations of motion point to; None if they cannot say."""
+        """What the equations of motion point to; None if they cannot say, or if only ones with estimated motions do not hold."""
+        equations = self.equations
+        measured = (value for name, value in equations.residuals().items() if name not in equations.with_estimates)
+        return self.by_estimates if not equations.hidden or max(measured, default=0.0) >= BROKEN else None
+
+    @cached_property
+    def by_estimates(self) -> Suspects | None:
+        """The same, also by equations with estimated motions: where bodies have no sensors this takes most of the time."""
         return suspects(self.equations, further=self.left < 1.0)
 
     @cached_property
@@ -498,10 +505,10 @@ def sources(job: Job) -> Iterator[Source]:
             if there is not None:
                 yield Suspected(job=job, found=there)
         yield Screened(job=job, places=possible)
-    elif job.suspects is not None and (not job.judged_by_drive or job.suspects.clear is not None):
-        yield Suspected(job=job, found=job.suspects)
-        refuted = job.suspects.ranking.broken
-        others = job.suspects.others if refuted and job.left >= 1.0 else None
+    elif (shown := job.by_estimates) is not None and (not job.judged_by_drive or shown.clear is not None):
+        yield Suspected(job=job, found=shown)
+        refuted = shown.ranking.broken
+        others = shown.others if refuted and job.left >= 1.0 else None
         if others is not None:  # no simulation confirms those: one may remove more from the equations than the right one
             yield Suspected(job=job, found=others)
     elif job.rubbing and not job.judged_by_drive:
@@ -509,7 +516,7 @@ def sources(job: Job) -> Iterator[Source]:
         yield Screened(job=job, kinds={"friction_shape"}, only=job.rubbing)
     # Where all equations hold, only a simulation shows what they leave out: effects of friction near reversals, scales.
     # Those that hold nearly, and point to nothing, do not tell either.
-    limit = BROKEN if job.suspects is None else HOLDS
+    limit = BROKEN if (job.suspects if possible is not None else job.by_estimates) is None else HOLDS
     hold = equations.complete and max(equations.residuals().values(), default=0.0) < limit
     if job.left >= 1.0 or job.judged_by_drive or hold or not equations.residuals():
         # A whole motion shows smaller effects than its single moments; but where complete equations do not hold, they show the
