@@ -42,6 +42,8 @@ LATER = 3.0
 UNDETERMINED, FAINT = 0.01, 5e-4
 #: Most samples of a run that are used, relative spacing of its frequency bins, and the most of them.
 LONGEST, SPACING, BINS = 2**16, 1.0 / 240.0, 200
+#: Of these, one in so many is used by the first fits of a place, which only choose among starting points and places.
+FEWER = 3
 #: Lowest frequency bin in use: the window spreads a record's zero over two.
 SLOWEST = 4
 #: Weight of what the unknown force explains of the misfit. Chosen: just large enough that the values of the place itself, which
@@ -104,14 +106,14 @@ def compared_places(model: RigModel, trials: Sequence[Trial], starts: Sequence[R
     driven = [trial for trial in trials if tells(model, trial)]
     if model.contacts or not model.links or not motions or len(model.sensors) < 2 or not driven:
         return None
-    runs = [_Bins(model, trial) for trial in driven]
-    begun = [_Rig(start, runs) for start in (model, *starts)]
+    runs, few = ([_Bins(model, trial, every) for trial in driven] for every in (1, FEWER))
+    begun = [_Rig(start, few) for start in (model, *starts)]
     bare = min((rig.fitted(None) for rig in begun), key=lambda one: one.left).settled(None, runs)
-    begun.append(_Rig(bare.model, runs))
+    begun.append(_Rig(bare.model, few))
 
     def fitted(place: CausePlace) -> _Fitted:
         # The best start shows once the motion is simulated again with the values to which it led.
-        return min((rig.fitted(place).again(place, runs) for rig in begun), key=lambda one: one.left)
+        return min((rig.fitted(place).again(place, few) for rig in begun), key=lambda one: one.left)
 
     found = {place: fitted(place) for place in places_of(model)}
     near = LATER * min(one.left for one in found.values())
@@ -144,7 +146,7 @@ def places_of(model: RigModel) -> list[CausePlace]:
 class _Bins:
     # A run at some frequencies: the errors that are allowed, the true drives, and the misfit of a rig.
 
-    def __init__(self, model: RigModel, trial: Trial) -> None:
+    def __init__(self, model: RigModel, trial: Trial, every: int) -> None:
         self.trial, self._samples = trial, min(trial.fitted or trial.samples, LONGEST)
         frequency = np.fft.rfftfreq(self._samples, 1.0 / trial.sample_rate)
         measured = self._spectrum(trial.measured)
@@ -155,7 +157,7 @@ class _Bins:
         cell = np.floor(np.log(frequency[kept]) / np.log1p(SPACING))
         order = kept[np.lexsort((-size[kept], cell))]
         first = np.sort(order[np.unique(np.sort(cell), return_index=True)[1]])
-        self._used = first[:: max(1, len(first) // BINS)]
+        self._used = first[:: every * max(1, len(first) // BINS)]
         self.omega = np.asarray(2.0 * np.pi * frequency[self._used], dtype=np.float64)
         self.sigma = np.hypot(trial.noise, ACCURACY * np.abs(measured[self._used]))
         drives = true_drives(model.without_faults, trial.excitation)
@@ -201,11 +203,12 @@ def response_of(
     scale
         Record of each sensor that counts as one, shape (bins, sensors) or (1, sensors).
     """
-    basis, mass, damping, stiffness = linear_part(model, configuration)
+    basis, *parts = linear_part(model, configuration)
+    mass, damping, stiffness = (basis.T @ part @ basis for part in parts)
     imposed = imposed_coordinates(model, basis)
     free = [k for k in range(basis.shape[1]) if k not in imposed.values()]
     s = 1j * omega[:, None, None]
-    force = basis.T @ (mass * s**2 + damping * s + stiffness) @ basis
+    force = mass * s**2 + damping * s + stiffness
     compliance = np.zeros_like(force)
     compliance[np.ix_(range(len(s)), free, free)] = np.linalg.inv(force[:, free][:, :, free])
     z = np.zeros((len(s), basis.shape[1]), dtype=complex)
@@ -218,7 +221,8 @@ def response_of(
     order = np.array([MOTION[sensor.quantity] for sensor in model.sensors])
     gain = np.array([sensor.chain.gain for sensor in model.sensors])
     seen = along[None] * ((1j * omega[:, None]) ** order * gain / scale)[:, :, None]
-    return Response(moved=z @ basis.T, compliance=np.asarray(basis @ compliance @ basis.T), seen=seen)
+    of_bodies = np.tensordot(np.tensordot(compliance, basis, (1, 1)), basis, (1, 1))
+    return Response(moved=z @ basis.T, compliance=np.asarray(of_bodies), seen=seen)
 
 
 def _acting(model: RigModel, place: CausePlace) -> FloatArray:
