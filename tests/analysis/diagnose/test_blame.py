@@ -363,7 +363,7 @@ def test_what_a_free_shape_leaves_at_its_place_is_not_searched_for_again(
     monkeypatch.setattr(search, "equations_at", lambda located, campaign, trials: None)
     monkeypatch.setattr(search, "suspects", lambda equations: None)
     job = SimpleNamespace(
-        progress=lambda text: None, left=0.2, curved=curved, campaign=None, guess=None, suspects=found,
+        progress=lambda text: None, left=0.2, curved=curved, campaign=None, guess=None, suspects=found, by_estimates=found,
         judged_by_drive=False, trials=(),
         current=SimpleNamespace(model=stage()), equations=SimpleNamespace(hidden=hidden),
     )  # fmt: skip
@@ -388,12 +388,24 @@ def test_a_measured_equation_leads_in_a_partly_measured_rig(
     monkeypatch.setattr(search, "equations_at", lambda located, campaign, trials: None)
     monkeypatch.setattr(search, "suspects", lambda equations: None)
     job = SimpleNamespace(
-        progress=lambda text: None, left=1.0, curved=None, campaign=None, guess=None, suspects=found,
+        progress=lambda text: None, left=1.0, curved=None, campaign=None, guess=None, suspects=found, by_estimates=found,
         judged_by_drive=False, trials=(),
         current=SimpleNamespace(model=stage()), equations=SimpleNamespace(hidden=True),
     )  # fmt: skip
     first = next(search.sources(cast(Job, job)))
     assert isinstance(first, search.Suspected if leads else search.Screened)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "measured", "ranked"), [(True, 0.99 * BROKEN, False), (True, BROKEN, True), (False, 0.99 * BROKEN, True)]
+)
+def test_estimated_motions_alone_are_no_reason_to_rank_every_cause(hidden: bool, measured: float, ranked: bool) -> None:
+    """With the places of a partly measured rig this took most of the time of a diagnosis."""
+    equations = SimpleNamespace(
+        hidden=hidden, residuals=lambda: {"all": measured, "last": 30.0 if hidden else 1.0}, with_estimates={"last"}
+    )
+    job = SimpleNamespace(equations=equations, by_estimates=blaming(("memory", "rail", 0.5)))
+    assert (search.Job.suspects.func(cast(Job, job)) is not None) == ranked
 
 
 def test_a_free_shape_does_not_cover_another_kind_at_its_place() -> None:

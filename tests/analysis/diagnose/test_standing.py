@@ -792,7 +792,7 @@ def test_equations_lead_the_search_for_a_further_cause_of_a_rig_judged_by_its_dr
 ) -> None:  # fmt: skip
     equations = SimpleNamespace(hidden=(), complete=True, residuals=dict)
     job = SimpleNamespace(
-        equations=equations, curved=None, judged_by_drive=True, left=0.3, rubbing="", suspects=SimpleNamespace(clear=clear)
+        equations=equations, curved=None, judged_by_drive=True, left=0.3, rubbing="", by_estimates=SimpleNamespace(clear=clear)
     )
     assert isinstance(next(sources(job)), Suspected) is (clear is not None)  # type: ignore[arg-type]
 
@@ -858,7 +858,7 @@ def test_the_spring_of_a_link_with_a_named_play_is_not_doubted(
 def test_where_complete_equations_hold_all_kinds_are_screened_for(left: float) -> None:
     """A decay shows a softening of 3 % in its phase; the noise of its equation is larger."""
     equations = SimpleNamespace(hidden=(), complete=True, residuals=lambda: {"table": 1.0})
-    job = SimpleNamespace(equations=equations, curved=None, judged_by_drive=False, left=left, rubbing="", suspects=None)
+    job = SimpleNamespace(equations=equations, curved=None, judged_by_drive=False, left=left, rubbing="", by_estimates=None)
     (source,) = sources(job)  # type: ignore[arg-type]
     assert isinstance(source, Screened)
     assert (source.kinds, source.strict) == (None, True)
