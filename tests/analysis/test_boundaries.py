@@ -179,7 +179,7 @@ def test_a_fit_that_errs_by_a_twentieth_of_the_signal_is_repeated_on_growing_len
     fitted = cast(Any, SimpleNamespace(stays=lambda run: True, bare=bare))
     one = suspected(
         SimpleNamespace(shows=0, equations=SimpleNamespace(only=None)), left=1.0, follows=partial(search.Job.follows, fitted),
-        promising=0.5, rungs=rungs, whole=None, stays=lambda run: True, with_values_before_fit=list,
+        promising=0.5, rungs=rungs, unseen=None, stays=lambda run: True, with_values_before_fit=list,
     )  # fmt: skip
     assert one._fitted([]) == (again if lost else begun)
 

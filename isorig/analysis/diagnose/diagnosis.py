@@ -536,10 +536,18 @@ class _Search:
         if job.now.figure >= MOST_NOISE:
             return False
         several, disturbed = searched or len(job.evidence.mains) > 1, False
+
+        def is_explained() -> bool:
+            explained = [item for item in ranking(job.equations).explanations if not (several and item.what == "hum")]
+            return bool(explained) and explained[0].score >= SHOWN
+
+        def is_related() -> bool:
+            return self._is_related(job.current.model)
+
+        # The search for a cause needs the ranking, too; not where bodies have no sensors, where it takes most of the time.
+        questions = (is_related, is_explained) if job.equations.hidden else (is_explained, is_related)
         with self.until_the_time_ends():
-            if not self._is_related(job.current.model):
-                explained = [item for item in ranking(job.equations).explanations if not (several and item.what == "hum")]
-                disturbed = not explained or explained[0].score < SHOWN
+            disturbed = not any(question() for question in questions)
         return disturbed
 
     def _is_related(self, model: RigModel) -> bool:

@@ -168,6 +168,11 @@ class Job:
         """All fit data."""
         return Problem(self.trials)
 
+    @cached_property
+    def unseen(self) -> Problem | None:
+        """The same where the fits of candidates see a part of it; None where they see all."""
+        return self.whole if self.whole.size > self.rungs[-1].problem.size else None
+
     @property
     def promising(self) -> float:
         """Share of the misfit that a candidate must remove."""
@@ -564,7 +569,7 @@ class Suspected:
             own = [(c, free, m) for c, free, _ in unlike(starts) if c.shape is None for m in c.starts]
             starts = [*starts, *(start for start in own if (id(start[0]), id(start[2])) not in begun)]
         starts = job.with_values_before_fit(starts)
-        run = verified(starts, job.rungs[-1], job.progress, sure=self.found.shows, limit=limit, whole=job.whole)
+        run = verified(starts, job.rungs[-1], job.progress, sure=self.found.shows, limit=limit, whole=job.unseen)
         if (place := self.found.equations.only) is not None and run:
             # The force there has no content where noise hides it, which biases the values of a form.
             best = next(start for start in starts if start[0] is run[0][0])

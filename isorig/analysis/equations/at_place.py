@@ -11,7 +11,7 @@ import numpy as np
 from isorig.analysis.campaign import Campaign, Channel, ComplexArray, FloatArray, Run
 from isorig.analysis.equations.motion import Combinations, estimate_of
 from isorig.analysis.equations.system import CausePlace, Equations
-from isorig.analysis.equations.unknown_force import Located, UnknownForce, force_at, response_of, tells
+from isorig.analysis.equations.unknown_force import Located, UnknownForce, response_of, response_to_force, tells
 from isorig.analysis.fitting.preparation import zero_errors
 from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.model.rig_model import RigModel, Sensor, weights_of
@@ -109,9 +109,9 @@ def _force_in_parts(located: Located, trial: Trial, omega: FloatArray) -> Unknow
     for part in np.array_split(omega, len(omega) // PART + 1):
         still = [np.zeros(len(part), dtype=complex)] * len(located.model.drives)
         response = response_of(located.model, trial.run.configuration, part, still, trial.noise[None])
-        one = force_at(located.place, located.model, response)
-        records.append(one.records)
-        moved.append(one.moved)
+        of_sensors, of_bodies = response_to_force(located.place, located.model, response)
+        records.append(of_sensors)
+        moved.append(of_bodies)
     return UnknownForce.with_records(np.concatenate(records), np.concatenate(moved), FAINT)
 
 

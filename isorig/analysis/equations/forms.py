@@ -318,20 +318,12 @@ def solved_values(equations: Equations, explanation: Explanation | None = None) 
     Stiffnesses and dampings of links, levels of contacts, free parameters; each from the equation with the fewest elements.
     """
     found: dict[str, float] = {}
-
-    def bends(element: Element) -> bool:
-        # Its stiffness is part of the curve.
-        return explanation is not None and explanation.place == element.name and explanation.what == "force over deflection"
-
+    bent = ""  # the stiffness that is part of a curve
+    if explanation is not None and explanation.what == "force over deflection":
+        bent = f"links.{explanation.place}.stiffness"
     for balance in sorted(equations.balances, key=lambda b: len(b.crossing)):
         for path, value in _values_of(equations, balance, explanation).items():
-            element = next((e for e, _ in balance.crossing if path == f"links.{e.name}.stiffness"), None)
-            if (
-                path not in found
-                and value > 0.0
-                and (element is None or not bends(element))
-                and _is_likely(equations, path, value)
-            ):
+            if path not in found and path != bent and value > 0.0 and _is_likely(equations, path, value):
                 found[path] = value
     return found
 

@@ -39,7 +39,7 @@ LATER = 3.0
 #: would take up what values far from the right ones leave, and in the later ones. Chosen: above a sweep the records are small
 #: and so is the error allowed in them; below a hundredth of the response to a force at such a frequency lay the two octaves of a
 #: sweep in which a beam's tip hardened.
-UNDETERMINED, FAINT = 0.01, 5e-4
+UNDETERMINED, LEAST_RESPONSE = 0.01, 5e-4
 #: Most samples of a run that are used, relative spacing of its frequency bins, and the most of them.
 LONGEST, SPACING, BINS = 2**16, 1.0 / 240.0, 200
 #: Of these, one in so many is used by the first fits of a place, which only choose among starting points and places.
@@ -118,7 +118,8 @@ def compared_places(model: RigModel, trials: Sequence[Trial], starts: Sequence[R
     found = {place: fitted(place) for place in places_of(model)}
     near = LATER * min(one.left for one in found.values())
     found = {
-        place: one.settled(place, runs).settled(place, runs, FAINT) if one.left <= near else one for place, one in found.items()
+        place: one.settled(place, runs).settled(place, runs, LEAST_RESPONSE) if one.left <= near else one
+        for place, one in found.items()
     }
     located = [Located(place=place, left=one.left, model=one.model) for place, one in found.items()]
     located.sort(key=lambda one: one.left)
@@ -243,7 +244,7 @@ class _Fitted(NamedTuple):
 
     def again(self, place: CausePlace | None, runs: Sequence[_Bins], least_response: float = UNDETERMINED) -> _Fitted:
         # The better one of this and a fit about the simulation with its values.
-        return min(self, _Rig(self.model, runs).fitted(place, least_response), key=lambda one: one.left)
+        return min(self, _Rig(self.model, runs, least_response).fitted(place), key=lambda one: one.left)
 
     def settled(self, place: CausePlace | None, runs: Sequence[_Bins], least_response: float = UNDETERMINED) -> _Fitted:
         # The same until the values are final.
@@ -258,8 +259,8 @@ class _Fitted(NamedTuple):
 class _Rig:
     # The misfit of a rig's records as a function of its free values, and what an unknown force explains of it.
 
-    def __init__(self, model: RigModel, runs: Sequence[_Bins]) -> None:
-        self._model, self._bins = model, runs
+    def __init__(self, model: RigModel, runs: Sequence[_Bins], least_response: float = UNDETERMINED) -> None:
+        self._model, self._bins, self._least = model, runs, least_response
         self._names = [body.name for body in model.bodies]
         self._misfits = [bins.misfit(model) for bins in runs]
 
@@ -267,7 +268,7 @@ class _Rig:
     def _records(bins: _Bins, model: RigModel) -> Response:
         return response_of(model, bins.trial.run.configuration, bins.omega, bins.drives, bins.sigma)
 
-    def fitted(self, place: CausePlace | None, least_response: float = UNDETERMINED) -> _Fitted:
+    def fitted(self, place: CausePlace | None) -> _Fitted:
         """The values that leave least of the misfit across the response to a force at a place."""
         from scipy.optimize import least_squares
 
@@ -285,7 +286,7 @@ class _Rig:
         def evaluated(logs: FloatArray) -> tuple[FloatArray, FloatArray]:
             if logs.tobytes() not in known:
                 known.clear()
-                known[logs.tobytes()] = self._left(place, paths, at(logs), about, least_response)
+                known[logs.tobytes()] = self._left(place, paths, at(logs), about)
             return known[logs.tobytes()]
 
         def residual(logs: FloatArray) -> FloatArray:
@@ -307,23 +308,22 @@ class _Rig:
             best = at(done.x)
         responses = [self._records(bins, best) for bins in self._bins]
         parts = (
-            force_at(place, best, response, least_response).beyond(misfit - (response.records - before))
+            force_at(place, best, response, self._least).beyond(misfit - (response.records - before))
             for misfit, response, before in zip(self._misfits, responses, about, strict=True)
         )
         left = float(np.sqrt(sum(float(np.sum(np.abs(part) ** 2)) for part in parts) / dimensions))
         return _Fitted(left, best)
 
     def _left(
-        self, place: CausePlace | None, paths: Sequence[str], model: RigModel, about: Sequence[ComplexArray],
-        least_response: float,
-    ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+        self, place: CausePlace | None, paths: Sequence[str], model: RigModel, about: Sequence[ComplexArray]
+    ) -> tuple[FloatArray, FloatArray]:
         # The misfit across the response to a force at a place, and its derivatives with respect to the logarithms of the values.
         parts, slopes = [], []
         for bins, simulated, before in zip(self._bins, self._misfits, about, strict=True):
             response = self._records(bins, model)
             misfit = simulated - (response.records - before)
             by_force = response.seen @ response.compliance
-            force = force_at(place, model, response, least_response)
+            force = force_at(place, model, response, self._least)
             moved = response.moved + force.moved * force.estimated(misfit)[:, None]
             parts.append(force.across(misfit).ravel())
             every = (self._slope(path, model, bins.omega, response, by_force, moved) for path in paths)
@@ -376,19 +376,23 @@ class UnknownForce(NamedTuple):
         return misfit - (1.0 - ALONG) * self.records * self.estimated(misfit)[:, None]
 
 
-def force_at(place: CausePlace | None, model: RigModel, response: Response, least: float = FAINT) -> UnknownForce:
+def force_at(place: CausePlace | None, model: RigModel, response: Response, least: float) -> UnknownForce:
     """The unknown force at a place of a rig with this response; one without any effect if the place is None.
 
     Bins with less than a share `least` of the largest response tell nothing.
     """
-    shape = response.seen.shape[:2]
-    records, moved = np.zeros(shape, dtype=complex), np.zeros_like(response.moved)
+    return UnknownForce.with_records(*response_to_force(place, model, response), least)
+
+
+def response_to_force(place: CausePlace | None, model: RigModel, response: Response) -> tuple[ComplexArray, ComplexArray]:
+    """Records of the sensors, shape (bins, sensors), and displacements of the bodies, shape (bins, bodies), by a unit force."""
+    records, moved = np.zeros(response.seen.shape[:2], dtype=complex), np.zeros_like(response.moved)
     if place is not None and place.kind == "sensor":
         records[:, [sensor.channel for sensor in model.sensors].index(place.name)] = 1.0
     elif place is not None:
         moved = response.compliance @ _acting(model, place)
         records = np.einsum("fsb,fb->fs", response.seen, moved)
-    return UnknownForce.with_records(records, moved, least)
+    return records, moved
 
 
 def is_linear(path: str) -> bool:

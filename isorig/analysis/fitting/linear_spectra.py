@@ -95,7 +95,7 @@ def drags(speed: FloatArray) -> bool:
 def _drags_a_contact(model: RigModel, run: Run) -> bool:
     samples, bodies = usable_stop(run), [body.name for body in model.bodies]
     imposed = [drive for drive in model.drives if drive.imposes and MOTION.get(drive.quantity, 2) < 2]
-    if samples < SHORTEST or not imposed:
+    if samples < SHORTEST or not imposed or not model.contacts:
         return False
 
     def speed(drive: Drive) -> FloatArray:

@@ -435,7 +435,7 @@ def test_a_form_at_a_place_with_an_unknown_force_starts_from_its_own_values_too(
     known = start.replace({stiffness: 1.5 * start.get(stiffness), mass: 3.0 * start.get(mass)})
     free = (Free(path=stiffness, low=1.0, high=1e9), Free(path=mass, low=1e-3, high=1e9))
     candidate = cast(Candidate, SimpleNamespace(starts=(start,), free=(), shape=None))
-    job = SimpleNamespace(left=1.0, rungs=[None], whole=None, progress=lambda text: None, with_values_before_fit=list)
+    job = SimpleNamespace(left=1.0, rungs=[None], unseen=None, progress=lambda text: None, with_values_before_fit=list)
     for only, costs in ((None, [9.0]), (CausePlace("body", "table"), [8.0, 9.0])):
         begun.clear()
         found = SimpleNamespace(tentative=False, shows=True, equations=SimpleNamespace(only=only, model=known))

@@ -64,6 +64,7 @@ def test_a_cause_on_a_shaking_floor_is_named_alone() -> None:
     assert answer.verdict == "explained"
 
 
+@pytest.mark.parametrize("hidden", [False, True])
 @pytest.mark.parametrize(
     ("figure", "score", "what", "channels", "searched", "only"),
     [
@@ -77,15 +78,16 @@ def test_a_cause_on_a_shaking_floor_is_named_alone() -> None:
     ],
 )
 def test_a_disturbance_is_small_and_nothing_explains_it(
-    figure: float, score: float, what: str, channels: int, searched: bool, only: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    figure: float, score: float, what: str, channels: int, searched: bool, only: bool, hidden: bool,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
     explanation = SimpleNamespace(what=what, score=score)
     monkeypatch.setattr(diagnosis, "ranking", lambda equations: SimpleNamespace(explanations=[explanation]))
     monkeypatch.setattr(diagnosis, "depends_on_drive", lambda model, trials: False)
     search = _Search(None, None, None, None, [], lambda text: None, 0.0, 1)
     job = SimpleNamespace(
         now=SimpleNamespace(figure=figure), evidence=SimpleNamespace(mains=dict.fromkeys(map(str, range(channels)), 50.0)),
-        equations=None, current=SimpleNamespace(model=SimpleNamespace(encoded=b"")),
+        equations=SimpleNamespace(hidden=hidden), current=SimpleNamespace(model=SimpleNamespace(encoded=b"")),
     )  # fmt: skip
     assert search._only_disturbed(job, searched=searched) is only
 
