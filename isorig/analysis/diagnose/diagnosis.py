@@ -32,7 +32,7 @@ from isorig.analysis.diagnose.policy import (
     step_counts,
     verdict,
 )
-from isorig.analysis.diagnose.required_force import ShownByForce, shown_by_force
+from isorig.analysis.diagnose.required_force import ShownByForce, hidden_by_noise, shown_by_force
 from isorig.analysis.diagnose.revise import Revision, SearchStage, merged, stage_of
 from isorig.analysis.diagnose.search import Job, best_fits, next_step
 from isorig.analysis.diagnose.step import Entry, Found, Step, updated, vanishes, with_evidence, without_form
@@ -284,6 +284,7 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
     keep_time(AFTER_FITS * preparing)
     progress("computing the uncertainties")
     found = search.settled(found if contradicted else search.confirmed_by_force(found))
+    found = search.with_hidden_by_noise(found)
     progress("gathering the evidence")
     stages, first, last = found.stages, found.stages[0], found.stages[found.kept]
     fine = tuple(refined(trial) for trial in trials)
@@ -306,8 +307,9 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
         signs=said[0], worst=worst(first.score, _allowed(found.quiet)), enough=found.enough,
         calibration=found.calibration, improvement=improvement(first.score, last.score, floor), trials=fine,
         division=found.division,
-        shares=((by_force.share,) * 3,) if by_force is not None else tuple(
-            share_interval(first.score, before.score, after.score, _allowed(found.quiet))
+        shares=tuple(
+            (by_force.share,) * 3 if by_force is not None and after is last
+            else share_interval(first.score, before.score, after.score, _allowed(found.quiet))
             for before, after in pairwise(stages[: found.kept + 1])
         ),
         budgets=(
@@ -578,6 +580,24 @@ class _Search:
             return found
         shown = self._by_required_force(self.first, found.stages, found.division, found.enough, searched=True)
         return found if shown is None else shown
+
+    def with_hidden_by_noise(self, found: _Found) -> _Found:
+        """An adequate model with a further cause that noise hides from its simulation, if the equations of motion show one."""
+        last, floors = found.stages[found.kept], _allowed(found.quiet)
+        ended = self.cut_short or out_of_time() or found.disturbed or found.division.beginnings
+        if ended or found.kept >= self._most_steps or not self._adequate(last.score, floors, found.enough):
+            return found
+        shown = None
+        with self.until_the_time_ends(), suppress(SimulationError):  # a motion that grows without bound
+            shown = hidden_by_noise(self._job(found.stages, found.division, floors, 0.0, forms_only=False))
+        if shown is None:
+            return found
+        stage = stage_of(last.score, shown.found)
+        self.entries.append((last.score, shown.found.entries))
+        return replace(
+            found, stages=[*found.stages, replace(stage, fit=last.fit.with_values_of(stage.fit))], kept=found.kept + 1,
+            verdict="explained", required_force=shown,
+        )  # fmt: skip
 
     def _concluded(
         self, stages: Sequence[SearchStage], division: Division, floors: FloatArray, enough: float

@@ -36,6 +36,9 @@ MOST = 3
 #: Residual from which an equation is broken, and the share of it that may remain once it is repaired. Chosen: twice the residual
 #: up to which sound rigs stay; half of the excess, as a further step must remove (`Policy.of_rest`).
 BROKEN, REPAIRED = 2.0 * HOLDS, 0.5
+#: Residual of an equation that refutes an explanation if the best one leaves no equation broken. Chosen: three times that of a
+#: broken one; in sealed campaigns, right ones that were not the best left less than twice.
+REFUTED = 3.0 * BROKEN
 #: Pitch in rad of a force that repeats once per turn, and the number of turns up to which a curve over the deflection shows it:
 #: there it has four points per turn.
 TURN, MOST_TURNS = 2.0 * pi, INTERVALS / 4.0
@@ -571,9 +574,12 @@ def suspected(
     """
     best = max((item.score for item in explanations), default=0.0)
     chosen: list[Explanation] = []
+    holds = bool(explanations) and all(value < BROKEN for value in explanations[0].residuals.values())
     for item in explanations:
         if best < LEAST_SCORE or item.score < ALIKE * best or len(chosen) == MOST:
             break
+        if holds and any(value >= REFUTED for value in item.residuals.values()):
+            continue
         if all((item.kind, item.place, item.what) != (other.kind, other.place, other.what) for other in chosen):
             chosen.append(item)
     # No regression shows every force with a memory: where the best explanation leaves much, such a force there may be behind it;

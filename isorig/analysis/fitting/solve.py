@@ -126,6 +126,16 @@ class Fit:
         whole = self.known.std.tolist() if self.known is not None else [self.deviation(row) for row in rows]
         return dict(zip((free.path for free in self.free), whole, strict=True))
 
+    def with_values_of(self, other: Fit) -> Fit:
+        """The other fit's model and values, with the uncertainties of this one's further values, taken as independent."""
+        paths = {free.path for free in other.free}
+        kept = [k for k, free in enumerate(self.free) if free.path not in paths]
+        free, own, std = (*(self.free[k] for k in kept), *other.free), len(kept), self.std
+        covariance = np.zeros((len(free),) * 2)
+        covariance[range(own), range(own)] = [std[each.path] ** 2 for each in free[:own]]
+        covariance[own:, own:] = other.covariance
+        return Fit(model=other.model, free=free, covariance=covariance, cost=np.nan, evaluations=0)
+
     def deviation(self, slope: FloatArray) -> float:
         """Standard uncertainty of a quantity with derivatives `slope` with respect to the values, shape (k,)."""
         if self.known is not None:

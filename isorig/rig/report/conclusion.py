@@ -186,21 +186,32 @@ def _nature(findings: Findings) -> str:
 
 def _error(findings: Findings) -> str:
     holdout = findings.holdout
-    if findings.required_force is not None:
-        force = findings.required_force
-        return (
-            f"no simulation follows this motion, but of the force that it requires there the model leaves "
-            f"{in_per_cent(force.extended)} on held-out data, and the model without the cause {in_per_cent(force.baseline)}"
-        )
+    required = _required(findings)
+    if required and len(findings.steps) == 1:
+        return f"no simulation follows this motion, but {required}"
     before, after = in_per_cent(holdout.baseline), in_per_cent(holdout.extended)
     falls, left = (f"falls from {before} to {after}", holdout.extended) if findings.steps else (f"is {before}", holdout.baseline)
     disturbed, size = _disturbed(findings), noise_alone(holdout.noise_floor)
     if left < holdout.noise_floor:
         # The floor is an estimate: an error below it is no contradiction.
-        return f"the error on held-out data {falls}, below what noise{' and disturbance' * disturbed} may cause ({size})"
-    said = f"the error on held-out data {falls}, noise {'and disturbance alone are' if disturbed else 'alone is'} {size}"
+        said = f"the error on held-out data {falls}, below what noise{' and disturbance' * disturbed} may cause ({size})"
+    else:
+        said = f"the error on held-out data {falls}, noise {'and disturbance alone are' if disturbed else 'alone is'} {size}"
+    if required or left < holdout.noise_floor:
+        return f"{said}; {required}" if required else said
     is_open = findings.verdict == "explained" and _leaves_more_than_noise(findings, OPEN)
     return f"{said}; the excess is not noise: a smaller cause, or a part of this one, is not found" if is_open else said
+
+
+def _required(findings: Findings) -> str:
+    # What the last cause leaves of the force that the recorded motion requires at its place, if that shows the cause.
+    force = findings.required_force
+    if force is None or not findings.steps:
+        return ""
+    return (
+        f"of the force that the motion requires at {findings.steps[-1].location} the model leaves {in_per_cent(force.extended)} "
+        f"on held-out data, and the model without the cause {in_per_cent(force.baseline)}"
+    )
 
 
 def _ruled_out(findings: Findings) -> str:
@@ -291,4 +302,5 @@ def _next(findings: Findings, folder: str | None) -> str:
     if any(step.kind in ("sensor", "known_value") for step in findings.steps):
         return f"Next: correct the recording or the description; {model} contains the correction (rig predict)."
     if_followed = f", or predict with {model}, which contains the cause (rig predict)"
-    return f"Next: repair the place{if_followed if findings.required_force is None else '; no simulation predicts this motion'}."
+    lost = findings.required_force is not None and len(findings.steps) == 1
+    return f"Next: repair the place{'; no simulation predicts this motion' if lost else if_followed}."

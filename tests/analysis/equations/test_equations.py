@@ -12,7 +12,17 @@ from small_rigs import carts, chain, guessed, played, rubbing, stage, with_law
 from isorig.analysis import laws
 from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.diagnose.observe import observe
-from isorig.analysis.diagnose.suspects import ALIKE, BROKEN, LEAST_SCORE, REPAIRED, SHOWN, repairs, suspected, suspects
+from isorig.analysis.diagnose.suspects import (
+    ALIKE,
+    BROKEN,
+    LEAST_SCORE,
+    REFUTED,
+    REPAIRED,
+    SHOWN,
+    repairs,
+    suspected,
+    suspects,
+)
 from isorig.analysis.equations import forms
 from isorig.analysis.equations.balances import balances
 from isorig.analysis.equations.columns import SHAPES, relaxing
@@ -398,6 +408,18 @@ def test_explanations_close_to_a_best_one_that_removes_little_are_suspected_too(
 
 
 @pytest.mark.parametrize(
+    ("best", "left", "refuted"),
+    [(0.99, 0.99 * REFUTED, False), (0.99, 1.01 * REFUTED, True), (1.01, 1.01 * REFUTED, False)],
+)
+def test_an_explanation_that_leaves_an_equation_broken_is_refuted_by_one_that_leaves_none(
+    best: float, left: float, refuted: bool
+) -> None:
+    first = changed(explanation("a", 1.0), residuals={"x": 1.0, "y": best * BROKEN})
+    other = changed(explanation("b", 0.9), residuals={"x": left, "y": 1.0})
+    assert suspected([first, other], {}) == ((first,) if refuted else (first, other))
+
+
+@pytest.mark.parametrize(
     ("left", "score", "other", "joins"),
     [
         (1.01 * BROKEN, 1.01 * LEAST_SCORE, 0.9, True),
@@ -415,7 +437,7 @@ def test_a_force_with_a_memory_is_suspected_where_the_best_explanation_leaves_mu
     best = changed(explanation("a", 1.0), kind="spring_shape", residuals={"x": left})
     memory = changed(explanation("a", score), kind="memory", residuals={"x": 9.0 * BROKEN})
     elsewhere = changed(explanation("b", score), kind="memory", residuals={"x": 9.0 * BROKEN})
-    rival = changed(explanation("b", other), residuals={"x": 9.0 * BROKEN})
+    rival = changed(explanation("b", other), residuals={"x": 2.0 * BROKEN})
     listed, first = [best, rival, elsewhere, memory], (best, rival) if other >= ALIKE else (best,)
     assert suspected(listed, {"x": 10.0 * BROKEN}) == ((*first, memory) if joins else first)
     if score < LEAST_SCORE:

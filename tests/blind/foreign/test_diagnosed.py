@@ -78,7 +78,7 @@ def test_a_wrong_gain_beside_play_is_not_taken_for_a_wrong_mass(tmp_path: Path) 
 
 def test_the_share_of_a_force_that_a_cause_removes_is_one_of_mean_squares() -> None:
     """Half of the force without the cause, a tenth with it: a twenty-fifth of the mean square is left."""
-    shown = required_force.ShownByForce(found=cast(Found, None), before=0.5, after=0.1, sensitive=True)
+    shown = required_force.ShownByForce(found=cast(Found, None), before=0.5, after=0.1, noise=0.0, reason="")
     assert shown.share == pytest.approx(1.0 - 1.0 / 25.0)
 
 
