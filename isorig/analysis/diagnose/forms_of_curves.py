@@ -40,7 +40,7 @@ def starts_from_curve(
     """
     place = shape.location
     element = next((element for element in elements(current.model) if place in element.names), None)
-    if element is None or curve.over not in ("deflection", "speed"):
+    if element is None or curve.over not in ("deflection", "speed") or curve.of_damping:
         return []
     x, y, _ = np.array(curve.points).T
     at, still = np.linspace(*curve.reached, POINTS), np.zeros(POINTS)

@@ -132,11 +132,19 @@ def _damping(model: RigModel, evidence: Evidence, place: str) -> Candidate | Non
     return begun and _added_curve("damping_shape", place, *begun, at, scale, ("speed", "m/s", "N"), "damping")
 
 
+def _damping_by_deflection(model: RigModel, evidence: Evidence, place: str) -> Candidate | None:
+    link, at = model.link(place), _two_sided(evidence.deflection[place])
+    begun = _curve(model, link, "deflection", at, (), "damping")
+    scale, units = max(link.damping, 1e-3 * _largest_force(link, evidence) / evidence.speed[place]), ("deflection", "m", "N s/m")
+    return begun and _added_curve("damping_shape", place, *begun, at, scale, units, "damping", of_force=False)
+
+
 def _added_curve(
-    kind: Kind, place: str, start: RigModel, path: str, at: FloatArray, scale: float, units: tuple[str, str, str], straight: str
-) -> Candidate:
+    kind: Kind, place: str, start: RigModel, path: str, at: FloatArray, scale: float, units: tuple[str, str, str], straight: str,
+    *, of_force: bool = True,
+) -> Candidate:  # fmt: skip
     first = Free(path="", low=-np.inf, log=False, step=STEP * scale, give=GIVE * scale)
-    free = _points(first, path, "values", len(at), len(at) // 2, straight=True)
+    free = _points(first, path, "values", len(at), len(at) // 2, straight=of_force)
     over, unit, value_unit = units
     shape = Shape(over=over, unit=unit, value_unit=value_unit, path=path, tables=("values",))
     return Candidate(
@@ -376,7 +384,7 @@ def _taps(model: RigModel, evidence: Evidence, channel: str) -> Candidate | None
 Maker = Callable[[RigModel, Evidence, str], Candidate | None]
 AT_LINKS: Mapping[Kind, Sequence[Maker]] = {
     "spring_shape": (_spring, _recorded_spring),
-    "damping_shape": (_damping,),
+    "damping_shape": (_damping, _damping_by_deflection),
     "friction_shape": (_friction_by_speed, _friction_by_position, _friction_by_time),
     "memory": (_memory,),
     "drift": (_drift, _damping_drift),
@@ -415,7 +423,7 @@ def finer(candidate: Candidate, fitted: RigModel) -> Candidate | None:
     }
     denser = msgspec.structs.replace(law, at=tuple(places.tolist()), **tables)
     first = candidate.free[0]
-    straight = isinstance(law, laws.Curve)
+    straight = isinstance(law, laws.Curve) and law.of != "damping"
     middle = count // 2 if shape.over in ("deflection", "position") or straight else 0
     free = tuple(point for table in shape.tables for point in _points(first, shape.path, table, count, middle, straight=straight))
     return replace(candidate, free=free, starts=(_exchanged(fitted, shape.path, denser),))
@@ -440,16 +448,21 @@ def _exchanged(model: RigModel, path: str, law: laws.Curve | laws.FrictionCurve)
 def tabulated(
     model: RigModel, shape: Shape, evidence: Evidence
 ) -> tuple[tuple[float, ...], dict[str, tuple[float, ...]], float, tuple[float, float]]:
-    """Points of a shape's curve in a model: positions, values by table, the link's linear part, and the range of the runs."""
+    """Points of a shape's curve in a model (damping with the link's): positions, values by table, the slope of the linear
+    part, and the range of the runs."""
     law = _at(model, shape.path)
     place = shape.path.split(".")[1]
-    straight, swing = 0.0, evidence.deflection.get(place, law.at[-1])
+    straight, constant, swing = 0.0, 0.0, evidence.deflection.get(place, law.at[-1])
     if isinstance(law, laws.Curve) and shape.over != "time":
         link = model.link(place)
-        straight = link.stiffness if shape.over == "deflection" else link.damping
+        if law.of == "damping":
+            constant = link.damping
+        else:
+            straight = link.stiffness if shape.over == "deflection" else link.damping
     if shape.over == "time":
         reached = (0.0, evidence.end_time)
     else:
         most = evidence.speed.get(place, law.at[-1]) if shape.over == "speed" else swing
         reached = (-most, most)
-    return law.at, {table: getattr(law, table) for table in shape.tables}, straight, reached
+    tables = {table: tuple(constant + value for value in getattr(law, table)) for table in shape.tables}
+    return law.at, tables, straight, reached

@@ -64,6 +64,11 @@ class Curve:
     paths: tuple[str, ...] = ()
 
     @property
+    def of_damping(self) -> bool:
+        """Whether the values are a damping, not a force."""
+        return " s/" in self.value_unit
+
+    @property
     def is_odd(self) -> bool:
         """Whether a force over deflection or velocity is as large in both directions, within its uncertainty."""
         x, y, std = np.array(self.points).T

@@ -322,6 +322,7 @@ class Suspects:
         every = proposed(current.model, self.located(evidence))
         found = [c for c in every if c.cause in ALWAYS or c.key in self.untested or self.includes(c.cause, c.location)]
         found = [c for c in found if self._shows_memory(c, current)]
+        found = [c for c in found if kind_of(c.cause) != "memory" or not self._outdone(c, found, current)]
         curves = {e: left for e in self.chosen if (left := self._of_curve(e, current, evidence)) is not None}
         return self._comparable(found, current, curves)
 
@@ -332,6 +333,20 @@ class Suspects:
             return True
         left, bare = self._begun(candidate, current.free).left, self._bare(explanation, current)
         return left is not None and bare is not None and bool(left**2 <= (1.0 - OTHER_MEMORY) * bare**2)
+
+    def _outdone(self, candidate: Candidate, others: Sequence[Candidate], current: Fit) -> bool:
+        # Whether a force without memory at a candidate's place, a form of a better explanation, leaves a smaller share of the
+        # recorded force. A simulation with the candidate would take long: its force is then almost that of dry friction.
+        own = self._share_of_force(candidate, current)
+        there = (c for c in others if c.location == candidate.location and kind_of(c.cause) == "friction_shape")
+        better = (found for c in there if (found := self._share_of_force(c, current)) is not None)
+        return own is not None and any(score > own[0] and share < own[1] for score, share in better)
+
+    def _share_of_force(self, candidate: Candidate, current: Fit) -> tuple[float, float] | None:
+        # Score of a candidate's explanation, and the share of the recorded force's rms without a cause that it leaves.
+        begun = self._begun(candidate, current.free)
+        bare = self._bare(begun.explanation, current) if begun.explanation is not None else None
+        return (begun.explanation.score, begun.left / bare) if begun.explanation and begun.left is not None and bare else None
 
     def _comparable(
         self, candidates: Sequence[Candidate], current: Fit, curves: Mapping[Explanation, float] | None = None

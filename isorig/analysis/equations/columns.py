@@ -98,6 +98,10 @@ def _damping(course: Course) -> FloatArray:
     return np.column_stack([v * np.abs(v) / most, v**3 / most**2, v**2 / most])
 
 
+def _damping_by_place(course: Course) -> FloatArray:
+    return (course.velocity / course.speed)[:, None] * _spring(course)
+
+
 def direction_of(velocity: FloatArray, speed: float) -> FloatArray:
     """Direction of sliding, blunted where its sign is uncertain."""
     return np.tanh(velocity / (BLUNT * speed))
@@ -185,6 +189,7 @@ SHAPES: tuple[Shape, ...] = (
     Shape(kind="drift", name="drift of friction", columns=_friction_drift, charge=1, with_friction=True),
     Shape(kind="drift", name="drift of damping", columns=_damping_drift, charge=1),
     Shape(kind="damping_shape", name="damping over velocity", columns=_damping, charge=1),
+    Shape(kind="damping_shape", name="damping over deflection", columns=_damping_by_place, charge=3, smooth=True),
     Shape(kind="memory", name="relaxation", columns=_relaxation, charge=2),
     Shape(kind="spring_shape", name="force over deflection", columns=_spring, charge=3, smooth=True),
     Shape(kind="friction_shape", name="friction over velocity", columns=_friction_by_velocity, charge=3, with_friction=True),

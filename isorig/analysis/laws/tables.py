@@ -17,7 +17,7 @@ from isorig.analysis.laws.elements import Element, curved, dry, levelled
 
 #: Minimum points of a tabulated law for a line, and maximum for a fast spline.
 FEWEST_POINTS, MOST_POINTS = 2, 65
-#: What curves and levels are over: the first parameter of their kernels is its place; a damping over time is one more.
+#: What curves and levels are over: the first parameter of their kernels is its place, plus `OF_DAMPING` for one of the damping.
 CURVES, LEVELS, OF_DAMPING = ("deflection", "speed", "time"), ("speed", "position", "time"), 3
 
 
@@ -79,7 +79,8 @@ class Curve(SpringLaw, frozen=True, kw_only=True, tag="curve"):
     """A tabulated law: a natural cubic spline through the points (`at`, `values`), linear beyond its ends.
 
     over "deflection" (m) or "speed" (m/s): a force in N added to the link's; over "time" (s since the campaign's first sample,
-    constant beyond the ends): a stiffness in N/m added to the link's, or a damping in N s/m if it is `of` the damping.
+    constant beyond the ends): a stiffness in N/m added to the link's. Over deflection or time, it is a damping in N s/m, constant
+    beyond the ends, if it is `of` the damping.
     """
 
     over: Literal["deflection", "speed", "time"]
@@ -90,18 +91,22 @@ class Curve(SpringLaw, frozen=True, kw_only=True, tag="curve"):
     def __post_init__(self) -> None:
         super().__post_init__()
         table(self.at, self.values)
+        if self.of == "damping" and self.over == "speed":
+            raise ModelError("a curve of the damping is over speed; give one over deflection or time, or a curve of the force")
 
     def element(self, link: LinkConstants) -> Element:
         params, slope = spline(self.at, self.values)
-        kind = OF_DAMPING if self.over == "time" and self.of == "damping" else CURVES.index(self.over)
-        largest = max(map(abs, self.values))
-        steepest = ((slope, 0.0), (0.0, slope), (0.0, 0.0), (0.0, largest))[kind]
+        kind = CURVES.index(self.over)
+        steepest = ((slope, 0.0), (0.0, slope), (0.0, 0.0))[kind]
+        if self.of == "damping":
+            kind, steepest = kind + OF_DAMPING, (0.0, max(map(abs, self.values)))
         return Element(formula=curve, params=(float(kind), *params), steepest=steepest)
 
     def force(self, d: FloatArray, v: FloatArray, t: FloatArray, memory: FloatArray, link: LinkConstants) -> FloatArray:
-        if self.over == "time":
-            return read(self.at, self.values, t, straight=False) * (v if self.of == "damping" else d)
-        return read(self.at, self.values, d if self.over == "deflection" else v, straight=True)
+        x = {"deflection": d, "speed": v, "time": t}[self.over]
+        if self.of == "damping" or self.over == "time":
+            return read(self.at, self.values, x, straight=False) * (v if self.of == "damping" else d)
+        return read(self.at, self.values, x, straight=True)
 
 
 @curved
@@ -110,7 +115,9 @@ def curve(p: FloatArray, gate: float, d: float, v: float, t: float) -> float:
         return tabulated(p, 1, d, True)
     if p[0] == 1.0:
         return tabulated(p, 1, v, True)
-    return tabulated(p, 1, t, False) * (v if p[0] == OF_DAMPING else d)
+    if p[0] == OF_DAMPING:
+        return tabulated(p, 1, d, False) * v
+    return tabulated(p, 1, t, False) * (v if p[0] > OF_DAMPING else d)
 
 
 class FrictionCurve(ContactLaw, frozen=True, kw_only=True, tag="friction_curve"):

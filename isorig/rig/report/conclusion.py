@@ -22,7 +22,7 @@ PHRASES: Mapping[str, str] = {cause.name: cause.phrase for cause in CATALOGUE}
 WITHOUT: Mapping[str, Mapping[str, str]] = {cause.name: cause.phrases_without for cause in CATALOGUE}
 KINDS: Mapping[Kind, str] = {
     "spring_shape": "a nonlinear spring force over deflection",
-    "damping_shape": "a nonlinear damping force over velocity",
+    "damping_shape": "a nonlinear damping force",
     "friction_shape": "a dry friction level",
     "memory": "a force that depends on the history of the motion",
     "drift": "a value that changes during the session",
@@ -99,13 +99,14 @@ def cause_in_words(step: NamedCause) -> str:
 
 
 def _over_position(step: NamedCause) -> str:
-    # The least and the largest level of a friction that depends on the position, where the runs reach.
-    if not step.curve or step.curve.over != "position":
+    # The least and the largest value of a friction or damping that depends on the position, where the runs reach.
+    damping = bool(step.curve and step.curve.over == "deflection" and step.kind == "damping_shape")
+    if not step.curve or not (damping or step.curve.over == "position"):
         return ""
     low, high = step.curve.reached
     levels = [value for place, value, _ in step.curve.points if low <= place <= high and value is not None]
     least, largest = (sized(end(levels, default=0.0), step.curve.value_unit) for end in (min, max))
-    return f" that depends on the position, from {least} to {largest}"
+    return f" that depends on the {'deflection' if damping else 'position'}, from {least} to {largest}"
 
 
 def _is_zero(row: Value) -> bool:

@@ -217,6 +217,7 @@ def curve_chart(place: str, curve: Curve) -> Chart:
     known = std <= np.ptp(value)
     left_out = f" {np.count_nonzero(~known)} points that the runs do not determine are left out." if not known.all() else ""
     quantity = {"deflection": "force", "speed": "force", "position": "friction force", "time": "value"}.get(curve.over, "value")
+    quantity = "damping" if curve.of_damping else quantity
     low, high = curve.reached
     return Chart(
         name=f"curve-{place}",

@@ -77,11 +77,18 @@ def test_columns_of_a_shape(shape: str, at: tuple[float, float, float], columns:
     assert found[0] == pytest.approx(columns)
 
 
+def test_damping_over_deflection_is_a_spline_times_the_velocity() -> None:
+    found = next(s for s in SHAPES if s.name == "damping over deflection").columns(course(0.5, 0.75, 0.0))
+    assert found[0] == pytest.approx(0.5 * spline_columns(np.array([0.5]), -2.0, 2.0, 32)[0])
+
+
 def test_shapes_that_need_friction_and_shapes_that_are_smooth() -> None:
     assert {s.name for s in SHAPES if s.with_friction} == {
         "drift of friction", "friction over velocity", "friction over position", "slip"
     }  # fmt: skip
-    assert {s.name for s in SHAPES if s.smooth} == {"force over deflection", "friction over position"}
+    assert {s.name for s in SHAPES if s.smooth} == {
+        "force over deflection", "friction over position", "damping over deflection"
+    }  # fmt: skip
     plain = next(s for s in SHAPES if not s.smooth)
     assert plain.penalty(3, 2, 1.0, 1.0) is None
 
