@@ -361,21 +361,25 @@ def next_step(job: Job) -> Found | None:
     forms: list[Entry] = []
     shapes: list[Entry] | None = None
     whole = job.left >= POLICY.rest and not job.forms_only
-    for each in sources(job):
-        rough = job.entries(each.forms[:FINALISTS])
-        whole = whole and not out_of_time()
-        if whole and (both := _both(job, each, rough, begun.spent)):
-            return both
-        more = _finished_forms(job, each, rough, general=whole)
-        allowed = [one for one in more if (job.explains(one) or each.allows(one)) and not job.contradicts(one)]
-        source = each if source is None or (more and not source.leads) or job.helps(allowed) else source
-        forms = best_fits([*forms, *allowed], job.floors)
-        if more and (out_of_time() or not each.doubtful(forms)):
-            break
-        if whole and each.leads and not more:
-            shapes = [*(shapes or ()), *_without_forms(job, each)]
-        if any(job.nearly(entry) and each.shown(*entry.candidate.key) for entry in shapes or ()):
-            break
+    try:
+        for each in sources(job):
+            rough = job.entries(each.forms[:FINALISTS])
+            whole = whole and not out_of_time()
+            if whole and (both := _both(job, each, rough, begun.spent)):
+                return both
+            more = _finished_forms(job, each, rough, general=whole)
+            allowed = [one for one in more if (job.explains(one) or each.allows(one)) and not job.contradicts(one)]
+            source = each if source is None or (more and not source.leads) or job.helps(allowed) else source
+            forms = best_fits([*forms, *allowed], job.floors)
+            if more and (out_of_time() or not each.doubtful(forms)):
+                break
+            if whole and each.leads and not more:
+                shapes = [*(shapes or ()), *_without_forms(job, each)]
+            if any(job.removes_most(entry) and each.shown(*entry.candidate.key) for entry in shapes or ()):
+                break
+    except OutOfTimeError:
+        if not (forms or shapes):
+            raise
     if source is None:
         return None
     forms = _with_simpler(job, _with_variants(job, forms))

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from isorig.analysis.campaign import Campaign
-from isorig.analysis.errors import DataError
+from isorig.analysis.errors import DataError, SimulationError
 from isorig.analysis.isolation.ratio import MOSTLY_STUCK
 from isorig.analysis.wording import unit_ratio
 from isorig.rig.acquire.run_check import incoherences
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 
 #: Styles of the lines of several recordings.
 DASHES: tuple[Style, ...] = ("solid", "dash", "dot")
+#: Why a section shows the measured functions alone: a rig that no spring holds may drift to where no record reached.
+UNBOUNDED = "The model's motion grows without bound in a free simulation over whole runs, so nothing simulated is shown here."
 
 
 def frequency_sections(campaign: Campaign, model: RigModel) -> list[Section]:
@@ -41,10 +44,11 @@ def transfer_section(campaign: Campaign, model: RigModel) -> Section:
     from isorig.rig.model.prediction import predicted
 
     drives = model.drive_channels
+    other: Sequence[Transfer] = ()
     try:
-        simulated = predicted(model, campaign, as_recorded=True)
         measured = transfer_functions(campaign, reference=drives)
-        other = transfer_functions(simulated, reference=drives, found=())
+        with suppress(SimulationError):
+            other = transfer_functions(predicted(model, campaign, as_recorded=True), reference=drives, found=())
     except DataError as error:
         return Section(title="Transfer functions", text=[f"Not available: {error}."])
     references = " and ".join(dict.fromkeys(item.reference for item in measured))
@@ -53,6 +57,7 @@ def transfer_section(campaign: Campaign, model: RigModel) -> Section:
         "within the band of the drive. Bands show one standard deviation. A coherence below 1 indicates noise, friction or "
         "another nonlinearity.",
         *(reason.text for reason in incoherences(campaign, drives)),
+        *((UNBOUNDED,) if not other else ()),
     ]
     usual = next(iter(model.configurations))
     charts = [
@@ -78,6 +83,8 @@ def isolation_of(campaign: Campaign, model: RigModel) -> tuple[ComparedRatios | 
         found = compared_isolation(campaign, [Model(name="simulated", rig=model)])
     except DataError as error:
         return None, [f"None: {error}."]
+    except SimulationError:
+        return None, [UNBOUNDED]
     return found, isolation_sentences(found)
 
 
