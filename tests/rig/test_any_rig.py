@@ -6,11 +6,13 @@ import json
 import re
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from msgspec.structs import replace
 from small_rigs import HARDENING, with_law
 
+from isorig.analysis import laws
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose.estimate_pairs import doubles
 from isorig.analysis.diagnose.misfit import discrepancies
@@ -30,7 +32,7 @@ from isorig.rig.files.recording import read, write
 from isorig.rig.files.rigfile import SHIPPED, read_rig
 from isorig.rig.model.baseline import baseline_model
 from isorig.rig.next.proposal import single_driven
-from isorig.rig.report.frequency import transfer_section
+from isorig.rig.report.frequency import UNBOUNDED, transfer_section
 from isorig.rig.virtual.simulated_recording import described_campaign
 
 #: What only the wire bonder has.
@@ -251,6 +253,12 @@ def test_a_report_shows_every_drive_and_proposals_refuse_several(tmp_path: Path,
         f"frf-{response}-over-{drive}" for response in ("a_left", "a_right") for drive in ("f_left", "f_right")
     ]
     assert "H1 from f_left and f_right" in page.text[0]
+    falling = laws.Curve(over="deflection", at=(-1e-4, 1e-4), values=(1e3, -1e3))
+    first, *others = given.model.links
+    unstable = msgspec.structs.replace(given.model, links=(msgspec.structs.replace(first, laws=(falling,)), *others))
+    page = transfer_section(campaign, unstable)
+    assert UNBOUNDED in page.text
+    assert page.charts
     with pytest.raises(PlanError, match=r"has the drives f_left, f_right, and runs are proposed for a rig with a single drive"):
         single_driven(given.model)
 

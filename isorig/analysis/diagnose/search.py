@@ -355,31 +355,15 @@ def next_step(job: Job) -> Found | None:
     Catalogued forms are fitted to the first seconds, and pairs of them where the equations show another cause. If neither makes
     the model adequate, free shapes are fitted to determine place and kind; a form is then named only if it comes close to them.
     """
-    begun = Deadline()
     job.progress("looking for the equations of motion that do not hold")
-    source: Source | None = None
-    forms: list[Entry] = []
-    shapes: list[Entry] | None = None
-    whole = job.left >= POLICY.rest and not job.forms_only
+    asked = _Asked(whole=job.left >= POLICY.rest and not job.forms_only)
     try:
-        for each in sources(job):
-            rough = job.entries(each.forms[:FINALISTS])
-            whole = whole and not out_of_time()
-            if whole and (both := _both(job, each, rough, begun.spent)):
-                return both
-            more = _finished_forms(job, each, rough, general=whole)
-            allowed = [one for one in more if (job.explains(one) or each.allows(one)) and not job.contradicts(one)]
-            source = each if source is None or (more and not source.leads) or job.helps(allowed) else source
-            forms = best_fits([*forms, *allowed], job.floors)
-            if more and (out_of_time() or not each.doubtful(forms)):
-                break
-            if whole and each.leads and not more:
-                shapes = [*(shapes or ()), *_without_forms(job, each)]
-            if any(job.removes_most(entry) and each.shown(*entry.candidate.key) for entry in shapes or ()):
-                break
+        if both := asked.of_sources(job):
+            return both
     except OutOfTimeError:
-        if not (forms or shapes):
+        if not (asked.forms or asked.shapes):
             raise
+    source, forms, shapes, whole = asked.source, asked.forms, asked.shapes, asked.whole
     if source is None:
         return None
     forms = _with_simpler(job, _with_variants(job, forms))
@@ -402,6 +386,36 @@ def next_step(job: Job) -> Found | None:
     if not forms:
         return None
     return _as_shown(best_form(forms, job.now, job.floors), source)
+
+
+@dataclass
+class _Asked:
+    # What the sources of candidates have given so far: the source that counts, the forms, and the free shapes where no form
+    # follows the records; `whole` is whether pairs and shapes are fitted, too.
+    whole: bool
+    source: Source | None = None
+    forms: list[Entry] = field(default_factory=list)
+    shapes: list[Entry] | None = None
+
+    def of_sources(self, job: Job) -> Found | None:
+        """Ask one source after the other; a pair of causes, if one is found."""
+        begun = Deadline()
+        for each in sources(job):
+            rough = job.entries(each.forms[:FINALISTS])
+            self.whole = self.whole and not out_of_time()
+            if self.whole and (both := _both(job, each, rough, begun.spent)):
+                return both
+            more = _finished_forms(job, each, rough, general=self.whole)
+            allowed = [one for one in more if (job.explains(one) or each.allows(one)) and not job.contradicts(one)]
+            self.source = each if self.source is None or (more and not self.source.leads) or job.helps(allowed) else self.source
+            self.forms = best_fits([*self.forms, *allowed], job.floors)
+            if more and (out_of_time() or not each.doubtful(self.forms)):
+                break
+            if self.whole and each.leads and not more:
+                self.shapes = [*(self.shapes or ()), *_without_forms(job, each)]
+            if any(job.removes_most(entry) and each.shown(*entry.candidate.key) for entry in self.shapes or ()):
+                break
+        return None
 
 
 def _both(job: Job, source: Source, forms: Sequence[Entry], spent: float) -> Found | None:

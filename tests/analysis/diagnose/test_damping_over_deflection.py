@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import cast
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from isorig.analysis import laws
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
+from isorig.analysis.diagnose import search
 from isorig.analysis.diagnose.diagnosis import diagnose
-from isorig.analysis.errors import ModelError
+from isorig.analysis.diagnose.search import Job, Source, sources
+from isorig.analysis.errors import ModelError, OutOfTimeError
+from isorig.analysis.fitting.ladder import Running
 from isorig.analysis.model.rig_model import Body, Drive, Link, RigModel, Sensor
 
 RATE, SAMPLES, SEED = 200.0, 4000, 6100
@@ -68,6 +74,34 @@ def test_it_is_named_with_its_curve() -> None:
     d, damping, _ = np.array(curve.points).T
     used = np.abs(d) < 0.7 * curve.reached[1]
     np.testing.assert_allclose(damping[used], (DAMPING + RISE * d**2)[used], atol=0.06 * RISE * d[used].max() ** 2)
+
+
+class Late:
+    """A source of candidates that is asked after the time has ended."""
+
+    @property
+    def forms(self) -> Running:
+        raise OutOfTimeError("the time limit was reached")
+
+
+@pytest.mark.parametrize("explains", [True, False])
+def test_it_is_named_whether_or_not_the_time_ends_before_other_places_are_asked(
+    explains: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A curve that explains most at the place that the equations show ends the search for others; else the time does."""
+    asked: list[Job] = []
+
+    def first_and_late(job: Job) -> Iterator[Source]:
+        yield next(iter(sources(job)))
+        asked.append(job)
+        yield cast("Source", Late())
+
+    monkeypatch.setattr(search, "sources", first_and_late)
+    if not explains:
+        monkeypatch.setattr(Job, "removes_most", lambda job, entry: False)
+    found = diagnose(recorded(), mount())
+    assert [(step.kind, step.location) for step in found.steps] == [("damping_shape", "mount")]
+    assert bool(asked) != explains
 
 
 def test_a_damping_over_speed_is_a_curve_of_the_force() -> None:
