@@ -63,6 +63,14 @@ def in_per_cent(share: float) -> str:
     return f"{100.0 * share:.0f} %" if share >= 0.0995 else f"{100.0 * share:#.2g} %"
 
 
+def fall(before: float, after: float) -> str:
+    """How a cause changes the median error over runs and channels: "falls from 5 % to 1 %"."""
+    first, last = in_per_cent(before), in_per_cent(after)
+    if first == last:
+        return f"stays at {first} in the median over runs and channels, and falls where the cause acts"
+    return f"falls from {first} to {last}"
+
+
 def as_difference(share: float) -> str:
     """A relative difference to two digits, in per cent; as a factor if it is larger.
 

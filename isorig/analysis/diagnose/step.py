@@ -24,7 +24,7 @@ from isorig.analysis.fitting.solve import Fit, Free
 from isorig.analysis.laws import FrictionCurve
 from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.model.rig_model import Contact, Link, RigModel
-from isorig.analysis.wording import in_per_cent
+from isorig.analysis.wording import fall
 
 #: Kinds of curves whose values are forces of either sign, and causes that differ by direction.
 OF_BOTH_SIGNS = {"spring_shape", "damping_shape"}
@@ -382,7 +382,7 @@ def curve_of(candidate: Candidate, fitted: Fit, evidence: Evidence) -> Curve | N
 
 
 def _falls(cause: str, place: str, before: float, after: float) -> str:
-    return f"With {cause} at {place} the held-out error falls from {in_per_cent(before)} to {in_per_cent(after)}."
+    return f"With {cause} at {place} the held-out error {fall(before, after)}."
 
 
 def rescored(step: Step, scores: tuple[float, float], models: tuple[RigModel, RigModel]) -> Step:

@@ -13,7 +13,7 @@ from isorig.analysis.diagnose.causes import CATALOGUE
 from isorig.analysis.diagnose.causes.base import Kind
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
-from isorig.analysis.wording import MULTIPLE, first_of, in_per_cent, noise_alone, sized, with_article, with_std, words
+from isorig.analysis.wording import MULTIPLE, fall, first_of, in_per_cent, noise_alone, sized, with_article, with_std, words
 from isorig.rig.files.findings import CauseAt, Findings, HeldValue, NamedCause, TriedCause, Value
 
 #: What a cause is, by its name in the findings: {place}, and its parameters by name, as value with uncertainty; and without a
@@ -190,8 +190,9 @@ def _error(findings: Findings) -> str:
     required = _required(findings)
     if required and len(findings.steps) == 1:
         return f"no simulation follows this motion, but {required}"
-    before, after = in_per_cent(holdout.baseline), in_per_cent(holdout.extended)
-    falls, left = (f"falls from {before} to {after}", holdout.extended) if findings.steps else (f"is {before}", holdout.baseline)
+    falls, left = f"is {in_per_cent(holdout.baseline)}", holdout.baseline
+    if findings.steps:
+        falls, left = fall(holdout.baseline, holdout.extended), holdout.extended
     disturbed, size = _disturbed(findings), noise_alone(holdout.noise_floor)
     if left < holdout.noise_floor:
         # The floor is an estimate: an error below it is no contradiction.

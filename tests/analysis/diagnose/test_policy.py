@@ -81,6 +81,16 @@ def test_the_word_follows_the_share(share: float, said: str) -> None:
     assert (word, kept) == (said, 0 if said == "unexplained" else 1)
 
 
+@pytest.mark.parametrize(
+    ("left", "floor", "said"), [(0.69, 0.01, "explained"), (0.71, 0.01, "partly explained"), (0.71, 0.05, "explained")]
+)
+def test_a_cause_that_hardly_reduces_the_median_error_explains_a_part(left: float, floor: float, said: str) -> None:
+    """One channel of three had most of the error; the others may be at their floors before and after."""
+    first, floors = np.array([[0.4, 0.05, 0.05]]), np.array([[0.01, floor, floor]])
+    last = np.array([[0.02, left * 0.05, left * 0.05]])
+    assert verdict([Stage(error=first), Stage(error=last)], floors, POLICY.enough)[0] == said
+
+
 def test_an_uncertain_step_is_named_only_where_it_explains() -> None:
     assert verdict(stages(0.7, certain=(False,)), FLOORS, POLICY.enough) == ("unexplained", 0)
     assert verdict(stages(0.9, certain=(False,)), FLOORS, POLICY.enough) == ("explained", 1)
