@@ -104,5 +104,7 @@ if __name__ == "__main__":
     serve(sys.argv[1])
     if sys.argv[1:2] == ["-c"]:
         exec(sys.argv[2], {"__name__": "__main__"})
-    else:
-        sys.exit(main())
+        sys.stdout.flush()
+        # As a command: nothing is left but to dismantle all these modules.
+        os._exit(0)
+    sys.exit(main())
