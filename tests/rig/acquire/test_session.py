@@ -207,7 +207,7 @@ def test_an_operator_is_asked_where_the_rig_cannot_lock_by_itself(tmp_path: Path
         rate=2000.0, instrument={"kind": "di1100", "full_scale": 10.0}, sensitivity=0.2,
     )  # fmt: skip
     watcher = Watcher()
-    # The signal is simulated at each start, while the session waits for its first sample: a long one takes too long on a busy host.
+    # The signal is simulated at each start, while the session waits for its first sample: on a busy host a long one is too late.
     with served(far_end("di1100", wire_bonder(), noise=1e-3, seed=0, speed=2.0, seconds=2.0)) as port:
         # On a busy host the rate may be certain only in a later run.
         with pytest.raises(PlanError, match="Hz by the host's clock, not 2000"):
