@@ -58,6 +58,10 @@ def test_import_is_light() -> None:
     code = "import sys, isorig; print(sorted(set(sys.modules) & {'numpy', 'numba', 'scipy', 'h5py', 'isorig.names'}))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
     assert done.stdout.strip() == "[]"
+    # Of a function, not what results show in notebooks.
+    code = "import sys, isorig; isorig.read; print(sorted(set(sys.modules) & {'matplotlib', 'numba', 'pandas', 'pyarrow'}))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.strip() == "[]"
 
 
 def test_completion_in_a_shell_lists_the_names_and_a_wrong_one_is_refused() -> None:

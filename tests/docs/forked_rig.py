@@ -61,12 +61,9 @@ def serve(address: str) -> None:
     modules = [one.name for one in pkgutil.walk_packages(isorig.__path__, "isorig.") if not one.name.endswith("__main__")]
     for name in (*modules, *LIBRARIES):
         importlib.import_module(name)
-    from forked_walker import fork_walkers
-
     from isorig.rig.wire_bonder.description import wire_bonder
     from isorig.rig.wire_bonder.session import SESSION, virtual_campaign
 
-    fork_walkers()
     # Loads the compiled programs.
     virtual_campaign(wire_bonder(), SESSION[:1], seed=1)
     gc.freeze()
@@ -103,10 +100,11 @@ def serve(address: str) -> None:
 if __name__ == "__main__":
     from isorig.rig.cli import main
 
-    sys.path.insert(0, str(Path(__file__).parents[1]))
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     serve(sys.argv[1])
     if sys.argv[1:2] == ["-c"]:
         exec(sys.argv[2], {"__name__": "__main__"})
-    else:
-        sys.exit(main())
+        sys.stdout.flush()
+        # As a command: nothing is left but to dismantle all these modules.
+        os._exit(0)
+    sys.exit(main())

@@ -29,14 +29,11 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 import h5py
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pyuff
-from forked_walker import fork_walkers
 from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat, wavfile
 
@@ -435,7 +432,6 @@ def tried(words: Words, folder: Path, patience: int) -> tuple[int, str, float]:
             resource.setrlimit(resource.RLIMIT_CPU, (patience, patience))
             warnings.simplefilter("ignore")
             signal.signal(signal.SIGTERM, signal.SIG_DFL)
-            fork_walkers()
             status = cli.main(words)
             (folder / ".loaded").write_text("\n".join(name for name in sys.modules if name not in ready))
         except BaseException:

@@ -411,6 +411,7 @@ def test_what_kills_the_library_kills_no_command(tmp_path: Path, monkeypatch: py
         monkeypatch.setattr(hdf, "STILL", 0.5)
         monkeypatch.setattr(hdf, "WAITS", 60.0 if "spin" in body else 0.5)
         monkeypatch.setattr(Path, "with_name", lambda self, name: killer)
+        monkeypatch.setattr(hdf, "has_one_thread", lambda: False)
         hdf._walk.cache_clear()
         hdf._walker.cache_clear()
         with pytest.raises(RecordingError, match="reading it never ends"):
@@ -419,12 +420,68 @@ def test_what_kills_the_library_kills_no_command(tmp_path: Path, monkeypatch: py
     assert len(read(path).runs) == 1
 
 
+def test_what_kills_the_library_kills_no_command_that_forked_its_check(tmp_path: Path) -> None:
+    program = """
+import os, sys, time
+from isorig.rig.errors import RecordingError
+from isorig.rig.files import hdf, hdf_walk
+from isorig.rig.files.recording import read
+
+def abort(path):
+    os.abort()
+
+def stop(path):
+    time.sleep(60.0)
+
+def spin(path):
+    while True:
+        pass
+
+sound = hdf_walk.answer
+for answer in (abort, stop, spin):
+    hdf.STILL, hdf.WAITS, hdf_walk.answer = 0.5, 60.0 if answer is spin else 0.5, answer
+    try:
+        read(sys.argv[1])
+    except RecordingError as refusal:
+        print("reading it never ends" in str(refusal))
+hdf_walk.answer = sound
+print(len(read(sys.argv[1]).runs))
+"""
+    write(tmp_path / "a.h5", example())
+    call = [sys.executable, "-c", program, str(tmp_path / "a.h5")]
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+    printed = subprocess.run(call, env=environment, capture_output=True, text=True, check=True).stdout
+    assert printed.split() == ["True", "True", "True", "1"]
+
+
+def test_a_process_forks_its_check_only_with_one_thread(tmp_path: Path) -> None:
+    program = """
+import os, sys, threading
+from isorig.rig.files import hdf
+from isorig.rig.files.recording import read
+
+wait = threading.Event()
+if sys.argv[2] == "2":
+    threading.Thread(target=wait.wait).start()
+read(sys.argv[1])
+print(type(hdf._walker(os.getpid())._process).__name__)
+wait.set()
+"""
+    write(tmp_path / "a.h5", example())
+    alone = "ForkedProcess" if Path("/proc/self/task").is_dir() else "Popen"
+    for threads, kind in (("1", alone), ("2", "Popen")):
+        call = [sys.executable, "-c", program, str(tmp_path / "a.h5"), threads]
+        environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+        assert subprocess.run(call, env=environment, capture_output=True, text=True, check=True).stdout == f"{kind}\n"
+
+
 def test_a_check_that_waits_for_a_busy_host_is_no_damage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write(tmp_path / "a.h5", example())
     (tmp_path / "walk.py").write_text("import time; print('{}', flush=True); input(); time.sleep(1.5); print('{}', flush=True)")
     with monkeypatch.context() as changed:
         changed.setattr(hdf, "STILL", 0.5)
         changed.setattr(Path, "with_name", lambda self, name: tmp_path / "walk.py")
+        changed.setattr(hdf, "has_one_thread", lambda: False)
         hdf._walk.cache_clear()
         hdf._walker.cache_clear()
         assert len(read(tmp_path / "a.h5").runs) == len(example().runs)

@@ -91,6 +91,28 @@ def test_an_interrupt_during_imports_is_one_line(tmp_path: Path, module: str) ->
     assert process.returncode == 130
 
 
+def test_a_program_ends_after_its_threads_and_exit_functions_with_the_status_of_its_command() -> None:
+    program = """
+import atexit, sys, threading, time
+from isorig.rig import cli
+
+def later():
+    time.sleep(0.2)
+    print("thread")
+
+def command(arguments):
+    threading.Thread(target=later).start()
+    atexit.register(print, "last")
+    print("command", *arguments)
+    return 3
+
+cli._status = command
+sys.exit(cli.main())
+"""
+    done = subprocess.run([sys.executable, "-c", program, "a"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (3, "command a\nthread\nlast\n", "")
+
+
 def test_tables_break_neither_words_nor_numbers(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """Seven columns with units are wider than 80 characters."""
     monkeypatch.setenv("COLUMNS", "80")

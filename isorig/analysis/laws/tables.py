@@ -33,24 +33,34 @@ def table(at: tuple[float, ...], values: tuple[float, ...]) -> None:
         raise ModelError("a curve's points do not increase; sort them and remove repeated ones")
 
 
+@lru_cache(maxsize=64)
+def _shares(at: tuple[float, ...]) -> FloatArray:
+    # Coefficients of a natural cubic spline per value, the highest power first, shape (4, intervals, points): they are linear in
+    # the values, and a fit changes only these.
+    from scipy.interpolate import CubicSpline
+
+    return np.asarray(CubicSpline(at, np.eye(len(at)), bc_type="natural").c)
+
+
 @lru_cache(maxsize=256)
 def spline(at: tuple[float, ...], values: tuple[float, ...]) -> tuple[tuple[float, ...], float]:
     """Natural cubic spline in the form for the kernel (see `tabulated`), and its steepest slope between neighbouring points."""
-    from scipy.interpolate import CubicSpline
-
-    pieces = CubicSpline(at, values, bc_type="natural").c[::-1].T
+    pieces = (_shares(at) @ np.array(values))[::-1].T
     slope = float(np.abs(np.diff(values) / np.diff(at)).max())
     return (float(len(at)), *at, *pieces.ravel().tolist()), slope
 
 
 def read(at: tuple[float, ...], values: tuple[float, ...], x: FloatArray, *, straight: bool) -> FloatArray:
     """The same spline in plain numpy, `straight` or constant beyond its ends."""
-    from scipy.interpolate import CubicSpline
+    from scipy.interpolate import PPoly
 
-    curve = CubicSpline(at, values, bc_type="natural")
-    inside = np.clip(x, at[0], at[-1])
-    slope = np.where(x < at[0], curve(at[0], 1), curve(at[-1], 1))
-    return np.asarray(curve(inside) + (slope * (x - inside) if straight else 0.0))
+    pieces, inside = _shares(at) @ np.array(values), np.clip(x, at[0], at[-1])
+    found = np.asarray(PPoly.construct_fast(pieces, np.array(at))(inside))
+    if straight:
+        last = at[-1] - at[-2]
+        above = pieces[2, -1] + last * (2.0 * pieces[1, -1] + 3.0 * last * pieces[0, -1])
+        found += np.where(x < at[0], pieces[2, 0], above) * (x - inside)
+    return found
 
 
 @kernel

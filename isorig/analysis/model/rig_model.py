@@ -102,6 +102,10 @@ class Chain(Part, frozen=True, kw_only=True):
     cutoff: float = 0.0
 
 
+#: The chain of most channels.
+WITHOUT_FAULTS = Chain()
+
+
 class Drive(Part, frozen=True, kw_only=True):
     """What drives: a force on bodies, or the motion of one body.
 
@@ -121,7 +125,7 @@ class Drive(Part, frozen=True, kw_only=True):
     pushes: dict[str, float] = msgspec.field(default_factory=dict)
     imposes: str | None = None
     quantity: Quantity = "acceleration"
-    chain: Chain = Chain()
+    chain: Chain = WITHOUT_FAULTS
     curve: tuple[tuple[float, float], ...] = ()
     limit: float | None = None
     lag: float = 0.0
@@ -145,7 +149,7 @@ class Sensor(Part, frozen=True, kw_only=True):
     quantity: Quantity = "acceleration"
     relative_to: str = GROUND
     arms: dict[str, float] = msgspec.field(default_factory=dict)
-    chain: Chain = Chain()
+    chain: Chain = WITHOUT_FAULTS
 
 
 class Configuration(Part, frozen=True, kw_only=True):
@@ -364,14 +368,14 @@ class RigModel(Part, frozen=True, kw_only=True, dict=True):  # dict: for the cac
             self.bodies, self.drives, setup,
             [link for link in self.links if forces or link.name not in blocked],
             [c for c in self.contacts if forces or (c.a, c.b, c.arms) not in ends],
-            [msgspec.structs.replace(sensor, chain=Chain()) for sensor in self.sensors],
+            [msgspec.structs.replace(sensor, chain=WITHOUT_FAULTS) for sensor in self.sensors],
         )  # fmt: skip
         return msgspec.msgpack.encode(parts, enc_hook=float)
 
     @cached_property
     def without_faults(self) -> RigModel:
         """The rig with perfect sensors and without free parameters: it moves alike, and so do all that differ in these only."""
-        sound = tuple(msgspec.structs.replace(sensor, chain=Chain()) for sensor in self.sensors)
+        sound = tuple(msgspec.structs.replace(sensor, chain=WITHOUT_FAULTS) for sensor in self.sensors)
         return msgspec.structs.replace(self, sensors=sound, free=())
 
     @cached_property
@@ -741,16 +745,19 @@ def _curved(where: str, points: Sequence[tuple[float, float]]) -> None:
 
 
 def _chained(model: RigModel) -> None:
-    for chain in (*(drive.chain for drive in model.drives), *(sensor.chain for sensor in model.sensors)):
+    drives, sensors = (
+        [(part.channel, part.chain) for part in parts if part.chain != WITHOUT_FAULTS] for parts in (model.drives, model.sensors)
+    )
+    for _, chain in (*drives, *sensors):
         for key in ("corner", "cutoff"):
             if (value := getattr(chain, key)) < 0.0:
                 raise ModelError(f"a chain's {key} is {value:g} Hz; give a frequency above zero, or zero for none")
         if len(chain.taps) % 2 == 0 and chain.taps:
             raise ModelError(f"a chain has {len(chain.taps)} taps; give an odd number, the middle one for the present sample")
         _curved("a chain's bend", chain.bend)
-    if any(c.bend or c.taps or c.corner or c.cutoff for c in (drive.chain for drive in model.drives)):
+    if any(chain.bend or chain.taps or chain.corner or chain.cutoff for _, chain in drives):
         raise ModelError("the drive's chain has a bend, taps, a corner or a cutoff, which only a sensor's may have; remove them")
-    for name, chain in (*((d.channel, d.chain) for d in model.drives), *((s.channel, s.chain) for s in model.sensors)):
+    for name, chain in (*drives, *sensors):
         if chain.gain == 0.0:
             raise ModelError(f"the chain of channel {name!r} has gain 0, which records nothing; give its gain, usually 1")
 
@@ -763,7 +770,8 @@ def _finite(part: Any, path: str = "") -> None:
         part = {each.get("name", each.get("channel", k)) if isinstance(each, dict) else k: each for k, each in enumerate(part)}
     if isinstance(part, dict):
         for key, value in part.items():
-            _finite(value, f"{path}.{key}" if path else key)
+            if type(value) is not float or not isfinite(value):
+                _finite(value, f"{path}.{key}" if path else key)
 
 
 def _grounded(names: list[str], joints: Sequence[Joint], imposed: Sequence[str]) -> None:

@@ -268,13 +268,11 @@ def persistent(poles: Sequence[Pole]) -> list[list[Pole]]:
     for n in sorted({pole.order for pole in poles}):
         fresh = [pole for pole in poles if pole.order == n]
         open_tracks = [track for track in tracks if n - track[-1].order <= GAP + 1]
-        pairs = sorted(
-            (_pole_distance(track[-1], pole), i, j) for i, track in enumerate(open_tracks) for j, pole in enumerate(fresh)
-        )
+        distance = _pole_distances([track[-1] for track in open_tracks], fresh)
         used: set[int] = set()
         taken: set[int] = set()
-        for distance, i, j in pairs:
-            if distance < 1.0 and i not in used and j not in taken:
+        for i, j in sorted(np.argwhere(distance < 1.0).tolist(), key=lambda pair: float(distance[pair[0], pair[1]])):
+            if i not in used and j not in taken:
                 open_tracks[i].append(fresh[j])
                 used.add(i)
                 taken.add(j)
@@ -282,11 +280,14 @@ def persistent(poles: Sequence[Pole]) -> list[list[Pole]]:
     return sorted((track for track in tracks if len(track) >= LONG), key=len, reverse=True)
 
 
-def _pole_distance(one: Pole, other: Pole) -> float:
-    # Distance in the plane of poles, relative to the allowed distance of one mode's poles.
-    a, b = (pole_of(pole.frequency, pole.damping) for pole in (one, other))
-    reach = max(NEAR * max(-a.real, -b.real), NEAR_FREQUENCY * abs(a))
-    return float(abs(a - b) / reach)
+def _pole_distances(some: Sequence[Pole], others: Sequence[Pole]) -> FloatArray:
+    # Distances in the plane of poles, relative to the allowed distance of one mode's poles, shape (some, others).
+    a, b = (
+        pole_of(np.array([pole.frequency for pole in poles]), np.array([pole.damping for pole in poles]))
+        for poles in (some, others)
+    )
+    reach = np.maximum(NEAR * np.maximum(-a.real[:, None], -b.real), NEAR_FREQUENCY * np.abs(a)[:, None])
+    return np.asarray(np.abs(a[:, None] - b) / reach)
 
 
 def _selected(data: Data, pairs: FloatArray, known: bool, count: int | None) -> SolvedPoles:

@@ -16,6 +16,9 @@ SMALL_SHARE, LARGE_SHARE = 0.03, 0.80
 RATE_REPORTED, RATE_REFUSED = 0.002, 0.02
 #: Time after which a rate is judged, s: a host that is late by a tenth of a second then shows 1 %.
 RATE_SECONDS = 10.0
+#: Time between two estimates of the rate during a pre-run check, s. Chosen: one from ten seconds takes some milliseconds of a
+#: processor, so that the estimates take a few per cent of it, and a right rate prolongs the check by no more than this.
+RATE_ESTIMATES = 0.1
 #: Allowed relative rate errors by the instrument's clock, and by the host's if too few blocks arrive to estimate its uncertainty.
 OWN_CLOCK, FEW_BLOCKS = 0.01, 0.25
 #: Share of a limit that a simulated response must exceed to refuse a run: the values of a description may be a quarter off.

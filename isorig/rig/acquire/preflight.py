@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Sequence
+from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -104,26 +105,41 @@ def refuse(run: str, reasons: list[str]) -> None:
 
 def _measured(instrument: Stream, ticks: int, rate: float, guard: Guard) -> list[Block]:
     # In real time until the rate is known as well.
-    blocks: list[Block] = []
-    watched = in_real_time(instrument)
+    watched, seen = in_real_time(instrument), CheckedRate(ticks, rate)
     incoming = BlockStream(
-        instrument, ENDLESS if watched else ticks, rate, waits=IMPATIENT, stopped=lambda: watched and _known(blocks, ticks, rate)
+        instrument, ENDLESS if watched else ticks, rate, waits=IMPATIENT, stopped=lambda: watched and seen.known()
     )
 
     def keep(block: Block) -> None:
         guard.check(block)
-        blocks.append(block)
+        seen.blocks.append(block)
 
     incoming.run(keep)
-    return blocks
+    return seen.blocks
 
 
-def _known(blocks: Sequence[Block], ticks: int, rate: float) -> bool:
-    # Whether the rate is right as far as so many ticks show it, or was observed for long enough.
-    if not blocks or blocks[-1].end_tick < ticks:
-        return False
-    observed = blocks[-1].host_time - blocks[0].host_time >= policy.RATE_SECONDS
-    return observed or _wrong_rate(blocks, rate, certain=False) is None
+class CheckedRate:
+    """The blocks of a pre-run check of so many ticks, and whether they show that the stated rate is right."""
+
+    def __init__(self, ticks: int, rate: float) -> None:
+        self._ticks, self._rate, self._next = ticks, rate, -inf
+        self.blocks: list[Block] = []
+
+    def known(self) -> bool:
+        """Whether the rate is right as far as the ticks show it, or was observed for long enough.
+
+        It is asked again and again, but the rate is estimated every `RATE_ESTIMATES` seconds only: this takes longer with each
+        block, and meanwhile none is read.
+        """
+        if not self.blocks or self.blocks[-1].end_tick < self._ticks:
+            return False
+        now = self.blocks[-1].host_time
+        if now - self.blocks[0].host_time >= policy.RATE_SECONDS:
+            return True
+        if now < self._next:
+            return False
+        self._next = now + policy.RATE_ESTIMATES
+        return _wrong_rate(self.blocks, self._rate, certain=False) is None
 
 
 def _wrong_rate(blocks: Sequence[Block], rate: float, *, certain: bool = True) -> float | None:

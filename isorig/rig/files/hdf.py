@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Literal
 
 from isorig.rig.errors import RecordingError
+from isorig.rig.files.forked import ForkedProcess, has_one_thread
 from isorig.rig.files.inputs import import_first
 from isorig.rig.files.output import reason
 
@@ -41,17 +42,14 @@ FileKind = Literal["hdf5", "matlab"]
 
 
 class _Walker:
-    """The other process, and the thread that reads its answers."""
+    """The other process, a fork of this one if that is safe, and the thread that reads its answers."""
 
     def __init__(self) -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, "-I", str(Path(__file__).with_name("hdf_walk.py"))],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, encoding="utf-8",
-            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-        )  # fmt: skip
+        self._process = _forked() if has_one_thread() else _started()
         self._lines: queue.Queue[str] = queue.Queue()
         assert self._process.stdout is not None
-        threading.Thread(target=self._listen, args=(self._process.stdout,), daemon=True).start()
+        self._listener = threading.Thread(target=self._listen, args=(self._process.stdout,), daemon=True)
+        self._listener.start()
         self._started = False
 
     def ask(self, kind: FileKind, path: Path, patience: float) -> dict[str, str] | None:
@@ -72,6 +70,8 @@ class _Walker:
         """End the process."""
         self._process.kill()
         self._process.wait()
+        # Afterwards this process has one thread less: the next one may be forked, too.
+        self._listener.join()
 
     def _answer(self, patience: float) -> dict[str, str] | None:
         with suppress(queue.Empty):
@@ -87,11 +87,27 @@ class _Walker:
         self._lines.put("")
 
 
+def _forked() -> ForkedProcess:
+    # This process imports the libraries for a recording anyway; another interpreter would import them once more.
+    from isorig.rig.files import hdf_walk
+
+    return ForkedProcess(hdf_walk.main)
+
+
+def _started() -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-I", str(Path(__file__).with_name("hdf_walk.py"))],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, encoding="utf-8",
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+    )  # fmt: skip
+
+
 _lock = threading.Lock()
 
 
 def start_checks() -> None:
-    """Start the other process, which takes as long as importing the libraries for a recording here; files are checked later."""
+    """Start the other process before this one has threads, or, where it cannot be forked, so that it starts while this one
+    imports; files are checked later."""
     with _lock:
         _walker(os.getpid())
 
@@ -104,7 +120,7 @@ def survived(path: Path) -> None:
 
 @lru_cache(maxsize=1)
 def _walker(pid: int) -> _Walker:
-    # A forked process, which has another `pid`, shares its parent's pipes, so it starts another checking process.
+    # A forked process, which has another `pid`, shares its parent's pipes, so it needs another checking process.
     return _Walker()
 
 

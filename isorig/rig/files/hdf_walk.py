@@ -1,7 +1,7 @@
 """A process that checks HDF5 files from other programs, so that crashes and endless loops do not affect the caller.
 
-`hdf` starts it; it imports nothing of this package. A JSON line on standard input names a kind, a file, and the seconds of a
-processor within which progress is expected, after which the system ends this process; a JSON line on standard output is the
+`hdf` forks or starts it; it imports nothing of this package. A JSON line on standard input names a kind, a file, and the seconds
+of a processor within which progress is expected, after which the system ends this process; a JSON line on standard output is the
 answer, preceded by dots that show progress. Files of MATLAB's version 5 are read here for the same reason.
 """
 

@@ -6,8 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 from html import escape
 from pathlib import Path
-
-import pandas as pd
+from typing import TYPE_CHECKING
 
 from isorig.analysis.campaign import Campaign, Measured, given_campaign
 from isorig.analysis.deadline import Deadline
@@ -23,13 +22,17 @@ from isorig.rig.errors import RigError
 from isorig.rig.files.findings import Findings
 from isorig.rig.files.parameter_table import characterize_campaign
 from isorig.rig.files.rigfile import GivenRig
-from isorig.rig.frf.figures import Figure
 from isorig.rig.model.baseline import with_sensors
 from isorig.rig.notebook.plots import second_figure
 from isorig.rig.report.conclusion import Conclusion, conclude
 from isorig.rig.report.misfit import both_simulated, worst_second
 from isorig.rig.report.place import marks
 from isorig.rig.report.sketch import picture
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from isorig.rig.frf.figures import Figure
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,6 +162,8 @@ def plot(answer: Answer) -> Figure:
 @shows(Answer, "to_pandas")
 def to_pandas(answer: Answer) -> pd.DataFrame:
     """All considered causes."""
+    import pandas as pd
+
     return pd.DataFrame(
         [(c.cause, c.location, c.holdout_error, c.share, c.standing) for c in answer.considered],
         columns=["cause", "location", "holdout_error", "share", "standing"],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,10 +17,12 @@ from isorig.analysis.spectra.modal_analysis import ModalModel
 from isorig.analysis.spectra.welch import Frf
 from isorig.analysis.views import shows
 from isorig.analysis.wording import displayed_unit, words
-from isorig.rig.frf.figures import Figure, View, frf_view, gridded, ratio_figure
 from isorig.rig.frf.transfer import Transfer
 from isorig.rig.report.misfit import HeldOutRecord
 from isorig.rig.report.sketch import picture
+
+if TYPE_CHECKING:
+    from isorig.rig.frf.figures import Figure, View
 
 #: Symbols of poles by what the order before them agrees with.
 MARKS: Mapping[str, str] = {"new": ".", "frequency": "x", "stable": "o"}
@@ -30,6 +32,8 @@ SHOWN = 5.0
 
 def records_figure(records: Mapping[str, Mapping[str, tuple[FloatArray, FloatArray]]], units: Mapping[str, str]) -> Figure:
     """Channels over time: a panel for each channel, a curve for each record, {record: {channel: (time, values)}}."""
+    from isorig.rig.frf.figures import Figure, gridded
+
     names = list(dict.fromkeys(name for record in records.values() for name in record))
     figure = Figure(figsize=(9.0, 1.2 + 1.6 * len(names)), layout="constrained")
     axes = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
@@ -46,6 +50,8 @@ def records_figure(records: Mapping[str, Mapping[str, tuple[FloatArray, FloatArr
 
 def second_figure(record: HeldOutRecord) -> Figure:
     """A channel, measured and simulated, and the residuals below."""
+    from isorig.rig.frf.figures import Figure, gridded
+
     figure = Figure(figsize=(9.0, 5.0), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True)
     above.plot(record.time, record.measured, "k", lw=1.2, label="measured")
@@ -116,6 +122,8 @@ def plot_response(response: Response, *others: Response, seconds: tuple[float, f
 @shows(Frf, "plot")
 def plot_frf(frf: Frf, *others: Frf, view: View = "bode", band: tuple[float, float] | None = None) -> Figure:
     """Magnitude, phase and coherence of one or more transfer functions, or another view, within the drive's band."""
+    from isorig.rig.frf.figures import frf_view
+
     named = {}
     for one in (frf, *others):
         label = one.label if isinstance(one, Transfer) else f"{one.response} over {one.reference}"
@@ -131,6 +139,8 @@ def plot_frf(frf: Frf, *others: Frf, view: View = "bode", band: tuple[float, flo
 @shows(IsolationRatio, "plot")
 def plot_ratio(found: IsolationRatio, *others: IsolationRatio) -> Figure:
     """The stitched ratio with its band of one standard deviation."""
+    from isorig.rig.frf.figures import ratio_figure
+
     curves = {
         "isolation ratio" if k == 0 else f"isolation ratio {k + 1}": (one.frequency, one.ratio, one.std)
         for k, one in enumerate((found, *others))
@@ -141,6 +151,8 @@ def plot_ratio(found: IsolationRatio, *others: IsolationRatio) -> Figure:
 @shows(Characterization, "plot")
 def plot_parameters(found: Characterization, *others: Characterization) -> Figure:
     """Each parameter relative to the first table's value, with its standard uncertainty."""
+    from isorig.rig.frf.figures import Figure, gridded
+
     first = {name: entry.value for name, entry in found.table.items() if entry.value and not entry.fixed}
     figure = Figure(figsize=(8.0, 1.2 + 0.3 * len(first)), layout="constrained")
     axis = figure.subplots()
@@ -163,6 +175,8 @@ def plot_parameters(found: Characterization, *others: Characterization) -> Figur
 @shows(ModalModel, "plot")
 def plot_modes(found: ModalModel) -> Figure:
     """The stabilization diagram over the transfer functions, and the shapes."""
+    from isorig.rig.frf.figures import Figure
+
     figure = Figure(figsize=(9.0, 7.0), layout="constrained")
     above, below = figure.subplots(2, 1, height_ratios=(2.0, 1.0))
     f = found.frequency

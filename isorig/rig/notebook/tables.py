@@ -7,7 +7,6 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from isorig.analysis.campaign import Campaign, FloatArray, Run
 from isorig.analysis.isolation.ratio import IsolationRatio
@@ -23,6 +22,7 @@ from isorig.rig.model.baseline import baseline_model
 
 if TYPE_CHECKING:
     import control
+    import pandas as pd
     import xarray
     from scipy.signal import StateSpace as ScipyStateSpace
 
@@ -53,6 +53,8 @@ def _dataset(dimension: str, at: Column, columns: Mapping[str, Column], about: M
 
 
 def _frame(dimension: str, at: Column, columns: Mapping[str, Column], about: Mapping[str, Any]) -> pd.DataFrame:
+    import pandas as pd
+
     frame = pd.DataFrame({name: values for name, (values, _) in columns.items()}, index=pd.Index(at[0], name=dimension))
     units = {dimension: at[1]} | {name: unit for name, (_, unit) in columns.items()}
     frame.attrs.update(about, units=units)
@@ -103,6 +105,8 @@ for _kind, _columns_of in ((Run, _run), (Response, _response), (Frf, _frf), (Iso
 @shows(Campaign, "to_pandas")
 def campaign_to_pandas(campaign: Campaign) -> pd.DataFrame:
     """A row for each run."""
+    import pandas as pd
+
     keys = ("configuration", "gain", "excitation", "duration", "sample_rate", "use", "started")
     rows = [[getattr(run, key) for key in keys] for run in campaign.runs]
     frame = pd.DataFrame(rows, columns=list(keys), index=pd.Index([run.id for run in campaign.runs], name="run"))
@@ -119,6 +123,8 @@ def campaign_to_xarray(campaign: Campaign) -> Any:
 @shows(Characterization, "to_pandas")
 def parameters_to_pandas(found: Characterization) -> pd.DataFrame:
     """The parameter table, with a column of units."""
+    import pandas as pd
+
     rows = {name: (e.value, e.std, e.unit, e.method, e.note) for name, e in found.table.items()}
     frame = pd.DataFrame.from_dict(rows, orient="index", columns=["value", "std", "unit", "method", "note"])
     frame.index.name = "parameter"
@@ -140,6 +146,8 @@ def parameters_to_xarray(found: Characterization) -> xarray.Dataset:
 @shows(ModalModel, "to_pandas")
 def modes_to_pandas(found: ModalModel) -> pd.DataFrame:
     """A row for each mode."""
+    import pandas as pd
+
     keys = ("frequency", "frequency_std", "damping", "damping_std", "collinearity")
     frame = pd.DataFrame([{key: getattr(mode, key) for key in keys} for mode in found.modes])
     frame.index = pd.RangeIndex(1, len(found.modes) + 1, name="mode")

@@ -5,8 +5,10 @@ from __future__ import annotations
 import resource
 import subprocess
 import sys
-import time
+import threading
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from test_crash import PLAN
 
 from isorig.analysis.campaign import Run
 from isorig.drivers.block import Block, Input
+from isorig.rig.acquire import journal
 from isorig.rig.acquire.journal import Journal
 from isorig.rig.acquire.recorder import RunWriter, recording_into, working_file
 from isorig.rig.acquire.recover import working
@@ -141,13 +144,43 @@ def test_a_failed_sync_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 def test_syncs_come_as_often_as_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    at: list[float] = []
-    sync = Journal.sync
-    monkeypatch.setattr(Journal, "sync", lambda self: (at.append(time.monotonic()), sync(self))[1])
+    # Whatever time the host takes: it waits as long as asked, and after each wait it syncs what was appended since the last sync.
+    happened: list[str] = []
+    waits: list[float | None] = []
+    append, sync = Journal.append, Journal.sync
+
+    class Waited(threading.Event):
+        def wait(self, timeout: float | None = None) -> bool:
+            waits.append(timeout)
+            closing = super().wait(timeout)
+            happened.append("closing" if closing else "waited")
+            return closing
+
+    def appended(self: Journal, *content: Any) -> None:
+        append(self, *content)
+        happened.append("append")
+
+    def synced(self: Journal) -> None:
+        happened.append("sync")
+        sync(self)
+        happened.append("sync")
+
+    monkeypatch.setattr(Journal, "append", appended)
+    monkeypatch.setattr(Journal, "sync", synced)
+    monkeypatch.setattr(journal, "threading", SimpleNamespace(**{**vars(threading), "Event": Waited}))
     with ramp_instrument(speed=1.0, rows=16) as (port, _):
         acquire(plan_of({"id": "a", "seconds": 2.0}), port, tmp_path / "c.h5", Watcher().operator, force=True, sync=0.2)
-    assert 8 <= len(at) <= 14
-    assert np.diff(at).max() < 0.5
+    assert set(waits) == {0.2}
+    assert {"append", "sync", "waited"} <= set(happened)
+    unsynced = overdue = False
+    for event in happened:
+        if event == "append":
+            unsynced = True
+        elif event == "sync":
+            unsynced = overdue = False
+        else:
+            assert not overdue
+            overdue = unsynced
 
 
 PEAK = """

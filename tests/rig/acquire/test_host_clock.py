@@ -11,7 +11,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from isorig.rig.acquire.policy import RATE_REFUSED, RATE_REPORTED, RATE_SECONDS
+from isorig.rig.acquire import preflight
+from isorig.rig.acquire.policy import RATE_ESTIMATES, RATE_REFUSED, RATE_REPORTED, RATE_SECONDS
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "drivers"))
 
@@ -77,6 +78,35 @@ def test_too_little_is_not_judged() -> None:
     pace.add(np.arange(50, 350, 50), np.arange(6) * 0.05)
     assert pace.drift() is None
     assert arrivals(500.0, 0.3, 0).drift() is None
+
+
+def test_a_check_estimates_the_rate_now_and_then_however_often_it_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    estimated: list[float] = []
+
+    def wrong(blocks: list[Block], rate: float, *, certain: bool) -> float | None:
+        estimated.append(blocks[-1].host_time)
+        return None if blocks[-1].host_time >= 3.0 else 2.0 * rate
+
+    monkeypatch.setattr(preflight, "_wrong_rate", wrong)
+    seen = preflight.CheckedRate(1000, 1000.0)
+
+    def after(tick: int, host_time: float) -> bool:
+        seen.blocks.append(Block(first_tick=tick - 50, samples=np.zeros((50, 1)), host_time=host_time))
+        return any(seen.known() for _ in range(3))
+
+    assert not seen.known()
+    assert not after(999, 1.0)
+    assert estimated == []
+    assert not after(1000, 2.0)
+    assert not after(1050, 2.0 + 0.99 * RATE_ESTIMATES)
+    assert estimated == [2.0]
+    assert not after(1100, 2.0 + 1.01 * RATE_ESTIMATES)
+    assert after(2000, 3.0)
+    assert len(estimated) == 3
+    # A rate that stays wrong is observed for as long as certainty takes, from the first block on.
+    monkeypatch.setattr(preflight, "_wrong_rate", lambda blocks, rate, *, certain: 2.0 * rate)
+    assert not after(2100, 1.0 + 0.99 * RATE_SECONDS)
+    assert after(2150, 1.0 + 1.01 * RATE_SECONDS)
 
 
 @pytest.mark.parametrize("speed", [0.5, 0.88, 2.0])

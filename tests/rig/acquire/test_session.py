@@ -207,10 +207,11 @@ def test_an_operator_is_asked_where_the_rig_cannot_lock_by_itself(tmp_path: Path
         rate=2000.0, instrument={"kind": "di1100", "full_scale": 10.0}, sensitivity=0.2,
     )  # fmt: skip
     watcher = Watcher()
-    with served(far_end("di1100", wire_bonder(), noise=1e-3, seed=0, speed=2.0, seconds=100.0)) as port:
+    # The signal is simulated at each start, while the session waits for its first sample: on a busy host a long one is too late.
+    with served(far_end("di1100", wire_bonder(), noise=1e-3, seed=0, speed=2.0, seconds=2.0)) as port:
         # On a busy host the rate may be certain only in a later run.
         with pytest.raises(PlanError, match="Hz by the host's clock, not 2000"):
-            acquire(plan, port, tmp_path / "c.h5", Watcher().operator)
+            acquire(plan, port, tmp_path / "refused.h5", Watcher().operator)
         acquire(plan, port, tmp_path / "c.h5", watcher.operator, force=True)
     assert watcher.locks == ["unlocked", "locked"]
     runs = read(tmp_path / "c.h5").runs
@@ -228,7 +229,7 @@ def _quiet_dataq() -> object:
 def test_an_accelerometer_on_can(tmp_path: Path) -> None:
     plan = plan_of({"id": "a", "excitation": "other", "seconds": 2.0}, rate=400.0, instrument={"kind": "mti600"})
     plan = msgspec.structs.replace(plan, channels={"motor": plan.channels["motor"]})
-    with served(far_end("mti600", wire_bonder(), noise=1e-3, seed=0, speed=1.0, seconds=60.0)) as port:
+    with served(far_end("mti600", wire_bonder(), noise=1e-3, seed=0, speed=1.0, seconds=4.0)) as port:
         acquire(plan, port, tmp_path / "c.h5", Watcher().operator)
     run = read(tmp_path / "c.h5").runs[0]
     assert len(run) >= 800

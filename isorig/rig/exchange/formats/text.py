@@ -54,6 +54,14 @@ CONTINUED = 0.8
 _TOUCHING = re.compile(r"(\d(?P<mark>[.,])\d+[eEdD][+-]\d{2,3})(?=[+-]?\d(?P=mark)\d+[eEdD])")
 #: A number with separators of thousands: in its groups of three digits, or of two as in India.
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:(?P<mark>[.,'’ \u00a0\u202f])(?:\d\d(?P=mark))*\d{3}(?:(?P=mark)\d{3})*)(?:[.,]\d*)?")
+#: A cell with a number or nothing, by its decimal mark.
+_VALUE = {
+    mark: re.compile(
+        rf"|[+\-−]?(\d+({re.escape(mark)}\d*)?|{re.escape(mark)}\d+)([ed][+-]?\d+)?|[+-]?(nan|inf|infinity)|n/?a|null",
+        re.IGNORECASE,
+    )
+    for mark in ".,"
+}
 #: A line with several cells in one quotation.
 _QUOTED = re.compile(r'"[^"]*(?:[;\t]|,[^"]*,)[^"]*"')
 #: A cell that programs write for a missing value.
@@ -499,8 +507,7 @@ def _are_values(fields: Sequence[str], decimal: str) -> bool:
 
 
 def _is_value(field: str, decimal: str) -> bool:
-    pattern = rf"|[+\-−]?(\d+({re.escape(decimal)}\d*)?|{re.escape(decimal)}\d+)([ed][+-]?\d+)?|[+-]?(nan|inf|infinity)|n/?a|null"
-    return re.fullmatch(pattern, field.strip('"'), re.IGNORECASE) is not None or CLOCK.fullmatch(field) is not None
+    return _VALUE[decimal].fullmatch(field.strip('"')) is not None or CLOCK.fullmatch(field) is not None
 
 
 def _head(head: Sequence[str], style: _Style) -> tuple[list[str], list[str]]:
