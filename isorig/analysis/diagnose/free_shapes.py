@@ -27,6 +27,8 @@ from isorig.analysis.model.rig_model import Link, RigModel
 #: Points of a curve over a two-sided range (odd, so that one is in the middle), over velocities, over a session, of a sensor's
 #: static curve, and taps of its filter.
 POINTS, LEVELS, MOMENTS, BENDS, TAPS = 15, 8, 5, 9, 5
+#: Points of a drive's static curve on each side, as shares of its largest value: a dead band is at small ones.
+DRIVEN = np.array([0.01, 0.03, 0.1, 0.25, 0.5, 0.75, 1.0])
 #: Maximum points of a refined curve of force over deflection or velocity, and of friction, which has separate curves for the two
 #: directions and whose simulation is slower the closer its points are.
 FINEST_POINTS, FINEST_LEVELS = 57, 15
@@ -340,25 +342,29 @@ def _bend(model: RigModel, evidence: Evidence, channel: str) -> Candidate | None
     sensor, peak = model.sensor(channel), evidence.peak.get(channel, 0.0)
     if sensor.chain.bend or peak <= 0.0:
         return None
-    start, path = with_chain(model, channel, bend=_flat(peak)), f"sensors.{channel}.chain"
-    return _static_curve(start, channel, f"{path}.bend", peak, SI_UNIT[sensor.quantity], dropped=f"{path}.gain")
+    flat = _flat(_two_sided(peak, BENDS))
+    start, path = with_chain(model, channel, bend=flat), f"sensors.{channel}.chain"
+    return _static_curve(start, channel, f"{path}.bend", flat, SI_UNIT[sensor.quantity], dropped=f"{path}.gain")
 
 
 def _drive_curve(model: RigModel, evidence: Evidence) -> Candidate | None:
     drive, peak = model.drive, evidence.peak.get(model.drive.channel, 0.0)
     if not follows_command(model) or peak <= 0.0:
         return None
-    start = with_drive(model, curve=_flat(peak))
-    return _static_curve(start, drive.channel, "drive.curve", peak, SI_UNIT[drive.quantity], dropped="drive.factor")
+    flat = _flat(REACH * peak * np.array([*(-DRIVEN[::-1]), 0.0, *DRIVEN]))
+    start = with_drive(model, curve=flat)
+    return _static_curve(start, drive.channel, "drive.curve", flat, SI_UNIT[drive.quantity], dropped="drive.factor")
 
 
-def _flat(peak: float) -> tuple[tuple[float, float], ...]:
-    return tuple((float(x), 0.0) for x in _two_sided(peak, BENDS))
+def _flat(at: FloatArray) -> tuple[tuple[float, float], ...]:
+    return tuple((float(x), 0.0) for x in at)
 
 
-def _static_curve(start: RigModel, channel: str, path: str, peak: float, unit: str, dropped: str) -> Candidate:
+def _static_curve(
+    start: RigModel, channel: str, path: str, flat: tuple[tuple[float, float], ...], unit: str, dropped: str
+) -> Candidate:
     # What is added to a channel's value; zero in the middle.
-    points = (k for k in range(BENDS) if k != BENDS // 2)
+    points, peak = (k for k in range(len(flat)) if k != len(flat) // 2), flat[-1][0]
     return Candidate(
         cause="sensor", location=channel, family="sensor curve", starts=(start,), reported=(), rank=9, dropped=(dropped,),
         free=tuple(Free(path=f"{path}.{k}.1", low=-np.inf, log=False, step=1e-3 * peak) for k in points),

@@ -18,8 +18,8 @@ POWERS = (2, 3)
 #: Samples within this share of a record's extreme, or as far below a limit as noise scatters, are at a limit if there are at
 #: least so many in a row, so many times.
 NEAR, ROW, TIMES = 0.005, 3, 3
-#: Limits of a drive, as shares of the largest value of its record.
-LIMITS = (0.3, 0.5, 0.7, 0.9)
+#: Limits of a drive, as shares of the largest value of its record; the small ones also show a dead band.
+LIMITS = (0.005, 0.01, 0.02, 0.05, 0.1, 0.3, 0.5, 0.7, 0.9)
 
 
 def bent(values: FloatArray, peak: float, rate: float) -> list[FloatArray]:

@@ -31,6 +31,7 @@ class Amplifier:
     limit: float = np.inf
     lag: float = 0.0
     gradual: bool = False  #: Whether it comes near its limit gradually.
+    dead: float = 0.0  #: The command in N below which it delivers nothing, and by which it delivers less above.
 
 
 def pushed(amplifier: Amplifier, *, springs: bool = True) -> tuple[Campaign, RigModel]:
@@ -42,6 +43,7 @@ def pushed(amplifier: Amplifier, *, springs: bool = True) -> tuple[Campaign, Rig
         fine = resample(command, FINER * n)
         limit = amplifier.limit
         fine = limit * np.tanh(fine / limit) if amplifier.gradual else np.clip(fine, -limit, limit)
+        fine = fine - np.clip(fine, -amplifier.dead, amplifier.dead)
         time = np.arange(len(fine)) / (FINER * RATE)
         if amplifier.lag:
             fine = lsim(([1.0], [amplifier.lag, 1.0]), fine, time)[1]
@@ -112,6 +114,17 @@ def test_a_drive_that_saturates_gradually_has_a_static_curve() -> None:
     inside = np.abs(at) <= 9.0
     acting = (at + added)[inside]
     np.testing.assert_allclose(acting, 9.0 * np.tanh(at[inside] / 9.0), atol=0.2)
+
+
+@pytest.mark.parametrize("springs", [True, False])
+def test_a_drive_with_a_dead_band_has_a_static_curve(springs: bool) -> None:
+    """A valve with overlap: no form of the catalogue is one, and the band is a small part of the command's range."""
+    found = diagnose(*pushed(Amplifier(dead=0.5), springs=springs))
+    assert [(step.cause, step.location) for step in found.steps] == [("sensor", "f")]
+    assert found.extended_error < 0.2 * found.baseline_error
+    at, added = np.array(found.extended.model.drive.curve).T
+    inside = np.abs(at) < 8.0
+    np.testing.assert_allclose(added[inside], -np.clip(at[inside], -0.5, 0.5), atol=0.15)
 
 
 @pytest.mark.parametrize("changes", [{"limit": 0.05}, {"lag": 20.0}], ids=["limit", "lag"])
