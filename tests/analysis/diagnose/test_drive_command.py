@@ -14,6 +14,8 @@ from isorig.analysis.diagnose.causes.drive_lag import DriveLag
 from isorig.analysis.diagnose.causes.drive_saturation import DriveSaturation
 from isorig.analysis.diagnose.causes.measurement_chain import with_drive
 from isorig.analysis.diagnose.diagnosis import diagnose
+from isorig.analysis.equations.ranking import ranking
+from isorig.analysis.equations.system import HOLDS, equations_of
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.division import ends
 from isorig.analysis.fitting.preparation import prepare
@@ -125,6 +127,12 @@ def test_a_drive_with_a_dead_band_has_a_static_curve(springs: bool) -> None:
     at, added = np.array(found.extended.model.drive.curve).T
     inside = np.abs(at) < 8.0
     np.testing.assert_allclose(added[inside], -np.clip(at[inside], -0.5, 0.5), atol=0.15)
+
+
+def test_the_equations_hold_with_a_dead_band() -> None:
+    before, best = (ranked := ranking(equations_of(*pushed(Amplifier(dead=0.2))))).residuals, ranked.explanations[0]
+    assert (best.place, best.what) == ("f", "saturation")
+    assert max(best.residuals.values()) < HOLDS < 2.0 * HOLDS < max(before.values())
 
 
 @pytest.mark.parametrize("changes", [{"limit": 0.05}, {"lag": 20.0}], ids=["limit", "lag"])
