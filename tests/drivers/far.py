@@ -353,8 +353,13 @@ class DataqFar(Far):
             return
         due = min(int((time.monotonic() - self._began) * self.rate * self.clock), self.scans)
         if due - self.taken >= 10:
-            first, self.taken = self.taken, due
-            self.say(self.stream(first, due))
+            self.say(self.stream(self.taken, due))
+            self.taken = due
+
+    @property
+    def ended(self) -> bool:
+        """Whether it has sent its last scans, ten or more at a time."""
+        return self.scans - self.taken < 10
 
 
 def scan_bytes(first: int, last: int, inputs: int = 2, digital: int = 3) -> bytes:

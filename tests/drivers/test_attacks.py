@@ -269,15 +269,15 @@ def test_a_count_below_the_received_samples_is_reported() -> None:
 # The DI-1100
 
 
-def scanned(far: DataqFar, seconds: float, **settings: object) -> tuple[list[Block], float]:
-    """All that a run of a DI-1100 gives, and the loss that it would not see, in scans."""
+def scanned(far: DataqFar, **settings: object) -> tuple[list[Block], float]:
+    """All that a run of a DI-1100 gives until its last scan, and the loss that it would not see, in scans."""
     plan = DataqSettings(full_scale=10.0, **settings)  # type: ignore[arg-type]
     with far, closing(DataqInstrument(far.port, plan, waits=SHORT)) as instrument:
         instrument.prepare(sample_rate=far.rate, channels=[0, far.inputs - 1])
         instrument.start()
-        end = time.monotonic() + seconds
-        blocks = []
-        while time.monotonic() < end:
+        blocks, ended, block = [], False, None
+        while not ended or block is not None:
+            ended = far.ended
             block = instrument.read(0.05)
             blocks += [] if block is None else [block]
         instrument.stop()
@@ -317,7 +317,7 @@ def once(at: int, change: object) -> object:
 )  # fmt: skip
 def test_di1100_is_realigned_and_later_samples_are_in_place(change: object, lost: int) -> None:
     far = DataqFar(stream=once(1000, change), rate=4000.0, scans=3000)  # type: ignore[arg-type]
-    blocks, _ = scanned(far, 0.9)
+    blocks, _ = scanned(far)
     assert (off(blocks) == 0).all()
     gaps = [(before.end_tick, after.first_tick - before.end_tick) for before, after in pairwise(blocks)]
     ((place, count),) = [gap for gap in gaps if gap[1]]
@@ -345,7 +345,7 @@ def zeros_until(scan: int, digital: int) -> Callable[[int, int], bytes]:
 
 @pytest.mark.parametrize("digital", [1, 2, 3])
 def test_di1100_marked_by_its_digital_inputs_keeps_its_channels_at_0_v(digital: int) -> None:
-    blocks, _ = scanned(DataqFar(stream=zeros_until(2000, digital), rate=4000.0, scans=4000), 1.3)
+    blocks, _ = scanned(DataqFar(stream=zeros_until(2000, digital), rate=4000.0, scans=4000))
     given = np.concatenate([np.arange(block.first_tick, block.end_tick) for block in blocks])
     samples = np.concatenate([block.samples for block in blocks])
     late = given >= 2100
@@ -357,7 +357,7 @@ def test_di1100_marked_by_its_digital_inputs_keeps_its_channels_at_0_v(digital: 
 
 def test_di1100_without_a_mark_ends_the_run_at_a_loss() -> None:
     with pytest.raises(ProtocolError, match="lost bytes, and nothing shows to which input those after them belong; leave the"):
-        scanned(DataqFar(stream=zeros_until(2000, 0), rate=4000.0, scans=4000), 1.3)
+        scanned(DataqFar(stream=zeros_until(2000, 0), rate=4000.0, scans=4000))
 
 
 @pytest.mark.parametrize(
@@ -377,7 +377,7 @@ def test_di1100_of_sixteen_bits_is_aligned_by_its_digital_inputs(change: object)
             change(data, 4 * (1000 - first))  # type: ignore[operator]
         return bytes(data)
 
-    blocks, _ = scanned(DataqFar(stream=stream, rate=4000.0, scans=4000), 1.3, bits=16)
+    blocks, _ = scanned(DataqFar(stream=stream, rate=4000.0, scans=4000), bits=16)
     for block in blocks:
         np.testing.assert_array_equal(block.samples & ~3, words[block.first_tick : block.end_tick] & ~3)
     # The far end sends ten scans or more at a time.
@@ -387,19 +387,28 @@ def test_di1100_of_sixteen_bits_is_aligned_by_its_digital_inputs(change: object)
 
 def test_di1100_noise_is_no_measurement() -> None:
     random = np.random.default_rng(0)
-    far = DataqFar(stream=lambda first, last: random.integers(0, 256, 4 * (last - first), np.uint8).tobytes())
+    far = DataqFar(stream=lambda first, last: random.integers(0, 256, 4 * (last - first), np.uint8).tobytes(), scans=4000)
     with pytest.raises(ProtocolError, match="sends bytes that are not scans of 2 inputs"):
-        scanned(far, 2.0)
+        scanned(far)
 
 
 def test_di1100_whole_scans_lost_are_counted_in_their_place_and_a_slow_clock_is_none() -> None:
-    far = DataqFar(stream=lambda first, last: b"" if 3000 <= first < 3500 else scan_bytes(first, last), clock=0.97)
-    blocks, unseen = scanned(far, 3.2)
+    lost: list[range] = []
+
+    def stream(first: int, last: int) -> bytes:
+        # On a busy host it sends many scans at a time, so that more or fewer than 500 are lost.
+        if not 3000 <= first < 3500:
+            return scan_bytes(first, last)
+        lost.append(range(first, last))
+        return b""
+
+    blocks, unseen = scanned(DataqFar(stream=stream, clock=0.97, scans=6200))
     assert np.abs(off(blocks)).max() <= unseen
     gaps = [(before.end_tick, after.first_tick - before.end_tick) for before, after in pairwise(blocks)]
     ((place, count),) = [gap for gap in gaps if gap[1] > 5]
-    assert place == pytest.approx(3000, abs=60)
-    assert count == pytest.approx(500, abs=60)
+    # What the arrivals on a busy host do not show is stated.
+    assert place == pytest.approx(lost[0].start, abs=max(60.0, unseen))
+    assert count == pytest.approx(sum(map(len, lost)), abs=max(60.0, unseen))
     assert any(block.status & Status.CLOCKED for block in blocks)
 
 
@@ -414,7 +423,7 @@ def test_di1100_a_counter_at_the_digital_inputs_counts_losses_to_the_scan() -> N
         kept = ~np.any([(np.arange(first, last) >= at) & (np.arange(first, last) < at + n) for at, n in lost.items()], axis=0)
         return words[kept].tobytes()
 
-    blocks, _ = scanned(DataqFar(stream=stream, scans=3000), 1.7, counter=50.0)
+    blocks, _ = scanned(DataqFar(stream=stream, scans=3000), counter=50.0)
     wrong = off(blocks)
     assert wrong[-1] == 0
     # Behind a loss a scan may stand wrong until the counter's next step, 40 scans.
