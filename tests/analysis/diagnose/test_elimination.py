@@ -266,9 +266,9 @@ def test_a_free_shape_must_predict_the_runs_better_than_a_form_that_removes_most
     assert [candidate for candidate, _ in found] == ([shape] if kept else [])
 
 
-@pytest.mark.parametrize(("nearly", "shown", "further"), [(True, True, False), (True, False, True), (False, True, True)])
-def test_a_free_shape_that_leaves_little_where_the_equations_show_a_cause_ends_the_search(
-    nearly: bool, shown: bool, further: bool, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("most", "shown", "further"), [(True, True, False), (True, False, True), (False, True, True)])
+def test_a_free_shape_that_explains_most_where_the_equations_show_a_cause_ends_the_search(
+    most: bool, shown: bool, further: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No form follows the records: whether other candidates are simulated."""
     asked: list[str] = []
@@ -297,7 +297,7 @@ def test_a_free_shape_that_leaves_little_where_the_equations_show_a_cause_ends_t
 
     job = SimpleNamespace(
         progress=lambda text: None, left=1.0, forms_only=False, steps=1, curved=None, explains=lambda entry: True,
-        helps=lambda forms: False, nearly=lambda entry: nearly, finished=list, floors=np.zeros((1, 1)), evidence=None,
+        helps=lambda forms: False, removes_most=lambda entry: most, finished=list, floors=np.zeros((1, 1)), evidence=None,
         entries=lambda run: [Entry(candidate=candidate, fit=done, score=cast("Score", None)) for candidate, done in run],
     )  # fmt: skip
     monkeypatch.setattr(search, "best_fits", lambda entries, floors: list(entries))
@@ -380,7 +380,7 @@ def test_a_curve_of_one_source_is_not_lost_to_the_next(monkeypatch: pytest.Monke
 
     job = SimpleNamespace(
         progress=lambda text: None, left=1.0, forms_only=False, steps=1, curved=None, helps=lambda forms: False,
-        nearly=lambda entry: True, finished=list, floors=np.zeros((1, 1)), evidence=None,
+        removes_most=lambda entry: True, finished=list, floors=np.zeros((1, 1)), evidence=None,
         entries=lambda run: [Entry(candidate=candidate, fit=done, score=cast("Score", None)) for candidate, done in run],
     )  # fmt: skip
     monkeypatch.setattr(search, "best_fits", lambda entries, floors: list(entries))
