@@ -696,20 +696,22 @@ class Regressions:
         self, channel: str, errors: Sequence[Sequence[Mapping[int, FloatArray]]], inside: Mapping[str, Prepared],
         slid: Mapping[str, tuple[Sliding, SlidingFit]],
     ) -> dict[str, float]:  # fmt: skip
-        # Residuals with errors of a channel's record, each with an unknown factor.
+        # Residuals with errors of a channel's record, each with an unknown factor; as before where these cancel the record, so
+        # that hardly a share `OWN` of the equation's own terms would remain.
         after: dict[str, float] = {}
         for name, item in inside.items():
             columns = {
                 record.index: np.stack(
                     [
-                        self.on.spectra.segments(self._error(item.rows, item.solved.values, channel, found), record.index)
-                        for found in own
+                        self.on.spectra.segments(self._error(item.rows, item.solved.values, channel, error), record.index)
+                        for error in own
                     ]
                 )
                 for record, own in zip(self.on.records, errors, strict=True)
                 if record.index in item.weights
             }
-            after[name] = item.shaped(columns).residual
+            found = item.shaped(columns)
+            after[name] = found.residual if item.share_kept(found.values) >= OWN else item.solved.residual
         for name, (sliding, base) in slid.items():
             rows, values, way = self._signed_rows(name, base)
             signals = [
@@ -719,7 +721,7 @@ class Regressions:
                 }
                 for k in range(len(errors[0]))
             ]
-            after[name], _ = self._linear(self.on.primary(self.on.balance_of(name)), sliding, base, signals)
+            after[name], _ = self._linear(self.on.primary(self.on.balance_of(name)), sliding, base, signals, OWN)
         return after
 
     @staticmethod

@@ -14,6 +14,7 @@ from isorig.analysis.diagnose.causes.drive_lag import DriveLag
 from isorig.analysis.diagnose.causes.drive_saturation import DriveSaturation
 from isorig.analysis.diagnose.causes.measurement_chain import with_drive
 from isorig.analysis.diagnose.diagnosis import diagnose
+from isorig.analysis.equations import ranking as of_equations
 from isorig.analysis.equations.ranking import ranking
 from isorig.analysis.equations.system import HOLDS, equations_of
 from isorig.analysis.errors import ModelError
@@ -133,6 +134,19 @@ def test_the_equations_hold_with_a_dead_band() -> None:
     before, best = (ranked := ranking(equations_of(*pushed(Amplifier(dead=0.2))))).residuals, ranked.explanations[0]
     assert (best.place, best.what) == ("f", "saturation")
     assert max(best.residuals.values()) < HOLDS < 2.0 * HOLDS < max(before.values())
+
+
+@pytest.mark.parametrize(("own", "holds"), [(None, False), (-np.inf, True)])
+def test_a_curve_that_cancels_the_command_explains_nothing(
+    own: float | None, holds: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where the command is the only scale, all forces may be zero."""
+    if own is not None:
+        monkeypatch.setattr(of_equations, "OWN", own)
+    campaign, rig = pushed(Amplifier(lag=0.012))
+    rig = msgspec.structs.replace(rig, free=(*rig.free, "bodies.m0.mass", "bodies.m1.mass"))
+    curve = next(item for item in ranking(equations_of(campaign, rig)).explanations if item.what == "saturation")
+    assert (max(curve.residuals.values()) < HOLDS) == holds
 
 
 @pytest.mark.parametrize("changes", [{"limit": 0.05}, {"lag": 20.0}], ids=["limit", "lag"])
