@@ -188,12 +188,13 @@ def best_form(forms: Sequence[Entry], now: Score, floors: FloatArray) -> Found:
     carried = simplest(close)
     carried = determined(carried, [entry for entry in entries if entry.place == carried.place], floors)
     apart = [entry.score for entry in entries if all(entry is not other for other in close)]
-    twins = {
-        entry.candidate.key
-        for entry in close
-        if entry is not carried and not contains(entry.candidate.key, carried.candidate.key)
-    }
-    return found_step(carried, entries, now, twins, confidence(carried.score, apart))
+    return found_step(carried, entries, now, _twins(carried, close), confidence(carried.score, apart))
+
+
+def _twins(carried: Entry, close: Sequence[Entry]) -> set[tuple[str, str]]:
+    # Of entries that the data cannot distinguish from one, those that are another cause and do not contain it.
+    key = carried.candidate.key
+    return {entry.candidate.key for entry in close if entry.candidate.key != key and not contains(entry.candidate.key, key)}
 
 
 def alike(entries: Sequence[Entry], floors: FloatArray) -> list[Entry]:
@@ -277,8 +278,10 @@ def best_kind(
     sureness = wins(units(chosen.score), apart)
     twins = {entry.candidate.key for entry in close if entry is not chosen and not _same_curve(entry, chosen)}
     if standing:
-        carried = min(alike(standing, floors), key=lambda entry: (len(entry.candidate.free), entry.candidate.rank))
+        same = alike(standing, floors)
+        carried = min(same, key=lambda entry: (len(entry.candidate.free), entry.candidate.rank))
         carried = determined(carried, mates, floors)
+        twins |= _twins(carried, same)
         # A form at another place that cannot be excluded stands for the free shape there.
         for other in close:
             form = next((e for e in entries if e.place == other.place and e.candidate.shape is None), None)

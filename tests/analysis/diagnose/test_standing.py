@@ -67,10 +67,10 @@ def entry(cause: str, channel: str, error: float, *, points: int = 0) -> Entry:
     return Entry(candidate=candidate, fit=fit, score=scored(error))
 
 
-def reported(*, elsewhere: float) -> set[tuple[str, str]]:
+def reported(*, elsewhere: float, delay: float = 1.0) -> set[tuple[str, str]]:
     campaign, guess = played(stage(), seed=7), guessed(stage(), 7)
     trials = prepare(campaign, guess)
-    forms = [entry("sensor_gain", "x", 0.0100), entry("sensor_gain", "a", elsewhere)]
+    forms = [entry("sensor_gain", "x", 0.0100), entry("sensor_gain", "a", elsewhere), entry("channel_delay", "x", delay)]
     shapes = [entry("sensor", "x", 0.0098, points=5), entry("sensor", "a", 0.0099, points=5)]
     found = best_kind(forms, shapes, scored(0.1), FLOORS, observe(campaign, guess, trials, guess, guess))
     assert found is not None
@@ -170,6 +170,12 @@ def test_a_curve_is_odd_if_its_even_part_is_zero_within_its_uncertainty(even: fl
 
 def test_a_form_elsewhere_that_is_as_good_is_reported_by_its_name() -> None:
     assert reported(elsewhere=0.0101) == {("sensor_gain", "x"), ("sensor_gain", "a")}
+
+
+@pytest.mark.parametrize(("behind", "told"), [(POLICY.matters - 0.01, True), (POLICY.form_close, False)])
+def test_another_form_at_its_place_that_is_as_good_is_reported(behind: float, told: bool) -> None:
+    """Of a late channel the data may not tell whether it is late or behind a low-pass."""
+    assert (("channel_delay", "x") in reported(elsewhere=0.0300, delay=0.0100 * behind)) == told
 
 
 def test_a_place_without_such_a_form_is_reported_by_its_free_shape() -> None:
