@@ -11,6 +11,8 @@ import numpy as np
 #: From this share on a size is given as a multiple, and from this factor on a difference as a factor: more digits of per cent say
 #: no more than two digits of these.
 MULTIPLE, FACTOR = 10.0, 1.9
+#: Size from which a value without its uncertainty has an exponent. Chosen: a reader counts no more zeros.
+WRITTEN_OUT = 1e6
 #: Units by size, largest first: (smallest SI value that is written in it, its SI value, its name).
 SIZED: dict[str, tuple[tuple[float, float, str], ...]] = {
     "m": ((1.0, 1.0, "m"), (1e-4, 1e-3, "mm"), (1e-7, 1e-6, "µm"), (0.0, 1e-9, "nm")),
@@ -203,14 +205,15 @@ def sized(value: float, unit: str, std: float | None = None, digits: int = 3) ->
     --------
     >>> sized(0.0005, "m", 3e-7), sized(2871.5, "N/m", 60.0), sized(0.0005, "m")
     ('0.5000 ± 0.0003 mm', '2.87 ± 0.06 kN/m', '0.5 mm')
-    >>> sized(0.795, "1", 0.001), sized(4.2, "N s/m"), sized(1.783e6, "N/m", 5e8)
-    ('79.50 ± 0.10 %', '4.2 N s/m', '1800 ± 500000 kN/m')
+    >>> sized(0.795, "1", 0.001), sized(4.2, "N s/m"), sized(3182.0, "N s/m"), sized(1.783e6, "N/m", 5e8)
+    ('79.50 ± 0.10 %', '4.2 N s/m', '3180 N s/m', '1800 ± 500000 kN/m')
     """
     scale, name = sized_unit(value or std or 0.0, unit)
     of = f" {name}" if name else ""
     number = value / scale
     if not std or not np.isfinite(std):
-        return f"{number:.{digits}g}{of}"
+        text = f"{number:.{digits}g}"
+        return f"{float(text):.0f}{of}" if "e+" in text and abs(number) < WRITTEN_OUT else f"{text}{of}"
     return f"{with_std(number, std / scale, digits)}{of}"
 
 

@@ -37,6 +37,8 @@ def test_a_value_below_its_uncertainty_is_not_rounded_to_zero() -> None:
     assert sized(0.06, "Hz", 1.0) == "0.060 ± 1.0 Hz"
     assert sized(-30.0, "Hz", 400.0) == "-30 ± 400 Hz"
     assert sized(3.0, "Hz", 4.0) == "3 ± 4 Hz"
+    # An exponent only from a million on.
+    assert (sized(3.99e5, "N s/m"), sized(1.01e6, "N s/m")) == ("399000 N s/m", "1.01e+06 N s/m")
 
 
 @pytest.mark.parametrize(
