@@ -16,7 +16,7 @@ from isorig.analysis.diagnose.free_shapes import finer, free_shapes
 from isorig.analysis.diagnose.kinds import OVER_VELOCITY, kind_of
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.equations.balances import Element
-from isorig.analysis.equations.columns import INTERVALS, OVER_POSITION, PERIODIC, RARE_STOP
+from isorig.analysis.equations.columns import INTERVALS, OVER_DEFLECTION, OVER_POSITION, PERIODIC, RARE_STOP
 from isorig.analysis.equations.forms import ElementForce, element_force, fitted_form, shape_of, start_values
 from isorig.analysis.equations.ranking import HINTS, Explanation, Ranking, ranking, score_of, share_left
 from isorig.analysis.equations.system import CHANNEL_FAULTS, HOLDS, Equations
@@ -129,8 +129,9 @@ class Suspects:
             other = self._remembers(location) or (explanation.what == PERIODIC and self._has_few_periods(explanation))
             return cause in FOUND_AS[explanation.what] or (kind_of(cause) == explanation.kind and other)
         kind = kind_of(cause)
-        # A friction that depends on the position is none over velocity.
-        return kind == explanation.kind or (explanation.what != OVER_POSITION and _alike(kind, explanation.kind))
+        # A friction or damping that depends on the position is none over velocity.
+        elsewhere = explanation.what in (OVER_POSITION, OVER_DEFLECTION)
+        return kind == explanation.kind or (not elsewhere and _alike(kind, explanation.kind))
 
     def _has_few_periods(self, explanation: Explanation) -> bool:
         # Whether a force that repeats has so few periods in the range of the deflection that it may be another curve.

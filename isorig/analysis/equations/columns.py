@@ -31,8 +31,8 @@ STOPS = (0.6, 0.75, 0.85, 0.92, 0.96)
 BLUNT = 0.05
 #: Name of a force that repeats with the deflection.
 PERIODIC = "force periodic in position"
-#: Name of a friction whose level depends on the position.
-OVER_POSITION = "friction over position"
+#: Names of a friction whose level depends on the position, and of a damping that depends on the deflection.
+OVER_POSITION, OVER_DEFLECTION = "friction over position", "damping over deflection"
 #: Score that a coefficient must add to count: of equal explanations the simpler one is preferred.
 PER_COEFFICIENT = 0.01
 
@@ -189,7 +189,7 @@ SHAPES: tuple[Shape, ...] = (
     Shape(kind="drift", name="drift of friction", columns=_friction_drift, charge=1, with_friction=True),
     Shape(kind="drift", name="drift of damping", columns=_damping_drift, charge=1),
     Shape(kind="damping_shape", name="damping over velocity", columns=_damping, charge=1),
-    Shape(kind="damping_shape", name="damping over deflection", columns=_damping_by_place, charge=3, smooth=True),
+    Shape(kind="damping_shape", name=OVER_DEFLECTION, columns=_damping_by_place, charge=3, smooth=True),
     Shape(kind="memory", name="relaxation", columns=_relaxation, charge=2),
     Shape(kind="spring_shape", name="force over deflection", columns=_spring, charge=3, smooth=True),
     Shape(kind="friction_shape", name="friction over velocity", columns=_friction_by_velocity, charge=3, with_friction=True),

@@ -221,9 +221,10 @@ class Prepared:
         return np.array(found)
 
     def share_kept(self, values: FloatArray) -> float:
-        """Share of the own terms, by projection, that other coefficients also give; those of further columns follow them."""
+        """Share of the own terms, by projection, that other coefficients also give, one of an equation without unknown terms;
+        those of further columns follow them."""
         before, own = self.solved.values, self._own[0][1:, 1:]
-        return float(before @ own @ values[: len(before)] / max(before @ own @ before, 1e-300))
+        return float(before @ own @ values[: len(before)] / max(before @ own @ before, 1e-300)) if len(before) else 1.0
 
     def shaped(
         self, columns: Mapping[int, ComplexArray], penalty: FloatArray | None = None, held_out: bool = True, first: int = 0
