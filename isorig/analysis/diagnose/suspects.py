@@ -37,7 +37,7 @@ MOST = 3
 #: up to which sound rigs stay; half of the excess, as a further step must remove (`Policy.of_rest`).
 BROKEN, REPAIRED = 2.0 * HOLDS, 0.5
 #: Residual of an equation that refutes an explanation if the best one leaves no equation broken. Chosen: three times that of a
-#: broken one; in sealed campaigns, right ones that were not the best left less than twice.
+#: broken one, since the best explanation may gain by its freedom.
 REFUTED = 3.0 * BROKEN
 #: Pitch in rad of a force that repeats once per turn, and the number of turns up to which a curve over the deflection shows it:
 #: there it has four points per turn.

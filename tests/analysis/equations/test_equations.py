@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace as changed
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -19,6 +21,7 @@ from isorig.analysis.diagnose.suspects import (
     REFUTED,
     REPAIRED,
     SHOWN,
+    Suspects,
     repairs,
     suspected,
     suspects,
@@ -33,7 +36,8 @@ from isorig.analysis.equations.ranking import HINTS, OWN, Explanation, ranking
 from isorig.analysis.equations.sliding import RESTS, still
 from isorig.analysis.equations.slip import slip_operator
 from isorig.analysis.equations.system import HIGHEST_CUT, HOLDS, NOISY, SURE, equations_of
-from isorig.analysis.fitting.solve import Free
+from isorig.analysis.fitting.candidate import Candidate
+from isorig.analysis.fitting.solve import Fit, Free
 from isorig.analysis.model.rig_model import Body, Chain, Contact, Link, RigModel
 from isorig.analysis.parameters.joint_fit import fit_baseline
 from isorig.analysis.rounding import DWELL, is_command, rounding
@@ -405,6 +409,24 @@ def test_an_explanation_that_removes_hardly_anything_is_not_suspected(score: flo
 def test_explanations_close_to_a_best_one_that_removes_little_are_suspected_too() -> None:
     near = [explanation("a", 1.01 * LEAST_SCORE), explanation("b", 0.9 * LEAST_SCORE)]
     assert suspected(near, {}) == tuple(near)
+
+
+@pytest.mark.parametrize(
+    ("score", "share", "place", "outdone"),
+    [(0.41, 0.59, "rail", True), (0.39, 0.59, "rail", False), (0.41, 0.61, "rail", False), (0.41, 0.59, "other", False)],
+)
+def test_a_memory_is_not_simulated_where_dry_friction_explains_more_of_the_force(
+    score: float, share: float, place: str, outdone: bool
+) -> None:
+    """By both the score of its explanation and the share of the recorded force that it leaves."""
+    memory, friction = (
+        Candidate(cause=cause, location=at, family="", starts=(), free=(), reported=())
+        for cause, at in (("hysteresis", "rail"), ("coulomb_friction", place))
+    )
+    known = {id(memory): (0.4, 0.6), id(friction): (score, share)}
+    found = SimpleNamespace(_share_of_force=lambda candidate, current: known[id(candidate)])
+    current = cast("Fit", None)
+    assert Suspects._outdone(cast("Suspects", found), memory, [memory, friction], current) == outdone
 
 
 @pytest.mark.parametrize(
