@@ -422,7 +422,8 @@ def test_an_answer_by_the_required_force_promises_no_prediction() -> None:
     assert "falls from" not in said.answer
     # A second cause that noise hides from the simulation: the first one is in its error.
     both = findings(steps=[*findings().steps, *findings().steps])
-    said = conclude(msgspec.structs.replace(both, required_force=RequiredForce(baseline=0.4, extended=0.0035)), "out")
+    force = RequiredForce(baseline=0.4, extended=0.0035, follows=True)
+    said = conclude(msgspec.structs.replace(both, required_force=force), "out")
     assert "falls from" in said.answer
     assert "the model leaves 0.35 % on held-out data, and the model without the cause 40 %" in said.answer
     assert "rig predict" in said.next

@@ -32,7 +32,7 @@ from isorig.analysis.diagnose.policy import (
     step_counts,
     verdict,
 )
-from isorig.analysis.diagnose.required_force import ShownByForce, hidden_by_noise, shown_by_force
+from isorig.analysis.diagnose.required_force import ShownByForce, hidden_by_noise, noise_hides, shown_by_force
 from isorig.analysis.diagnose.revise import Revision, SearchStage, merged, stage_of
 from isorig.analysis.diagnose.search import Job, best_fits, next_step
 from isorig.analysis.diagnose.step import Entry, Found, Step, updated, vanishes, with_evidence, without_form
@@ -584,8 +584,8 @@ class _Search:
     def with_hidden_by_noise(self, found: _Found) -> _Found:
         """An adequate model with a further cause that noise hides from its simulation, if the equations of motion show one."""
         last, floors = found.stages[found.kept], _allowed(found.quiet)
-        ended = self.cut_short or out_of_time() or found.disturbed or found.division.beginnings
-        if ended or found.kept >= self._most_steps or not self._adequate(last.score, floors, found.enough):
+        ended = self.cut_short or out_of_time() or found.disturbed or found.division.beginnings or found.kept >= self._most_steps
+        if ended or not (noise_hides(floors) and self._adequate(last.score, floors, found.enough)):
             return found
         shown = None
         with self.until_the_time_ends(), suppress(SimulationError):  # a motion that grows without bound

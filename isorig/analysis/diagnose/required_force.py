@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from isorig.analysis.campaign import FloatArray
 from isorig.analysis.diagnose.considered import ConsideredCandidate
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.diagnose.search import Job
@@ -56,6 +57,7 @@ class ShownByForce:
     after: float  #: That which the model with it leaves.
     noise: float  #: That which no cause explains, since the curve there leaves it, too; 0 if it does not count.
     reason: str  #: Why no simulation decides.
+    follows: bool = False  #: Whether a simulation follows the motion nonetheless, and noise hides the cause from it.
 
     @property
     def share(self) -> float:
@@ -105,26 +107,30 @@ def shown_by_force(job: Job, *, searched: bool) -> ShownByForce | None:
     return _by_force(job, suspects, chosen, CANNOT_FOLLOW if sensitive else DOES_NOT_FOLLOW) if sensitive or searched else None
 
 
+def noise_hides(floors: FloatArray) -> bool:
+    """Whether noise may hide a further cause from an adequate model with these noise floors, shape (runs, channels)."""
+    return float(np.median(floors)) >= HIDES
+
+
 def hidden_by_noise(job: Job) -> ShownByForce | None:
     """A further cause that the equations of motion of an adequate model show alone, where noise hides it from the simulation.
 
     The simulation with the cause must not be worse.
     """
-    floor = float(np.median(job.floors))
-    suspects = job.suspects if floor >= HIDES else None
+    suspects = job.suspects
     chosen = _chosen(job, suspects, form=True) if suspects is not None and suspects.clear is not None else None
     if suspects is None or chosen is None or chosen.shape is not None:
         return None
-    shown = _by_force(job, suspects, chosen, HIDDEN.format(in_per_cent(floor)), noisy=True)
+    shown = _by_force(job, suspects, chosen, HIDDEN.format(in_per_cent(float(np.median(job.floors)))), follows=True)
     worse = shown is None or ratio(shown.found.entry.score.error, job.now.error, job.floors) > POLICY.matters
     return None if worse else shown
 
 
 def _by_force(
-    job: Job, suspects: Suspects, chosen: Candidate, reason: str, *, noisy: bool = False
+    job: Job, suspects: Suspects, chosen: Candidate, reason: str, *, follows: bool = False
 ) -> ShownByForce | None:  # fmt: skip
-    # A candidate whose values follow from the first part of the required force, if it explains the rest; a `noisy` force may have
-    # much that no cause explains.
+    # A candidate whose values follow from the first part of the required force, if it explains the rest. Where a simulation
+    # `follows` and noise hides the cause from it, the force may have much noise, too.
     recorded = suspects.recorded(chosen)
     if recorded is None:
         return None
@@ -139,14 +145,16 @@ def _by_force(
     size = float(np.std(later.force)) or 1.0
     before = force_left(job.current.model.replace(bare.values), element, later, bare.offset) / size
     after = force_left(start.replace(solved.values), element, later, solved.offset) / size
-    noise = float(np.sqrt(np.mean(later.left**2))) / size if noisy else 0.0
+    noise = float(np.sqrt(np.mean(later.left**2))) / size if follows else 0.0
     if (visible := _above(min(before, 1.0), noise)) < VISIBLE or _above(after, noise) > REMAINS * visible:
         return None
     fitted = _with_uncertainty(start.replace(solved.values), tuple(f for f in free if f.path in solved.values), element, first)
     entry = Entry(candidate=chosen, fit=fitted, score=score(fitted.model, job.fine))
     curve = curve_of(chosen, fitted, job.evidence)
     found = found_step(entry, [entry], job.now, set(), 1.0, curve=curve)
-    shown = ShownByForce(found=replace(found, shown=True), before=before, after=after, noise=noise, reason=reason)
+    shown = ShownByForce(
+        found=replace(found, shown=True), before=before, after=after, noise=noise, reason=reason, follows=follows
+    )  # fmt: skip
     return replace(shown, found=replace(shown.found, step=replace(found.step, evidence=(shown.sentence,))))
 
 

@@ -80,7 +80,9 @@ def findings_of(
         tolerance=diagnosis.tolerance, cut_short=diagnosis.cut_short,
         pointed=diagnosis.pointed
         and msgspec.convert({"kind": diagnosis.pointed[0], "location": diagnosis.pointed[1]}, stored.KindAt),
-        required_force=stored.RequiredForce(baseline=force.before, extended=force.after) if force is not None else None,
+        required_force=None if force is None else stored.RequiredForce(
+            baseline=force.before, extended=force.after, follows=force.follows
+        ),
         time_limit_s=limit, driven=_driven(campaign, diagnosis.baseline.model),
         steps=[_step(step, share, diagnosis.extended) for step, share in zip(diagnosis.steps, diagnosis.shares, strict=True)],
         candidates=msgspec.convert(diagnosis.considered, list[stored.TriedCause], from_attributes=True),

@@ -197,11 +197,12 @@ class HeldOut(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RequiredForce(msgspec.Struct, frozen=True, kw_only=True):
-    """Shares of the force that the recorded motion requires at the first step's place which the baseline and the extended model
-    leave on held-out samples."""
+    """Shares of the force that the recorded motion requires at the last step's place which the model without that step and the
+    extended model leave on held-out samples."""
 
     baseline: float
     extended: float
+    follows: bool = False  #: Whether a simulation follows the motion nonetheless, and noise hides the cause from it.
 
 
 class Findings(msgspec.Struct, frozen=True, kw_only=True, tag_field="format", tag="rig-findings"):

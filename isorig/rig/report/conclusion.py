@@ -100,13 +100,12 @@ def cause_in_words(step: NamedCause) -> str:
 
 def _over_position(step: NamedCause) -> str:
     # The least and the largest value of a friction or damping that depends on the position, where the runs reach.
-    damping = bool(step.curve and step.curve.over == "deflection" and step.kind == "damping_shape")
-    if not step.curve or not (damping or step.curve.over == "position"):
+    if not step.curve or (step.kind, step.curve.over) not in (("friction_shape", "position"), ("damping_shape", "deflection")):
         return ""
     low, high = step.curve.reached
     levels = [value for place, value, _ in step.curve.points if low <= place <= high and value is not None]
     least, largest = (sized(end(levels, default=0.0), step.curve.value_unit) for end in (min, max))
-    return f" that depends on the {'deflection' if damping else 'position'}, from {least} to {largest}"
+    return f" that depends on the {step.curve.over}, from {least} to {largest}"
 
 
 def _is_zero(row: Value) -> bool:
@@ -188,21 +187,25 @@ def _nature(findings: Findings) -> str:
 def _error(findings: Findings) -> str:
     holdout = findings.holdout
     required = _required(findings)
-    if required and len(findings.steps) == 1:
+    if _is_lost(findings):
         return f"no simulation follows this motion, but {required}"
     falls, left = f"is {in_per_cent(holdout.baseline)}", holdout.baseline
     if findings.steps:
         falls, left = fall(holdout.baseline, holdout.extended), holdout.extended
     disturbed, size = _disturbed(findings), noise_alone(holdout.noise_floor)
-    if left < holdout.noise_floor:
-        # The floor is an estimate: an error below it is no contradiction.
-        said = f"the error on held-out data {falls}, below what noise{' and disturbance' * disturbed} may cause ({size})"
-    else:
-        said = f"the error on held-out data {falls}, noise {'and disturbance alone are' if disturbed else 'alone is'} {size}"
-    if required or left < holdout.noise_floor:
-        return f"{said}; {required}" if required else said
-    is_open = findings.verdict == "explained" and _leaves_more_than_noise(findings, OPEN)
-    return f"{said}; the excess is not noise: a smaller cause, or a part of this one, is not found" if is_open else said
+    # The floor is an estimate: an error below it is no contradiction.
+    below = left < holdout.noise_floor
+    noise = f"noise {'and disturbance alone are' if disturbed else 'alone is'} {size}"
+    if below:
+        noise = f"below what noise{' and disturbance' * disturbed} may cause ({size})"
+    is_open = findings.verdict == "explained" and not below and _leaves_more_than_noise(findings, OPEN)
+    rest = required or ("the excess is not noise: a smaller cause, or a part of this one, is not found" if is_open else "")
+    return "; ".join(filter(None, (f"the error on held-out data {falls}, {noise}", rest)))
+
+
+def _is_lost(findings: Findings) -> bool:
+    # Whether no simulation follows the motion, so that the required force alone shows the cause.
+    return findings.required_force is not None and not findings.required_force.follows
 
 
 def _required(findings: Findings) -> str:
@@ -304,5 +307,4 @@ def _next(findings: Findings, folder: str | None) -> str:
     if any(step.kind in ("sensor", "known_value") for step in findings.steps):
         return f"Next: correct the recording or the description; {model} contains the correction (rig predict)."
     if_followed = f", or predict with {model}, which contains the cause (rig predict)"
-    lost = findings.required_force is not None and len(findings.steps) == 1
-    return f"Next: repair the place{'; no simulation predicts this motion' if lost else if_followed}."
+    return f"Next: repair the place{'; no simulation predicts this motion' if _is_lost(findings) else if_followed}."
