@@ -138,16 +138,15 @@ def _damping_by_deflection(model: RigModel, evidence: Evidence, place: str) -> C
     link, at = model.link(place), _two_sided(evidence.deflection[place])
     begun = _curve(model, link, "deflection", at, (), "damping")
     scale, units = max(link.damping, 1e-3 * _largest_force(link, evidence) / evidence.speed[place]), ("deflection", "m", "N s/m")
-    return begun and _added_curve("damping_shape", place, *begun, at, scale, units, "damping", of_force=False)
+    return begun and _added_curve("damping_shape", place, *begun, at, scale, units, "damping")
 
 
 def _added_curve(
-    kind: Kind, place: str, start: RigModel, path: str, at: FloatArray, scale: float, units: tuple[str, str, str], straight: str,
-    *, of_force: bool = True,
-) -> Candidate:  # fmt: skip
+    kind: Kind, place: str, start: RigModel, path: str, at: FloatArray, scale: float, units: tuple[str, str, str], straight: str
+) -> Candidate:
     first = Free(path="", low=-np.inf, log=False, step=STEP * scale, give=GIVE * scale)
-    free = _points(first, path, "values", len(at), len(at) // 2, straight=of_force)
     over, unit, value_unit = units
+    free = _points(first, path, "values", len(at), len(at) // 2, straight=value_unit == "N")
     shape = Shape(over=over, unit=unit, value_unit=value_unit, path=path, tables=("values",))
     return Candidate(
         cause=kind, location=place, family=f"{kind} curve", starts=(start,), free=free, reported=(),
@@ -454,8 +453,8 @@ def _exchanged(model: RigModel, path: str, law: laws.Curve | laws.FrictionCurve)
 def tabulated(
     model: RigModel, shape: Shape, evidence: Evidence
 ) -> tuple[tuple[float, ...], dict[str, tuple[float, ...]], float, tuple[float, float]]:
-    """Points of a shape's curve in a model (damping with the link's): positions, values by table, the slope of the linear
-    part, and the range of the runs."""
+    """Points of a shape's curve in a model: positions, values by table (those of a damping include the link's own), the slope
+    of the link's linear part, and the range of the runs."""
     law = _at(model, shape.path)
     place = shape.path.split(".")[1]
     straight, constant, swing = 0.0, 0.0, evidence.deflection.get(place, law.at[-1])

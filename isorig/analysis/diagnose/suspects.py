@@ -104,6 +104,7 @@ class Suspects:
     tentative: bool = False
     _values: dict[Explanation, tuple[dict[str, float], ElementForce | None]] = field(default_factory=dict)
     _fits: dict[tuple[object, ...], _Begun] = field(default_factory=dict)
+    _without: dict[tuple[Explanation, bytes], float | None] = field(default_factory=dict)
 
     @property
     def others(self) -> Suspects | None:
@@ -368,12 +369,13 @@ class Suspects:
 
     def _bare(self, explanation: Explanation, current: Fit) -> float | None:
         # The rms force that the model leaves without a cause there, N.
-        _, force = self._solved(explanation)
-        element = self._element(explanation.place)
-        if force is None or element is None:
-            return None
-        solved = fitted_form(current.model, current.free, element, force)
-        return None if solved is None else solved.left
+        key = explanation, current.model.encoded
+        if key not in self._without:
+            (_, force), element, solved = self._solved(explanation), self._element(explanation.place), None
+            if force is not None and element is not None:
+                solved = fitted_form(current.model, current.free, element, force)
+            self._without[key] = None if solved is None else solved.left
+        return self._without[key]
 
     def stands(self, candidate: Candidate, current: Fit, evidence: Evidence) -> bool:
         """Whether a form of one of the best explanations leaves as little of a link's recorded force as any curve there."""

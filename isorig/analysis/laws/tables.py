@@ -54,13 +54,10 @@ def read(at: tuple[float, ...], values: tuple[float, ...], x: FloatArray, *, str
     """The same spline in plain numpy, `straight` or constant beyond its ends."""
     from scipy.interpolate import PPoly
 
-    pieces, inside = _shares(at) @ np.array(values), np.clip(x, at[0], at[-1])
-    found = np.asarray(PPoly.construct_fast(pieces, np.array(at))(inside))
-    if straight:
-        last = at[-1] - at[-2]
-        above = pieces[2, -1] + last * (2.0 * pieces[1, -1] + 3.0 * last * pieces[0, -1])
-        found += np.where(x < at[0], pieces[2, 0], above) * (x - inside)
-    return found
+    curve = PPoly.construct_fast(_shares(at) @ np.array(values), np.array(at))
+    inside = np.clip(x, at[0], at[-1])
+    found = np.asarray(curve(inside))
+    return found + np.where(x < at[0], curve(at[0], 1), curve(at[-1], 1)) * (x - inside) if straight else found
 
 
 @kernel
