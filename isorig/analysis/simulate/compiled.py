@@ -32,6 +32,8 @@ TURN = 1.2
 STEEP_TURN = 0.1
 #: Maximum number of parts into which a step is divided for that.
 CUTS = 4096
+#: Size of the first term of a Taylor series that is left out: rounding of its sum is as large.
+LEFT_OUT = 1e-16
 #: Role of an element when contacts change state at one instant: none; dry friction, which sticks at zero speed; Karnopp's law,
 #: which sticks at any speed within its band.
 ALONE, SETTLING, BANDED = 0, 1, 2
@@ -325,11 +327,11 @@ class _Systems:
         system[:, rates - 1, rates] = 1.0
         for first in range(m + 3, m + 3 + 3 * len(self.curved), 3):
             system[:, first, first + 1] = system[:, first + 1, first + 2] = 1.0
-        # The first term left out is below rounding: a tenth of the last one, or less.
-        series, last = [rows], 1.0
-        while (len(series) < 6 or last > 1e-15) and len(series) < 30:
-            last *= self.quickest * step / len(series)
+        # The first term left out is below rounding.
+        series, left_out = [rows], self.quickest * step
+        while (len(series) < 6 or left_out > LEFT_OUT) and len(series) < 30:
             series.append(series[-1] @ system / len(series))
+            left_out *= self.quickest * step / len(series)
         return np.stack(series, axis=1)
 
     def compiled(self, cuts: int, step: float) -> Compiled:

@@ -13,7 +13,7 @@ from isorig.analysis.campaign import FloatArray, IntArray
 from isorig.analysis.jit import allocating_kernel, inlined, kernel
 from isorig.analysis.simulate.curves import MEMORY, advance, remember, resist, step_on, to_kink
 from isorig.analysis.simulate.instant import CLEAR, along, begins, follow
-from isorig.analysis.simulate.step import first_exit, point
+from isorig.analysis.simulate.step import falls, first_exit, point
 from isorig.analysis.simulate.workspace import END, LEAP, MIDDLE, QUARTER, Motion, Record, Rig, first_margin, force_at, room
 
 #: Number of steps that may need more than one parabola before the limit on their share applies.
@@ -368,8 +368,13 @@ def next_exit(rig: Rig, motion: Motion, mode: int, part: float, calm: bool, pass
                 p[k] = taylor[k, row]
             # Only the sign of a margin near zero is in doubt from rounding.
             clear = g0 > CLEAR * abs(g1)
-            sign = 1 if clear else begins(rows, groups, row, motion.y, rig.n, motion.largest, np.inf, p)
-            tau = 0.0 if sign < 0 else first_exit(p, part) if sign > 0 else 2.0
+            if clear and g1 < 0.0:
+                tau = falls(p, part, g1)
+            elif clear:
+                tau = first_exit(p, part)
+            else:
+                sign = begins(rows, groups, row, motion.y, rig.n, motion.largest, np.inf, p)
+                tau = 0.0 if sign < 0 else first_exit(p, part) if sign > 0 else 2.0
             if tau < best:
                 best, which = tau, g
     return best, which

@@ -7,6 +7,10 @@ import numpy as np
 from isorig.analysis.campaign import FloatArray
 from isorig.analysis.jit import inlined, kernel
 
+#: Newton's correction of a zero, as a share of the interval, below which Halley's method, which triples the number of correct
+#: digits, is exact to rounding. Its own correction also vanishes at a minimum.
+EXACT = 1e-6
+
 
 @inlined
 def point(taylor: FloatArray, x: float, groups: int, points: FloatArray, which: int) -> None:
@@ -64,13 +68,13 @@ def falls(p: FloatArray, high: float, below: float) -> float:
         else:
             high = x
         new = x - value * slope / (slope * slope - value * bend) if slope != 0.0 else -1.0
-        # Halley's method triples the number of correct digits: the next correction would be below rounding.
-        if abs(new - x) <= 1e-8 * high:
-            return max(new, 0.0)
         if not low <= new <= high:
+            # Towards another zero, where the margin rises.
             new = 0.5 * (low + high)
             if new in (low, high):
                 return new
+        elif abs(value) <= EXACT * high * abs(slope):
+            return new
         x = new
     return x
 

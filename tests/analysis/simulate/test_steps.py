@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,8 +12,9 @@ from msgspec.structs import replace
 from small_rigs import stage
 
 from isorig.analysis.laws import ElastoSlip
+from isorig.analysis.simulate.compiled import LEFT_OUT, compile_rig
 from isorig.analysis.simulate.free_run import run_rig
-from isorig.analysis.simulate.step import falls, polynomial
+from isorig.analysis.simulate.step import EXACT, falls, polynomial
 from isorig.analysis.simulate.workspace import cache_lines
 
 
@@ -54,6 +57,29 @@ def test_a_parabola_that_cannot_be_computed_is_replaced_by_halving(
     p: list[float], high: float, below: float, zero: float
 ) -> None:  # fmt: skip
     assert falls(np.array(p), high, below) == pytest.approx(zero, rel=1e-9, abs=1e-14 * high)
+
+
+@pytest.mark.parametrize("apart", [1e-1, 1e-2, 1e-3, 1e-4])
+def test_of_two_close_zeros_the_one_at_which_the_margin_falls_is_found(apart: float) -> None:
+    # Between them, Halley's correction vanishes at the minimum, which is no zero.
+    generator = np.random.default_rng(0)
+    for _ in range(300):
+        middle = generator.uniform(1.01 * apart, 0.95)
+        high = generator.uniform(middle, min(1.0, middle + 0.99 * apart))
+        others = [1.0, *(0.05 * generator.uniform(-1.0, 1.0, 6))]
+        p = np.convolve([(middle - apart) * (middle + apart), -2.0 * middle, 1.0], others)
+        # Rounding of the margin moves its zero by 1e-16 / slope, Halley's method at EXACT by its third power.
+        room = 1e-15 / apart + EXACT**3 / apart**2
+        assert falls(p, high, polynomial(p, high)) == pytest.approx(middle - apart, abs=room)
+
+
+@pytest.mark.parametrize("phase", [0.01, 0.3, 0.8, 1.19])
+def test_a_series_ends_where_its_next_term_is_rounding(phase: float) -> None:
+    # 2500 N/m and 4 kg.
+    terms = compile_rig(stage(), "unlocked", phase / 25.0).rig.terms
+    left_out = [phase**k / math.factorial(k) for k in range(31)]
+    assert left_out[terms] <= LEFT_OUT
+    assert terms == 6 or left_out[terms - 1] > LEFT_OUT
 
 
 def test_groups_of_eight_are_in_one_cache_line_each() -> None:
