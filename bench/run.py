@@ -65,7 +65,9 @@ EVERY = 2.0
 ATTEMPTS = 2
 #: Time limit of the whole run in s, of which the benchmarks take a bit more than half on two processors.
 WHOLE = 2400.0
-PEERS = ("numpy", "scipy", "numba", "pyFRF", "pyEMA", "diffrax", "jax", "mujoco", "scikit-sundae", "pydvma", "sdynpy")
+PEERS = (
+    "numpy", "scipy", "numba", "pyFRF", "pyEMA", "pyOMA-2", "diffrax", "jax", "mujoco", "scikit-sundae", "pydvma", "sdynpy",
+)  # fmt: skip
 HEAD = """# Benchmarks
 
 `make bench` runs all benchmarks and writes this page; `make bench QUICK=--quick` uses fewer repetitions. Each benchmark is one
