@@ -10,8 +10,9 @@ from scipy.interpolate import CubicSpline
 from small_rigs import chain, guessed, played, with_law
 
 from isorig.analysis import laws
-from isorig.analysis.campaign import Campaign, Channel, Run
+from isorig.analysis.campaign import Campaign, Channel, ComplexArray, Run
 from isorig.analysis.fitting.plausible import doubts_of_records
+from isorig.analysis.spectra import clocks
 from isorig.analysis.spectra.clocks import DRIVEN, QUARTZ, SEGMENTS, clock_errors
 
 
@@ -40,6 +41,25 @@ def test_the_difference_of_two_clocks(error: float, sound: Campaign) -> None:
 @pytest.mark.parametrize(("share", "told"), [(0.5, False), (5.0, True)])
 def test_boundary_of_quartz_clocks(share: float, told: bool, sound: Campaign) -> None:
     assert bool(clock_errors(with_clock(sound, "a1", share * QUARTZ), chain().drive.channel)) is told
+
+
+@pytest.mark.parametrize(("std", "read"), [(0.099 * QUARTZ, ["low"]), (0.101 * QUARTZ, ["low", "high"])])
+def test_a_run_that_excludes_a_difference_ends_the_search(
+    std: float, read: list[str], sound: Campaign, monkeypatch: pytest.MonkeyPatch
+) -> None:  # fmt: skip
+    # An interval of six standard errors around 0.4 of what quartz clocks have, in the run of the lowest gain.
+    asked: list[str] = []
+
+    def change(run: Run, name: str, of_drive: ComplexArray, length: int) -> tuple[float, float, float]:
+        asked.append(run.id)
+        return 0.4 * QUARTZ, std, 0.0
+
+    run = sound.runs[0]
+    run = replace(run, channels={name: run.channels[name] for name in (chain().drive.channel, "a1")})
+    monkeypatch.setattr(clocks, "_change", change)
+    campaign = Campaign(runs=(replace(run, id="high", gain=5.0), replace(run, id="low", gain=-2.0)))
+    assert clock_errors(campaign, chain().drive.channel) == {}
+    assert asked == read
 
 
 @pytest.mark.parametrize("law", [None, laws.Cubic(cubic_stiffness=3e9), laws.Drift(drift_rate=5e-3)])
