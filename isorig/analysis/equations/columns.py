@@ -113,6 +113,11 @@ def _friction(course: Course) -> FloatArray:
     return np.column_stack([way, way**2])
 
 
+def _friction_by_direction(course: Course) -> FloatArray:
+    # Half the difference of the levels forward and backward; a level that is the same in both is known already.
+    return np.abs(np.sign(course.velocity))[:, None]
+
+
 def _friction_by_velocity(course: Course) -> FloatArray:
     v = course.velocity
     return np.column_stack(
@@ -185,6 +190,9 @@ DRY_FRICTION = Shape(kind="friction_shape", name="dry friction", columns=_fricti
 #: The shapes at an element, simple ones first.
 SHAPES: tuple[Shape, ...] = (
     DRY_FRICTION,
+    Shape(
+        kind="friction_shape", name="friction by direction", columns=_friction_by_direction, charge=1, with_friction=True,
+    ),
     Shape(kind="drift", name="drift of stiffness", columns=_drift, charge=1),
     Shape(kind="drift", name="drift of friction", columns=_friction_drift, charge=1, with_friction=True),
     Shape(kind="drift", name="drift of damping", columns=_damping_drift, charge=1),

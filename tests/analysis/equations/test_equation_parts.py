@@ -70,6 +70,8 @@ def course(deflection: float, velocity: float, time: float) -> Course:
         ("drift of stiffness", (1.0, 0.0, 2.0), [0.25, 0.125]),
         ("drift of damping", (0.0, 1.5, 4.0), [1.0, 1.0]),
         ("drift of damping", (0.0, 0.75, 2.0), [0.25, 0.125]),
+        ("friction by direction", (0.0, 0.75, 0.0), [1.0]),
+        ("friction by direction", (0.0, -0.75, 0.0), [1.0]),
     ],
 )
 def test_columns_of_a_shape(shape: str, at: tuple[float, float, float], columns: list[float]) -> None:
@@ -84,7 +86,7 @@ def test_damping_over_deflection_is_a_spline_times_the_velocity() -> None:
 
 def test_shapes_that_need_friction_and_shapes_that_are_smooth() -> None:
     assert {s.name for s in SHAPES if s.with_friction} == {
-        "drift of friction", "friction over velocity", "friction over position", "slip"
+        "drift of friction", "friction by direction", "friction over velocity", "friction over position", "slip"
     }  # fmt: skip
     assert {s.name for s in SHAPES if s.smooth} == {
         "force over deflection", "friction over position", "damping over deflection"
