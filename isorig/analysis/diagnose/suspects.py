@@ -175,7 +175,7 @@ class Suspects:
         """Whether an equation without estimated motions shows another kind than a cause has at its place, and nothing else."""
         best = self.chosen[0]
         clear = self.exact and self.clear is not None and self.shown(best.kind, best.place)
-        return clear and self._at(best, location) and not self.shown(cause, location)
+        return clear and self._at(best, location) and not self.blamed(cause, location)
 
     @property
     def broken(self) -> bool:

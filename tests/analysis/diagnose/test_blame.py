@@ -66,7 +66,7 @@ def blaming(
     balances = [SimpleNamespace(name=name, crossing=elements) for name in ("table", "load")]
     equations = SimpleNamespace(
         balances=balances, with_estimates=frozenset(() if exact else ("table", "load")), unscaled=frozenset({"load"}),
-        elements=lambda: [],
+        elements=lambda: [], model=SimpleNamespace(links=(), contacts=()),
     )  # fmt: skip
     return Suspects(ranking=ranking, chosen=explanations, places={}, equations=cast(Equations, equations))
 
@@ -77,6 +77,20 @@ def test_a_kind_is_blamed_if_it_explains_nearly_as_much_as_the_best(share: float
     assert found.blamed("hardening_stiffness", "rail")
     assert found.blamed("relaxation", "rail") == blamed
     assert not found.blamed("hardening_stiffness", "belt")
+
+
+@pytest.mark.parametrize(("share", "another"), [(NEARLY + 1e-9, False), (NEARLY - 1e-9, True)])
+def test_equations_that_show_a_channel_contradict_no_fault_of_it_that_is_nearly_as_good(share: float, another: bool) -> None:
+    """A drive that acts late and one that lags differ by little."""
+    late, lagging, other = (
+        Explanation(kind="sensor", place=place, what=what, score=score, residuals={"table": after}, values={})
+        for place, what, score, after in (("u", "delay", 1.2, 1.0), ("u", "lag", share * 1.2, 1.5), ("x", "gain", 0.1, 18.0))
+    )
+    found = blaming(("sensor", "u", 1.2), exact=True)
+    found = replace(found, chosen=(late, lagging), ranking=replace(found.ranking, explanations=(late, lagging, other)))
+    assert not found.show_another("channel_delay", "u")
+    assert found.show_another("drive_lag", "u") is another
+    assert found.show_another("clipping", "u")
 
 
 @pytest.mark.parametrize(
