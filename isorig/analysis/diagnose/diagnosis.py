@@ -13,6 +13,7 @@ from isorig.analysis.campaign import Campaign, FloatArray
 from isorig.analysis.deadline import Deadline, ask_time, keep_time, out_of_time, time_left, time_spent
 from isorig.analysis.diagnose.budget import Budget, budget
 from isorig.analysis.diagnose.causes.base import Evidence
+from isorig.analysis.diagnose.chain_errors import in_words, with_chain_errors
 from isorig.analysis.diagnose.considered import ConsideredCandidate, all_considered
 from isorig.analysis.diagnose.early_answer import pointed
 from isorig.analysis.diagnose.estimate_pairs import Doubles, doubles
@@ -79,7 +80,7 @@ from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.simulate.natural import lowest_mode
 from isorig.analysis.spectra.quality import faults
 from isorig.analysis.spectra.zero_errors import wandering_in_words
-from isorig.analysis.wording import in_per_cent
+from isorig.analysis.wording import in_per_cent, of_signal
 
 #: Maximum number of steps; there is none while the records contradict the description.
 MOST_STEPS = 3
@@ -101,6 +102,11 @@ LEAST_RANKING = 2.0
 DISTURBED = (
     "Disturbance: what the model leaves, {} of the signal, is related to neither the drive nor the motion, so it counts as noise "
     "or as a disturbance from outside. Play one drive twice (repeat_of) to measure it."
+)
+#: The same of one that does so once small errors of all channels are fitted, too.
+IN_CHAIN = (
+    "Measuring chain: what follows the drive in the misfit of {} is within small errors of several channels together: {}. "
+    "The rest is related to neither the drive nor the motion."
 )
 
 
@@ -339,7 +345,9 @@ def _said(
     if blamed is not None and blamed.clearly:
         ended, lost = "The time ended before a simulation confirmed it.", "No simulation with it follows the records."
         whole.append(f"Equations of motion: {blamed.clearly} {ended if cut_short else lost}")
-    if found.disturbed:
+    if found.chain_errors:
+        whole.append(IN_CHAIN.format(of_signal(last.score.figure), ", ".join(found.chain_errors)))
+    elif found.disturbed:
         whole.append(DISTURBED.format(in_per_cent(last.score.figure)))
     if found.required_force is not None:
         whole.append(found.required_force.sentence)
@@ -426,6 +434,7 @@ class _Found:
     exchanged: Mapping[tuple[str, str], tuple[str, str]]
     required_force: ShownByForce | None = None
     disturbed: bool = False  #: Whether what the last model leaves counts as a disturbance (`_Search._only_disturbed`).
+    chain_errors: Sequence[str] = ()  #: Small errors of several channels with which it does, one phrase each.
 
 
 #: Errors by model and held-out data, which are kept so that their identity stays theirs.
@@ -462,7 +471,7 @@ class _Search:
             begun = self._job(stages, division, _allowed(quiet), 1.0, forms_only=False)
             if (shown := self._by_required_force(begun, stages, division, enough, searched=False)) is not None:
                 return shown
-        stages, quiet, disturbed = self._searched(stages, division, quiet, enough, begun)
+        stages, quiet, disturbed, chain_errors = self._searched(stages, division, quiet, enough, begun)
         if len(stages) > 1 and self._adequate(stages[0].score, _allowed(quiet), enough):
             # Where a cause makes the rig sensitive, noise on the drive may be as large as the baseline's error: that is no noise
             # of the baseline.
@@ -472,15 +481,17 @@ class _Search:
         return _Found(
             division=division, stages=named, verdict=word, kept=len(named) - 1, quiet=quiet, enough=enough,
             calibration=calibration, replaced=replaced, exchanged=exchanged, disturbed=disturbed,
+            chain_errors=chain_errors,
         )  # fmt: skip
 
     def _searched(
         self, stages: list[SearchStage], division: Division, quiet: FloatArray, enough: float, begun: Job | None
-    ) -> tuple[list[SearchStage], FloatArray, bool]:  # fmt: skip
-        # The stages with a cause each, their floors, and whether the last one leaves a disturbance only; the search may have
-        # begun with a job for the first.
+    ) -> tuple[list[SearchStage], FloatArray, bool, list[str]]:  # fmt: skip
+        # The stages with a cause each, their floors, and whether the last one leaves a disturbance only, with which errors of the
+        # measuring chain; the search may have begun with a job for the first.
         judged = division.judged
         tries, repeated, disturbed = 0, False, False
+        chain_errors: list[str] = []
         while len(stages) <= self._most_steps and not self._ends(stages, quiet, enough):
             now, floors = stages[-1], _allowed(quiet)
             self._progress(
@@ -489,10 +500,11 @@ class _Search:
             )
             # The first search goes on with what the required force took from the equations.
             job = begun or self._job(stages, division, floors, self._left(stages, quiet), forms_only=repeated)
-            disturbed = self._only_disturbed(job, searched=False)
+            disturbed, chain_errors = self._remainder(job, stages, division, floors, searched=False)
             begun, found = None, None if disturbed else self._next_step(job)
             if found is None:
-                disturbed = disturbed or (not self.cut_short and self._only_disturbed(job, searched=True))
+                if not disturbed:
+                    disturbed, chain_errors = self._remainder(job, stages, division, floors, searched=True)
                 break
             if found.then is not None and self._adequate(found.entry.score, floors, enough):
                 found = replace(found, then=None)  # the first of two suffices, once it starts from both
@@ -525,23 +537,48 @@ class _Search:
                 and explains_own_channel(now.score.error, best.error, floors, _of_sensors(step, judged[0].channels))
                 and (len(stages) == 1 or surely_removes(now.score, best, floors))
             ):
+                disturbed, chain_errors = self._remainder(job, stages, division, floors, searched=True)
                 break
             # A cause may make the rig sensitive: then noise on the drive has a larger effect.
             stages.append(stage)
             quiet = self._quiet(stages, judged)
-        return stages, quiet, disturbed
+        return stages, quiet, disturbed, chain_errors
+
+    def _remainder(
+        self, job: Job, stages: Sequence[SearchStage], division: Division, floors: FloatArray, *, searched: bool
+    ) -> tuple[bool, list[str]]:  # fmt: skip
+        # Whether what the last model leaves is a disturbance only, and small errors of several channels after which it is.
+        if self.cut_short:
+            return False, []
+        if self._only_disturbed(job, searched=searched):
+            return True, []
+        errors: list[str] = []
+        with self.until_the_time_ends():
+            errors = self._in_chain(job, stages, division, floors, searched=searched)
+        return bool(errors), errors
+
+    def _in_chain(
+        self, job: Job, stages: Sequence[SearchStage], division: Division, floors: FloatArray, *, searched: bool
+    ) -> list[str]:  # fmt: skip
+        # Not where motions are estimated with the values behind these errors, or what is left has one cause.
+        if job.now.figure >= MOST_NOISE or job.equations.hidden or self._is_explained(job, searched=searched):
+            return []
+        fitted = with_chain_errors(job.current, division.fits)
+        if fitted is None or self._is_related(fitted.model):
+            return []
+        last = replace(stages[-1], fit=fitted, score=score(fitted.model, division.judged))
+        rest = self._job([*stages, last], division, floors, job.left, forms_only=True)
+        return [] if self._is_explained(rest, searched=searched) else in_words(job.current, fitted, division.fits)
 
     def _only_disturbed(self, job: Job, *, searched: bool) -> bool:
         # Whether what a model leaves is a disturbance from outside, or noise: related to neither the drive nor the motion, and no
-        # explanation removes it from the equations of motion. Hum is a disturbance, too, where several channels have it, or no
-        # search has confirmed it as a cause.
+        # explanation removes it from the equations of motion.
         if job.now.figure >= MOST_NOISE:
             return False
-        several, disturbed = searched or len(job.evidence.mains) > 1, False
+        disturbed = False
 
         def is_explained() -> bool:
-            explained = [item for item in ranking(job.equations).explanations if not (several and item.what == "hum")]
-            return bool(explained) and explained[0].score >= SHOWN
+            return self._is_explained(job, searched=searched)
 
         def is_related() -> bool:
             return self._is_related(job.current.model)
@@ -551,6 +588,14 @@ class _Search:
         with self.until_the_time_ends():
             disturbed = not any(question() for question in questions)
         return disturbed
+
+    @staticmethod
+    def _is_explained(job: Job, *, searched: bool) -> bool:
+        # Whether an explanation removes what a model leaves from the equations of motion. Hum is a disturbance, too, where
+        # several channels have it, or no search has confirmed it as a cause.
+        several = searched or len(job.evidence.mains) > 1
+        explained = [item for item in ranking(job.equations).explanations if not (several and item.what == "hum")]
+        return bool(explained) and explained[0].score >= SHOWN
 
     def _is_related(self, model: RigModel) -> bool:
         # Whether what a model leaves is related to the drive or the motion, computed once.

@@ -631,6 +631,7 @@ def test_steps_before_a_better_fit_are_tested_again(
     monkeypatch.setattr(diagnosis, "without", lambda step, current, trials: refits[step.cost, current.cost])
     monkeypatch.setattr(diagnosis, "score", lambda model, judged: scored(next(scores), shape))
     monkeypatch.setattr(diagnosis, "explains_own_channel", lambda *given: True)
+    monkeypatch.setattr(diagnosis, "with_chain_errors", lambda known, fits: None)
     monkeypatch.setattr(diagnosis, "widened", lambda done: done)
     monkeypatch.setattr(revise, "widened", lambda done: done)
     (only,) = search.causes(poor, ends).stages
