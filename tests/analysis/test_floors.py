@@ -453,5 +453,5 @@ def test_a_rig_scored_by_its_drive_gets_the_noise_of_its_positions(monkeypatch: 
         trial_of(np.zeros(N), 0.0), measured=force[None], channels=("head",), fitted=len(force) // 2, motion=motion, noisy=other
     )
     part = slice(len(force) // 2, len(force))
-    expected = np.sqrt(np.mean((required_drive(RIG, other)[0] - force)[part] ** 2) / np.mean(force[part] ** 2))
+    expected = np.sqrt(np.mean((required_drive(RIG, other)[0] - force)[part] ** 2) / np.mean(force**2))
     assert scores.noise_floors(RIG, [trial])[0, 0, 0] == pytest.approx(expected)

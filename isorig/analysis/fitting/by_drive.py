@@ -99,13 +99,14 @@ def trials_by_drive(campaign: Campaign, model: RigModel, levels: Sequence[Mappin
         moved, noisy = (replace(motion, groups=tuple(groups)) for motion in pair)
         rate = run.sample_rate / moved.decimation
         force = decimated(moved.drive, moved.decimation)
+        positions = decimated(np.stack(list(moved.position.values())), moved.decimation)
         level = np.full(len(groups), noise.get(model.drive.channel, 0.0) / np.sqrt(moved.decimation))
         off = np.std(required_drive(model, moved) - required_drive(model, noisy), axis=1)
         found.append(
             Trial(
                 run=run, start_time=campaign.seconds_since_start(run), channels=tuple(names),
                 measured=np.tile(force, (len(groups), 1)), excitation=Excitation.prepare(force, rate, oversample=1), noise=level,
-                fitted=0 if run.use == "holdout" else fit_samples(force[None]), ceiling=rate / 2.0, motion=moved,
+                fitted=0 if run.use == "holdout" else fit_samples(positions), ceiling=rate / 2.0, motion=moved,
                 noisy=noisy, disturbance=Disturbance(frequency=np.array([0.0, rate]), level=np.tile(off[:, None], 2)),
             )
         )  # fmt: skip

@@ -29,8 +29,9 @@ MOVING, ABOVE_NOISE = 0.3, 6.0
 SCALE = 3.0
 #: These moments, in periods of the highest mode, and their least number of samples: the springs have not acted much yet.
 MOMENTS, FEWEST = 0.1, 4
-#: Records that determine the state, in periods of the lowest mode.
-PERIODS = 1.0
+#: Records that determine the state, in periods of the lowest mode; of a rig that no spring holds, as a share of its run. Chosen:
+#: a body that coasts is slowed down little in that time.
+PERIODS, COASTS = 1.0, 0.05
 #: Allowed error of a sensor whose record is constant: it has no weight.
 DEAD = 1e12
 #: Standard deviation of a described state: of a position as a share of the largest one, of a velocity as a share of what that
@@ -41,6 +42,8 @@ DESCRIBED = 0.05
 def moving_start(model: RigModel, trial: Trial) -> MovingStart | None:
     """The start of a run, or None where too little is known of it: an overdamped rig, a motion that grows without bound.
 
+    Where no spring holds a rig, its speed changes slowly, as an offset of the sensor does not at all: then none is assumed.
+
     Parameters
     ----------
     model
@@ -49,26 +52,27 @@ def moving_start(model: RigModel, trial: Trial) -> MovingStart | None:
         The run. In addition to its noise, `SIGNAL_SHARE` of a channel's rms is allowed as error.
     """
     configuration = trial.run.configuration
-    modes = natural_modes(model, configuration)
-    if not modes:
+    modes, given = natural_modes(model, configuration), described_state(model, configuration)
+    if not modes and (not given or any(link.stiffness for link in model.links)):
         return None
     width = free_part(model, configuration)[0].shape[1]
-    period = trial.excitation.sample_rate / modes[0].frequency
+    rate, samples = trial.excitation.sample_rate, trial.measured.shape[1]
+    lowest = modes[0].frequency if modes else rate / samples
     unknowns = 2 * width + len(trial.measured)
-    n = TAPS + int(max(PERIODS * period, SAMPLES * unknowns))
-    if n > trial.measured.shape[1] // 2:
+    n = TAPS + int(max(PERIODS * rate / lowest if modes else COASTS * samples, SAMPLES * unknowns))
+    if n > samples // 2:
         return None
     linear = msgspec.structs.replace(
         model, contacts=(), links=tuple(msgspec.structs.replace(link, laws=()) for link in model.links), free=()
     )
-    given = described_state(model, configuration)
     rms, offset = trial.measured.std(axis=1), np.abs(trial.measured.mean(axis=1))
     sigma = np.hypot(trial.noise, SIGNAL_SHARE * rms)
     try:
         begun = MovingStart(
-            configuration=configuration, start_time=trial.start_time, measured=trial.measured[:, :n], offset=offset,
+            configuration=configuration, start_time=trial.start_time, measured=trial.measured[:, :n],
+            offset=offset if modes else np.zeros_like(offset),
             sigma=np.where(sigma > 0.0, sigma, DEAD), given=given,
-            sizes=_accuracy(given, 2.0 * np.pi * modes[0].frequency) if given else _sizes(linear, trial),
+            sizes=_accuracy(given, 2.0 * np.pi * lowest) if given else _sizes(linear, trial),
         )  # fmt: skip
         return replace(begun, near=begun.state(linear, trial.excitation))
     except (SimulationError, ModelError):

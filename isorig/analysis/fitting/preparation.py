@@ -172,7 +172,8 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
 
 def _with_starts(trials: Sequence[Trial], model: RigModel) -> tuple[Trial, ...]:
     # Runs of one campaign are cut alike: if most begin in motion, so do all whose initial state is not described. A described
-    # state is as accurate as a hand and a trigger are, and a decay repeats its error for many periods: the records tell more.
+    # state is as accurate as a hand and a trigger are, and a decay repeats its error for many periods, a rig that no spring holds
+    # for good: the records tell more.
     rest, released = dict[int, Trial](), dict[int, Trial]()
     for index, trial in enumerate(trials):
         if trial.motion is None:
@@ -180,7 +181,8 @@ def _with_starts(trials: Sequence[Trial], model: RigModel) -> tuple[Trial, ...]:
     moving = sum(begins_in_motion(model, run) for run in rest.values())
     if moving == 0 or (len(rest) >= MANY and moving <= MOST * len(rest)):
         rest = {}
-    long = DECAYS / max(lowest_mode(model), 1e-9)
+    lowest = lowest_mode(model)
+    long = DECAYS / lowest if lowest else 0.0
     decays = {index: run for index, run in released.items() if lasting(run) >= long}
     starts = {index: moving_start(model, run) for index, run in (rest | decays).items()}
     return tuple(replace(trial, moving=starts.get(index)) for index, trial in enumerate(trials))

@@ -57,9 +57,12 @@ class Score:
 def signal_powers(trials: Sequence[Trial]) -> FloatArray:
     """Mean square of the held-out record of each run and channel, at least that of `QUIET` of the channel's largest run.
 
-    A body that friction holds for a whole run has no signal to compare an error with. Shape (runs, channels).
+    A body that friction holds for a whole run has no signal to compare an error with. A drive that judges a run may rest while
+    the bodies coast, so it counts as a whole. Shape (runs, channels).
     """
-    powers = np.stack([np.mean(trial.signal[:, trial.held_out] ** 2, axis=1) for trial in trials])
+    powers = np.stack(
+        [np.mean((t.signal if t.motion is not None else t.signal[:, t.held_out]) ** 2, axis=1) for t in trials]
+    )  # fmt: skip
     return np.asarray(np.maximum(powers, np.maximum(QUIET**2 * powers.max(axis=0), 1e-60)))
 
 

@@ -21,7 +21,8 @@ from isorig.analysis.equations.system import Equations
 from isorig.analysis.fitting import by_drive, held_out
 from isorig.analysis.fitting.plausible import doubts_of_records
 from isorig.analysis.fitting.preparation import prepare
-from isorig.analysis.model.rig_model import Body, Drive, Link, RigModel, Sensor
+from isorig.analysis.fitting.score import signal_powers
+from isorig.analysis.model.rig_model import Body, Configuration, Drive, Link, RigModel, Sensor
 
 SEED = 5200
 RATE = 250.0
@@ -68,13 +69,15 @@ def test_a_heavy_side_is_a_force_that_repeats_with_each_turn() -> None:
     assert pitch == pytest.approx(2.0 * np.pi, rel=0.05)
 
 
-def pulled(friction: float, *, zero: float = 0.0, speed: float = 0.0, noise: float = 1.5e-4) -> tuple[Campaign, RigModel]:
+def pulled(
+    friction: float, *, zero: float = 0.0, speed: float = 0.0, noise: float = 1.5e-4, seconds: float = 4.0
+) -> tuple[Campaign, RigModel]:  # fmt: skip
     """A rack that a winch pulls once, by scipy, and that coasts to rest; a noisy position, measured from `zero` in m.
 
     It moves with `speed` in m/s at the start.
     """
     mass, drag, rate = 1.6, 1.1, 500.0
-    t = np.arange(round(4.0 * rate)) / rate
+    t = np.arange(round(seconds * rate)) / rate
 
     def force(time: FloatArray | float) -> FloatArray:
         return np.asarray(5.0 * np.clip((np.asarray(time) - 0.4) / 0.2, 0.0, 1.0) * (np.asarray(time) < 1.6))
@@ -106,6 +109,59 @@ def test_the_friction_of_a_rack_that_is_pulled_once_follows_from_its_course() ->
     assert [(step.cause, step.location) for step in found.steps] == [("coulomb_friction", "slide")]
     assert found.steps[0].parameters["friction_force"][0] == pytest.approx(0.4, rel=0.03)
     assert diagnose(*pulled(0.0)).verdict == "adequate"
+
+
+@pytest.mark.parametrize("seconds", [4.0, 7.0])
+def test_a_drive_that_rests_while_a_rack_coasts_judges_it(seconds: float) -> None:
+    """However long the rack stands afterwards; an accurate position, so that the drive judges."""
+    campaign, rig = pulled(0.4, noise=5e-6, seconds=seconds)
+    (trial,) = prepare(campaign, rig)
+    assert trial.motion is not None
+    end = trial.fitted / trial.sample_rate
+    assert 1.0 < end < 2.5  # most of the motion, not the end of it, which comes at 2.9 s
+    assert signal_powers([trial])[0, 0] == pytest.approx(np.mean(trial.measured**2))
+    found = diagnose(campaign, rig)
+    assert [(step.cause, step.location) for step in found.steps] == [("coulomb_friction", "slide")]
+    assert found.steps[0].parameters["friction_force"][0] == pytest.approx(0.4, rel=0.1)
+
+
+def run_down(speeds: tuple[float, float], friction: float = 4e-3) -> tuple[Campaign, RigModel]:
+    """A rotor that runs down from 60 and from 35 rad/s, in closed form; its described speeds, and its friction in N m."""
+    inertia, drag, rate, runs = 0.018, 8e-4, 200.0, []
+    t = np.arange(round(20.0 * rate)) / rate
+    for name, begun in (("fast", 60.0), ("slow", 35.0)):
+        rest = friction / drag
+        speed = np.maximum((begun + rest) * np.exp(-drag / inertia * t) - rest, 0.0)
+        counted = 0.06 * np.round(speed / 0.06)
+        channels = {
+            "torque": Channel(name="torque", samples=np.zeros(len(t)), quantity="torque", unit="N m"),
+            "speed": Channel(name="speed", samples=counted, quantity="angular_velocity", unit="rad/s"),
+        }
+        runs.append(Run(id=name, configuration=name, sample_rate=rate, gain=1.0, channels=channels, excitation="free"))
+    rig = RigModel(
+        name="rotor", bodies=(Body(name="rotor", mass=inertia, motion="rotation"),),
+        links=(Link(name="bearing", a="rotor", damping=9e-4),),
+        drive=Drive(channel="torque", factor=1.0, pushes={"rotor": 1.0}, quantity="torque"),
+        sensors=(Sensor(channel="speed", body="rotor", quantity="angular_velocity"),),
+        configurations={
+            "unlocked": Configuration(), "fast": Configuration(initial_velocity={"rotor": speeds[0]}),
+            "slow": Configuration(initial_velocity={"rotor": speeds[1]}),
+        },
+        free=("links.bearing.damping",),
+    )  # fmt: skip
+    return Campaign(runs=tuple(runs), source="run-down"), rig
+
+
+def test_a_run_down_begins_at_the_recorded_speed() -> None:
+    """Its described one is a few per cent off, and no spring brings the rotor back."""
+    campaign, rig = run_down((63.0, 34.0))
+    for trial, speed in zip(prepare(campaign, rig), (60.0, 35.0), strict=True):
+        assert trial.moving is not None
+        ((_, found),) = trial.moving.state(rig, trial.excitation).values()
+        assert found == pytest.approx(speed, rel=0.005)
+    found = diagnose(campaign, rig)
+    assert [(step.cause, step.location) for step in found.steps] == [("coulomb_friction", "bearing")]
+    assert found.steps[0].parameters["friction_force"][0] == pytest.approx(4e-3, rel=0.02)
 
 
 @pytest.mark.parametrize(("zero", "judged"), [(0.0, False), (0.3, True)])
