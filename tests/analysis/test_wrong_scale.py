@@ -13,7 +13,7 @@ import pytest
 from msgspec.structs import replace
 from strange_rigs import Law, StrangeRig, campaign, cubic, dry, play
 
-from isorig.analysis.campaign import MOTION, ROTARY, Campaign, Gap, Quantity, Run
+from isorig.analysis.campaign import MOTION, ROTARY, SI_UNIT, Campaign, Channel, Gap, Quantity, Run
 from isorig.analysis.fitting.linear_spectra import LinearRig, dampers, given_parameters, spectra_of, spectrum_of
 from isorig.analysis.fitting.plausible import Doubt, _held_back, doubts_of_records
 from isorig.analysis.fitting.resonances import Resonance, _peak
@@ -219,6 +219,27 @@ def test_other_mistakes_must_explain_more_than_the_unknown_factor_of_a_drive() -
     found, _ = wrong_scale(replace(model, free=(*model.free, "drive.factor")), spectra_of(model, campaign(rig, seconds=6.0)))
     assert found is not None
     assert (found.kind, found.ratio) == ("responses", pytest.approx(1.0 / 20.0, rel=0.5))
+
+
+@pytest.mark.parametrize("at", [0.02, 0.5, 1.6])
+def test_a_hammer_that_hits_after_a_short_wait_shows_the_levels(at: float) -> None:
+    """A window that hides the first hundredths of a record would show the ringing alone; `at` is in seconds of four."""
+    rate, seconds = 1024.0, 4.0
+    rig = dataclasses.replace(THREE, joints=tuple((a, b, k, 0.05 * c) for a, b, k, c in THREE.joints))
+    t = np.arange(round(seconds * rate)) / rate - at
+    hit = 200.0 * np.sin(pi * t / 0.004) * ((t >= 0.0) & (t < 0.004))
+    drawn = np.random.default_rng(6)
+    quantities = rig.quantities()
+    channels = {
+        name: Channel(
+            name=name, samples=values + drawn.normal(0.0, 1e-3 * values.std(), len(t)), quantity=quantities[name],
+            unit=SI_UNIT[quantities[name]],
+        )
+        for name, values in rig.recorded(hit, rate).items()
+    }  # fmt: skip
+    run = Run(id="hit", configuration="unlocked", sample_rate=rate, gain=1.0, channels=channels, excitation="other")
+    model = rig.description(guessed(rig, 7))
+    assert wrong_scale(model, spectra_of(model, Campaign(runs=(run,), source="hits")))[0] is None
 
 
 def test_inverted_sensors_and_wrong_rates() -> None:
