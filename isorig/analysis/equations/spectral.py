@@ -8,7 +8,7 @@ equation holds. Noise enters all terms: its own matrix is subtracted before coef
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -148,6 +148,9 @@ class Prepared:
     def without_fault(self, added: FloatArray, gains: ComplexArray) -> list[Solved]:
         """Solve with true signals = recorded + gain * added @ recorded, for each of these gains.
 
+        Where such signals are all that is known of an equation's size, the residual is relative to theirs: any equation is nearer
+        to zero after it is made smaller.
+
         Parameters
         ----------
         added
@@ -163,7 +166,14 @@ class Prepared:
             cross = np.real(np.tensordot(gains, _between(matrix, more, power), axes=1))
             square = np.tensordot(np.abs(gains) ** 2, np.real(_gram(more, power)), axes=1)
             totals.append(own + cross + cross.transpose(0, 2, 1) + square)
-        return [_solve(*pair) for pair in zip(*totals, strict=True)]
+        found = [_solve(*pair) for pair in zip(*totals, strict=True)]
+        if np.any(matrix[:, 0][:, ~added.any(axis=1)]):
+            return found
+        before, after = self._own[0][0, 0], totals[0][:, 0, 0]
+        return [
+            replace(one, residual=float(one.residual * before / max(size, 1e-300)))
+            for one, size in zip(found, after, strict=True)
+        ]
 
     def scan(self, row: Row, gains: ComplexArray) -> FloatArray:
         """Residual as a function of the coefficient c of one more row, filtered with each of these gains.

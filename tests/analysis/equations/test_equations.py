@@ -578,6 +578,16 @@ def test_a_late_record_shows_in_an_equation_with_friction_and_an_unknown_mass(de
     assert all(item.residuals["table"] < 0.01 * ranked.residuals["table"] for item in first.values())
 
 
+def test_a_gain_of_the_only_known_force_explains_nothing() -> None:
+    """A smaller force leaves less with any motion; with a known mass its size counts."""
+    campaign, gains = played(rubbing(stage(), "rail", 2.0), seed=SEED), np.array([0.7, 1.0, 1.6])
+    for rig, constant in ((stage(), True), (replace(stage(), free=stage().free[:2]), False)):
+        equations = equations_of(campaign, rig)
+        added, values = equations.fault("gain", "f", gains, None)
+        left = [one.residual for one in equations.prepared["table"].without_fault(added, values)]
+        assert bool(max(left) < 1.01 * min(left)) is constant
+
+
 @pytest.mark.parametrize(("what", "value"), [("gain", 1.3), ("delay", 0.002), ("high-pass", 0.4), ("crosstalk", 0.2)])
 def test_an_equation_without_a_fault_is_that_of_the_corrected_signals(what: str, value: float) -> None:
     equations = equations_of(played(chain(), seed=SEED), guessed(chain(), SEED))
