@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -169,8 +170,16 @@ class BoucWen(ContactLaw, frozen=True, kw_only=True, tag="bouc_wen"):
 
     def along(self, d: FloatArray, v: FloatArray, rate: float, link: LinkConstants = NO_LINK) -> FloatArray:
         out = np.empty(len(v))
-        bent_along(np.array(self._params), np.diff(d, prepend=d[:1]), np.empty(POINTS), out)
+        bent_along(np.array(self._params), np.diff(d, prepend=d[:1]), _loading(self.sharpness, self.pinching), out)
         return out
+
+
+@lru_cache(maxsize=64)  # of all runs, and of fits of the other two values
+def _loading(sharpness: float, pinching: float) -> FloatArray:
+    # z over the distance in one direction, in units of F / k: from -1 to 1, from one reversal of a full loop to the other.
+    out = np.empty(POINTS)
+    loaded(np.array([1.0, 1.0, sharpness, pinching]), out)
+    return out
 
 
 @kernel
@@ -181,16 +190,20 @@ def bend_rate(p: FloatArray, z: float, v: float) -> float:
 
 
 @kernel
+def loaded(p: FloatArray, out: FloatArray) -> None:
+    """z at steps of the distance in one direction, from -1, into `out`, shape (points,); of a law with F = k."""
+    z = -1.0 + NEAR
+    for k in range(len(out)):
+        out[k] = z
+        z = integrated(bend_rate, p, z, p[2], 1.0, 1.0, 1.0, 0.0, 1.0, STEP)
+
+
+@kernel
 def bent_along(p: FloatArray, distance: FloatArray, loading: FloatArray, out: FloatArray) -> None:
     """Forces after each of the distances (m), one after another, into `out`, shape (n,).
 
-    In one direction z follows one curve over the distance, in units of F / k: from -1 to 1, that is from one reversal of a full
-    loop to the other. `loading` is filled with it, and every reversal is a jump on the curve.
+    In one direction z follows one curve over the distance, `loading`, and every reversal is a jump on the curve.
     """
-    z = -1.0 + NEAR
-    for k in range(len(loading)):
-        loading[k] = z
-        z = integrated(bend_rate, p, z, p[2], 1.0, 1.0, 1.0, 0.0, 1.0, STEP * p[0] / p[1])
     sign, at = 1.0, place(loading, 0.0)
     for k in range(len(distance)):
         x = distance[k]
