@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Gap, Run
-from isorig.analysis.spectra.quality import faults, sound, without
+from isorig.analysis.spectra.quality import STILL, faults, sound, without
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 
@@ -132,6 +132,25 @@ def test_too_short(session: Campaign) -> None:
     short = replace(session, runs=(*session.runs[:4], replace(run, channels=cut), session.runs[5]))
     assert named(short) == {("l70", "", "too short")}
     assert "measure 9 s or longer" in faults(short, reference="head")[0].text
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.9, False), (1.1, True)])
+def test_a_position_that_ends_elsewhere_begins_at_rest(share: float, told: bool) -> None:
+    """Its start differs from its mean, and the force that moved it is over: the motion in the first second tells."""
+    rate, draw = 500.0, np.random.default_rng(4)
+    t = np.arange(round(8.0 * rate)) / rate
+    position = 2.0 / (1.0 + np.exp(-3.0 * (t - 2.5)))
+    first = t < 1.0
+    position[first] += share * STILL * position.std() * np.sqrt(2.0) * np.sin(2.0 * np.pi * 4.0 * t[first])
+    channels = {
+        "force": Channel(
+            name="force", samples=np.where((t > 1.5) & (t < 2.5), 5.0 * (t - 1.5), 0.0) + draw.normal(0.0, 0.01, len(t))
+        ),
+        "x": Channel(name="x", samples=position),
+    }
+    run = Run(id="pull", configuration="unlocked", sample_rate=rate, gain=1.0, channels=channels)
+    found = {fault.kind for fault in faults(Campaign(runs=(run,), source="pull"), reference="force")}
+    assert ("not at rest" in found) is told
 
 
 def test_not_at_rest(session: Campaign) -> None:

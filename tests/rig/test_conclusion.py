@@ -276,6 +276,24 @@ def test_a_play_that_is_zero_within_its_uncertainty_is_not_mentioned(play: float
     assert cause_in_words(step(**slips, parameters=values)).startswith(said)
 
 
+@pytest.mark.parametrize(
+    ("backward", "said"),
+    [
+        (0.0, "friction at the mount of 27.7 ± 1.2 N forward and 12.2 ± 1.2 N backward"),
+        (212.0, "12.2 ± 1.2 N backward, and damping of 0 ± 14 N s/m forward and 212 ± 3 N s/m backward"),
+    ],
+)
+def test_friction_that_differs_by_direction_is_told_with_its_dampings_unless_both_are_zero(backward: float, said: str) -> None:
+    values = {
+        "forward_force": {"value": 27.7, "std": 1.2, "unit": "N"},
+        "backward_force": {"value": 12.2, "std": 1.2, "unit": "N"},
+        "forward_viscosity": {"value": 0.0, "std": 14.0, "unit": "N s/m"},
+        "backward_viscosity": {"value": backward, "std": 3.0, "unit": "N s/m"},
+    }
+    differs = {"cause": "asymmetric_friction", "location": "mount", "kind": "friction_shape", "form": "asymmetric_friction"}
+    assert cause_in_words(step(**differs, parameters=values)).endswith(said)
+
+
 def test_a_cause_without_a_phrase_lists_its_parameters() -> None:
     worn = {"cause": "worn_gear", "location": "mount", "kind": "memory", "form": "worn_gear"}
     gap = {"value": 2e-5, "std": 1e-6, "unit": "m"}

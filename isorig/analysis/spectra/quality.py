@@ -47,6 +47,9 @@ RESOLUTION, AVERAGES = 0.5, 8.0
 NEARER, FAR = 4.0, 0.3
 #: The power of the error in the first second exceeds the largest later one by this factor, and this share of the signal's power.
 START, START_SHARE = 2.0, 0.02
+#: Motion in the first second of a record, relative to that of the whole, up to which it begins at rest. Chosen: a position that
+#: ends elsewhere differs from its mean at the start as if it had moved; the share of the power above is three times as much.
+STILL = 0.05
 #: Resolution for an impulse response, Hz, if the run has this many segments.
 FINE, SEGMENTS = 0.125, 3.0
 #: A drive density below this share of its median is a gap; gaps wider than this share of the band are reported.
@@ -344,6 +347,8 @@ def _restless(run: Run, reference: str, hurt: set[tuple[str, str]]) -> Iterator[
     ahead = (len(spectra.frequency) - 1) // 4
     for name in names:
         values = run.channels[name].read(0, LONGEST)
+        if np.std(values[:second]) <= STILL * np.std(values):
+            continue
         values -= values.mean()
         taps = np.roll(np.fft.irfft(np.where(kept, spectra.frf(name, reference).value, 0.0)), ahead)
         ratio = 0.0

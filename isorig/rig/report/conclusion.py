@@ -16,10 +16,10 @@ from isorig.analysis.fitting.excess import SIMULATION_LIMIT
 from isorig.analysis.wording import MULTIPLE, fall, first_of, in_per_cent, noise_alone, sized, with_article, with_std, words
 from isorig.rig.files.findings import CauseAt, Findings, HeldValue, NamedCause, TriedCause, Value
 
-#: What a cause is, by its name in the findings: {place}, and its parameters by name, as value with uncertainty; and without a
-#: parameter that is zero within its uncertainty.
+#: What a cause is, by its name in the findings: {place}, and its parameters by name, as value with uncertainty; and without
+#: parameters that are zero within their uncertainty.
 PHRASES: Mapping[str, str] = {cause.name: cause.phrase for cause in CATALOGUE}
-WITHOUT: Mapping[str, Mapping[str, str]] = {cause.name: cause.phrases_without for cause in CATALOGUE}
+WITHOUT: Mapping[str, Mapping[tuple[str, ...], str]] = {cause.name: cause.phrases_without for cause in CATALOGUE}
 KINDS: Mapping[Kind, str] = {
     "spring_shape": "a nonlinear spring force over deflection",
     "damping_shape": "a nonlinear damping force",
@@ -90,7 +90,8 @@ def cause_in_words(step: NamedCause) -> str:
         shown["change"] = _change(values["drift_rate"], step.held.get("until"))
     try:
         others = WITHOUT.get(step.cause, {})
-        phrase = next((others[name] for name, row in values.items() if name in others and _is_zero(row)), PHRASES[step.cause])
+        zeros = {name for name, row in values.items() if _is_zero(row)}
+        phrase = next((other for names, other in others.items() if zeros.issuperset(names)), PHRASES[step.cause])
         phrase = phrase if step.kind == "sensor" else phrase.replace("the {place}", "{place}")
         return phrase.format(place=words(step.location) if step.kind == "sensor" else place, **shown)
     except KeyError:  # a cause, or its parameters, that these phrases do not have

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import ClassVar
 
 from isorig.analysis.diagnose.causes.at_contact import ContactCause, ContactInRuns
 from isorig.analysis.diagnose.causes.base import Sizes
@@ -24,7 +25,16 @@ class AsymmetricFriction(ContactCause):
     # A constant offset of the drive is equivalent to two dry levels: one of them suffices.
     dropped = ("drive.chain.offset",)
     generalizes = frozenset({"coulomb_friction"})
-    phrase = "friction at the {place} of {forward_force} forward and {backward_force} backward"
+    phrase = (
+        "friction at the {place} of {forward_force} forward and {backward_force} backward, "
+        "and damping of {forward_viscosity} forward and {backward_viscosity} backward"
+    )
+    phrases_without: ClassVar[Mapping[tuple[str, ...], str]] = {
+        (
+            "forward_viscosity",
+            "backward_viscosity",
+        ): "friction at the {place} of {forward_force} forward and {backward_force} backward"
+    }
     signs = frozenset({"amplitude", "blocked by the lock", "uneven directions"})
 
     def starts(self, contact: ContactInRuns) -> Iterable[RigModel]:

@@ -178,8 +178,8 @@ class Cause(ABC):
     rank: ClassVar[int] = 1
     #: The conclusion of a report: {place}, and the reported parameters by name, as value with uncertainty.
     phrase: ClassVar[str]
-    #: The same without a parameter that is zero within its uncertainty, by its name.
-    phrases_without: ClassVar[Mapping[str, str]] = {}
+    #: The same without parameters that are zero within their uncertainty, by their names; the first of which all are counts.
+    phrases_without: ClassVar[Mapping[tuple[str, ...], str]] = {}
     #: Signs in the records that support it.
     signs: ClassVar[frozenset[SignKind]] = frozenset()
     #: What the equations of motion of the records call it where its kind has several unlike forms (`Explanation.what`).

@@ -34,8 +34,8 @@ class PlayAndFriction(LinkCause):
     names: ClassVar[Mapping[str, str]] = {"slip_force": "friction_force"}
     found_as = frozenset({"slip"})
     phrase = "play of {play} with friction of {friction_force} behind it in the {place}"
-    phrases_without: ClassVar[Mapping[str, str]] = {
-        "clearance": "friction of {friction_force} behind a spring of {spring_stiffness} in the {place}"
+    phrases_without: ClassVar[Mapping[tuple[str, ...], str]] = {
+        ("clearance",): "friction of {friction_force} behind a spring of {spring_stiffness} in the {place}"
     }
 
     def can_be_at(self, model: RigModel, link: Link) -> bool:
