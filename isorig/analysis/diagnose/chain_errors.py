@@ -85,7 +85,7 @@ def in_words(known: Fit, fitted: Fit, trials: Sequence[Trial]) -> list[str]:
                 said.append(f"{channel} reads {in_per_cent(abs(error))} {'more' if error > 0.0 else 'less'}")
             case ["crosstalk", source] if (share := abs(value) * size[source] / size[channel]) >= LISTED * CROSSTALK:
                 said.append(f"{channel} contains {in_per_cent(share)} of {source}")
-    return said or ["none of them is large"]
+    return said
 
 
 def _levels(model: RigModel, trials: Sequence[Trial]) -> dict[str, float]:

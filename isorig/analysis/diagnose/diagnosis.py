@@ -105,7 +105,7 @@ DISTURBED = (
 )
 #: The same of one that does so once small errors of all channels are fitted, too.
 IN_CHAIN = (
-    "Measuring chain: what follows the drive in the misfit of {} is within small errors of several channels together: {}. "
+    "Measuring chain: what follows the drive in the misfit of {} is within small errors of several channels together{}. "
     "The rest is related to neither the drive nor the motion."
 )
 
@@ -345,8 +345,9 @@ def _said(
     if blamed is not None and blamed.clearly:
         ended, lost = "The time ended before a simulation confirmed it.", "No simulation with it follows the records."
         whole.append(f"Equations of motion: {blamed.clearly} {ended if cut_short else lost}")
-    if found.chain_errors:
-        whole.append(IN_CHAIN.format(of_signal(last.score.figure), ", ".join(found.chain_errors)))
+    if found.chain_errors is not None:
+        listed = ": " + ", ".join(found.chain_errors) if found.chain_errors else ", none of them large"
+        whole.append(IN_CHAIN.format(of_signal(last.score.figure), listed))
     elif found.disturbed:
         whole.append(DISTURBED.format(in_per_cent(last.score.figure)))
     if found.required_force is not None:
@@ -434,7 +435,7 @@ class _Found:
     exchanged: Mapping[tuple[str, str], tuple[str, str]]
     required_force: ShownByForce | None = None
     disturbed: bool = False  #: Whether what the last model leaves counts as a disturbance (`_Search._only_disturbed`).
-    chain_errors: Sequence[str] = ()  #: Small errors of several channels with which it does, one phrase each.
+    chain_errors: Sequence[str] | None = None  #: Small errors of several channels with which alone it does, one phrase each.
 
 
 #: Errors by model and held-out data, which are kept so that their identity stays theirs.
@@ -458,6 +459,7 @@ class _Search:
         self._noise_floors: _Floors = {}
         self._disturbances: _Floors = {}
         self._related: dict[bytes, bool] = {}
+        self._chained: dict[bytes, Fit | None] = {}  # with small errors of all channels
 
     def causes(self, baseline: Fit, divide: Divide) -> _Found:
         division = divide(self._trials)
@@ -486,12 +488,12 @@ class _Search:
 
     def _searched(
         self, stages: list[SearchStage], division: Division, quiet: FloatArray, enough: float, begun: Job | None
-    ) -> tuple[list[SearchStage], FloatArray, bool, list[str]]:  # fmt: skip
+    ) -> tuple[list[SearchStage], FloatArray, bool, Sequence[str] | None]:  # fmt: skip
         # The stages with a cause each, their floors, and whether the last one leaves a disturbance only, with which errors of the
         # measuring chain; the search may have begun with a job for the first.
         judged = division.judged
         tries, repeated, disturbed = 0, False, False
-        chain_errors: list[str] = []
+        chain_errors: Sequence[str] | None = None
         while len(stages) <= self._most_steps and not self._ends(stages, quiet, enough):
             now, floors = stages[-1], _allowed(quiet)
             self._progress(
@@ -546,29 +548,32 @@ class _Search:
 
     def _remainder(
         self, job: Job, stages: Sequence[SearchStage], division: Division, floors: FloatArray, *, searched: bool
-    ) -> tuple[bool, list[str]]:  # fmt: skip
-        # Whether what the last model leaves is a disturbance only, and small errors of several channels after which it is.
+    ) -> tuple[bool, Sequence[str] | None]:  # fmt: skip
+        # Whether what the last model leaves is a disturbance only, and small errors of several channels after which alone it is.
         if self.cut_short:
-            return False, []
+            return False, None
         if self._only_disturbed(job, searched=searched):
-            return True, []
-        errors: list[str] = []
+            return True, None
+        errors = None
         with self.until_the_time_ends():
             errors = self._in_chain(job, stages, division, floors, searched=searched)
-        return bool(errors), errors
+        return errors is not None, errors
 
     def _in_chain(
         self, job: Job, stages: Sequence[SearchStage], division: Division, floors: FloatArray, *, searched: bool
-    ) -> list[str]:  # fmt: skip
+    ) -> Sequence[str] | None:  # fmt: skip
         # Not where motions are estimated with the values behind these errors, or what is left has one cause.
         if job.now.figure >= MOST_NOISE or job.equations.hidden or self._is_explained(job, searched=searched):
-            return []
-        fitted = with_chain_errors(job.current, division.fits)
+            return None
+        known = job.current.model.encoded
+        if known not in self._chained:
+            self._chained[known] = with_chain_errors(job.current, division.fits)
+        fitted = self._chained[known]
         if fitted is None or self._is_related(fitted.model):
-            return []
+            return None
         last = replace(stages[-1], fit=fitted, score=score(fitted.model, division.judged))
         rest = self._job([*stages, last], division, floors, job.left, forms_only=True)
-        return [] if self._is_explained(rest, searched=searched) else in_words(job.current, fitted, division.fits)
+        return None if self._is_explained(rest, searched=searched) else in_words(job.current, fitted, division.fits)
 
     def _only_disturbed(self, job: Job, *, searched: bool) -> bool:
         # Whether what a model leaves is a disturbance from outside, or noise: related to neither the drive nor the motion, and no

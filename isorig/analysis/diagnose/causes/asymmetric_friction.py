@@ -14,6 +14,8 @@ from isorig.analysis.model.rig_model import RigModel
 #: Asymmetry of friction at a start, as a share: where a body sticks most of the time, no small step leads from one sign to the
 #: other.
 TILT = 0.3
+#: The conclusion of a report without viscosities.
+DRY = "friction at the {place} of {forward_force} forward and {backward_force} backward"
 
 
 class AsymmetricFriction(ContactCause):
@@ -25,16 +27,8 @@ class AsymmetricFriction(ContactCause):
     # A constant offset of the drive is equivalent to two dry levels: one of them suffices.
     dropped = ("drive.chain.offset",)
     generalizes = frozenset({"coulomb_friction"})
-    phrase = (
-        "friction at the {place} of {forward_force} forward and {backward_force} backward, "
-        "and damping of {forward_viscosity} forward and {backward_viscosity} backward"
-    )
-    phrases_without: ClassVar[Mapping[tuple[str, ...], str]] = {
-        (
-            "forward_viscosity",
-            "backward_viscosity",
-        ): "friction at the {place} of {forward_force} forward and {backward_force} backward"
-    }
+    phrase = f"{DRY}, and damping of {{forward_viscosity}} forward and {{backward_viscosity}} backward"
+    phrases_without: ClassVar[Mapping[tuple[str, ...], str]] = {("forward_viscosity", "backward_viscosity"): DRY}
     signs = frozenset({"amplitude", "blocked by the lock", "uneven directions"})
 
     def starts(self, contact: ContactInRuns) -> Iterable[RigModel]:

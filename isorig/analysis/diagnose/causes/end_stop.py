@@ -22,7 +22,7 @@ STARTS, ONE_END = ((0.85, 2.0), (0.6, 3.0), (0.4, 3.0), (0.65, 0.3), (0.5, 0.3))
 
 
 class EndStop(LinkCause):
-    """A second, stiffer spring beyond a stroke, at both ends or at one."""
+    """A second, stiffer spring beyond a stroke, at both ends or at one; also the end of a rail without a spring."""
 
     kind = "spring_shape"
     family = "spring"
