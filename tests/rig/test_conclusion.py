@@ -202,6 +202,10 @@ def test_what_bounds_the_error_of_an_adequate_model_is_said() -> None:
     said = conclude(msgspec.convert(found, Findings)).answer
     assert "down to the disturbance between repeated runs; " in said
     assert said.endswith("noise and disturbance alone are about 1.2 %")
+    found["holdout"]["extended"] = 4.0 * found["holdout"]["noise_floor"]  # no repeated runs measured it
+    said = conclude(msgspec.convert(found, Findings)).answer
+    assert "down to what is related to neither the drive nor the motion; " in said
+    assert said.endswith("noise alone is about 1.2 %")
     found["tolerance"] = 0.4
     assert "to within the tolerance of 40 %; " in conclude(msgspec.convert(found, Findings)).answer
 

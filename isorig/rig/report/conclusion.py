@@ -163,17 +163,26 @@ def _found(findings: Findings) -> str:
 
 
 def _down_to(findings: Findings) -> str:
-    # What bounds the error of an adequate model: the user's tolerance, what repeated runs do not share, or the noise.
+    # What bounds the error of an adequate model: the user's tolerance, what repeated runs do not share, what else is related to
+    # neither drive nor motion, or the noise.
     worst, threshold = findings.adequacy.worst, findings.adequacy.threshold
     if findings.tolerance and worst is not None and threshold is not None and worst >= threshold:
         return f"to within the tolerance of {in_per_cent(findings.tolerance)}"
-    return f"down to the {'disturbance between repeated runs' if _disturbed(findings) else 'noise'}"
+    if not _disturbed(findings):
+        return "down to the noise"
+    known = "the disturbance between repeated runs"
+    return f"down to {known if _is_measured(findings) else 'what is related to neither the drive nor the motion'}"
 
 
 def _disturbed(findings: Findings) -> bool:
     # Whether more of the error is motion that the drive did not cause than noise of the sensors.
     shares = findings.budget.extended
     return (shares.disturbance.value or 0.0) > (shares.noise.value or 0.0)
+
+
+def _is_measured(findings: Findings) -> bool:
+    # Whether the noise floor contains the disturbance, as repeated runs show it.
+    return not _leaves_more_than_noise(findings)
 
 
 def _nature(findings: Findings) -> str:
@@ -193,7 +202,7 @@ def _error(findings: Findings) -> str:
     falls, left = f"is {in_per_cent(holdout.baseline)}", holdout.baseline
     if findings.steps:
         falls, left = fall(holdout.baseline, holdout.extended), holdout.extended
-    disturbed, size = _disturbed(findings), noise_alone(holdout.noise_floor)
+    disturbed, size = _disturbed(findings) and _is_measured(findings), noise_alone(holdout.noise_floor)
     # The floor is an estimate: an error below it is no contradiction.
     below = left < holdout.noise_floor
     noise = f"noise {'and disturbance alone are' if disturbed else 'alone is'} {size}"
