@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Gap, Run
-from isorig.analysis.spectra.quality import STILL, faults, sound, without
+from isorig.analysis.spectra.quality import faults, sound, without
 from isorig.rig.wire_bonder.description import THESIS, wire_bonder
 from isorig.rig.wire_bonder.session import VirtualRun, virtual_campaign
 
@@ -141,7 +141,7 @@ def test_a_position_that_ends_elsewhere_begins_at_rest(share: float, told: bool)
     t = np.arange(round(8.0 * rate)) / rate
     position = 2.0 / (1.0 + np.exp(-3.0 * (t - 2.5)))
     first = t < 1.0
-    position[first] += share * STILL * position.std() * np.sqrt(2.0) * np.sin(2.0 * np.pi * 4.0 * t[first])
+    position[first] += 0.05 * share * position.std() * np.sqrt(2.0) * np.sin(2.0 * np.pi * 4.0 * t[first])
     channels = {
         "force": Channel(
             name="force", samples=np.where((t > 1.5) & (t < 2.5), 5.0 * (t - 1.5), 0.0) + draw.normal(0.0, 0.01, len(t))

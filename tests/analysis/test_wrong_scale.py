@@ -14,7 +14,14 @@ from msgspec.structs import replace
 from strange_rigs import Law, StrangeRig, campaign, cubic, dry, play
 
 from isorig.analysis.campaign import MOTION, ROTARY, SI_UNIT, Campaign, Channel, Gap, Quantity, Run
-from isorig.analysis.fitting.linear_spectra import LinearRig, dampers, given_parameters, spectra_of, spectrum_of
+from isorig.analysis.fitting.linear_spectra import (
+    LinearRig,
+    _window,
+    dampers,
+    given_parameters,
+    spectra_of,
+    spectrum_of,
+)
 from isorig.analysis.fitting.plausible import Doubt, _held_back, doubts_of_records
 from isorig.analysis.fitting.resonances import Resonance, _peak
 from isorig.analysis.fitting.wrong_scale import (
@@ -240,6 +247,17 @@ def test_a_hammer_that_hits_after_a_short_wait_shows_the_levels(at: float) -> No
     run = Run(id="hit", configuration="unlocked", sample_rate=rate, gain=1.0, channels=channels, excitation="other")
     model = rig.description(guessed(rig, 7))
     assert wrong_scale(model, spectra_of(model, Campaign(runs=(run,), source="hits")))[0] is None
+
+
+@pytest.mark.parametrize(("share", "hidden"), [(0.99, True), (1.01, False)])
+def test_a_window_hides_a_drive_of_which_it_leaves_a_fiftieth(share: float, hidden: bool) -> None:
+    """A single pulse, where the squared window is that share."""
+    samples = 20000
+    pulse = np.zeros(samples)
+    pulse[int(np.searchsorted(np.hanning(samples)[: samples // 2] ** 2, share * 0.02))] = 1.0
+    window = _window([pulse, np.zeros(samples)], samples)
+    assert bool(window[0] == 1.0) is hidden
+    np.testing.assert_array_equal(window[samples // 2 :], np.hanning(samples)[samples // 2 :])
 
 
 def test_inverted_sensors_and_wrong_rates() -> None:

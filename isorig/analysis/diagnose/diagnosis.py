@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -581,15 +582,10 @@ class _Search:
         if job.now.figure >= MOST_NOISE:
             return False
         disturbed = False
-
-        def is_explained() -> bool:
-            return self._is_explained(job, searched=searched)
-
-        def is_related() -> bool:
-            return self._is_related(job.current.model)
-
+        questions = [partial(self._is_explained, job, searched=searched), partial(self._is_related, job.current.model)]
         # The search for a cause needs the ranking, too; not where bodies have no sensors, where it takes most of the time.
-        questions = (is_related, is_explained) if job.equations.hidden else (is_explained, is_related)
+        if job.equations.hidden:
+            questions.reverse()
         with self.until_the_time_ends():
             disturbed = not any(question() for question in questions)
         return disturbed

@@ -35,7 +35,7 @@ ROUNDS, SETTLED, FARTHEST = 15, 1e-6, 3.0
 #: of friction at a Gaussian speed with this mean is then exp(-1/2) of that without.
 DRAGS = 1.0
 #: Share of a drive's energy that a Hann window leaves, below which it hides the drive: that of a hammer, some hundredths of a run
-#: after its start. Chosen: a drive that lasts keeps three eighths, one of the first fifth of a run a fiftieth.
+#: after its start. Chosen: a drive that lasts keeps three eighths, one of the first fifth of a run a fortieth.
 HIDDEN = 0.02
 #: Samples from which the noise of a record is determined: a few per cent accurate.
 LONGEST_NOISE = 1 << 13

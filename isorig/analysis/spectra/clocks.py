@@ -29,7 +29,7 @@ def clock_errors(campaign: Campaign, drive: str) -> dict[str, float]:
     """
     found: dict[str, list[tuple[float, float, float]]] = {}
     # All runs must agree, so one whose interval is within what quartz clocks have excludes a difference in its channel, and the
-    # others are not read. At low gains friction sticks: these runs come first because their phases are the most accurate.
+    # others are not read. Runs of low gain come first: friction holds the bodies there, so their phases are the most accurate.
     excluded = {drive}
     for run in sorted(campaign.runs, key=lambda run: abs(run.gain)):
         if run.excitation not in BROAD or run.excitation == "sweep":  # each segment of a sweep has other frequencies

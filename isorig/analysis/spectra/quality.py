@@ -48,7 +48,7 @@ NEARER, FAR = 4.0, 0.3
 #: The power of the error in the first second exceeds the largest later one by this factor, and this share of the signal's power.
 START, START_SHARE = 2.0, 0.02
 #: Motion in the first second of a record, relative to that of the whole, up to which it begins at rest. Chosen: a position that
-#: ends elsewhere differs from its mean at the start as if it had moved; the share of the power above is three times as much.
+#: ends elsewhere differs from its mean at the start as if it had moved; as an amplitude, the share above is three times as large.
 STILL = 0.05
 #: Resolution for an impulse response, Hz, if the run has this many segments.
 FINE, SEGMENTS = 0.125, 3.0
