@@ -180,35 +180,18 @@ class Gap:
 
 @dataclass(frozen=True, kw_only=True)
 class Spectrum:
-    """A spectrum computed by an instrument.
+    """A spectrum computed by an instrument."""
 
-    Parameters
-    ----------
-    name
-        Its name in the run.
-    kind
-        "transfer_function", "coherence", "auto_spectrum" or "cross_spectrum".
-    response, reference
-        Its channels; `reference` is empty for an auto spectrum.
-    frequency
-        Hz, ascending, shape (n,).
-    values
-        Real or complex, shape (n,), in `unit`.
-    averages
-        Number of averages.
-    window
-        Name of the instrument's window.
-    """
-
-    name: str
-    kind: str
+    name: str  #: Its name in the run.
+    kind: str  #: "transfer_function", "coherence", "auto_spectrum" or "cross_spectrum".
+    #: Its channels; `reference` is empty for an auto spectrum.
     response: str
     reference: str
-    frequency: FloatArray
-    values: FloatArray | ComplexArray
+    frequency: FloatArray  #: Hz, ascending, shape (n,).
+    values: FloatArray | ComplexArray  #: Real or complex, shape (n,), in `unit`.
     unit: str = "1"
-    averages: int = 1
-    window: str = ""
+    averages: int = 1  #: Number of averages.
+    window: str = ""  #: Name of the instrument's window.
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -64,29 +64,15 @@ FarEnd = Callable[[DrivenRig, Simulation], Peer]
 
 @dataclass(frozen=True, kw_only=True)
 class InstrumentKind:
-    """A kind of instrument.
+    """A kind of instrument."""
 
-    Parameters
-    ----------
-    name
-        Its name in plans.
-    example
-        Example of its entries in a plan, TOML: the rest of the table `instrument`, and the channels.
-    settings
-        The class of its settings.
-    far_end
-        Creates its simulated counterpart, for `--port virtual` and `rig virtual instrument`; None if there is none.
-    buses
-        How it is connected.
-    recognized
-        Pattern of its name or its USB number in the system's list of devices; empty if it has none of its own.
-    """
-
-    name: str
-    example: str = ""
-    settings: type[Settings] = Settings
+    name: str  #: Its name in plans.
+    example: str = ""  #: Example of its entries in a plan, TOML: the rest of the table `instrument`, and the channels.
+    settings: type[Settings] = Settings  #: The class of its settings.
+    #: Creates its simulated counterpart, for `--port virtual` and `rig virtual instrument`; None if there is none.
     far_end: FarEnd | None = None
-    buses: tuple[Bus, ...] = ("serial",)
+    buses: tuple[Bus, ...] = ("serial",)  #: How it is connected.
+    #: Pattern of its name or its USB number in the system's list of devices; empty if it has none of its own.
     recognized: str = ""
 
 

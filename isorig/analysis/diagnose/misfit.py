@@ -37,13 +37,7 @@ REPORTED = 3
 
 @dataclass(frozen=True, kw_only=True)
 class Discrepancy:
-    """A discrepancy: where it appears, its size, and the size of noise alone.
-
-    Parameters
-    ----------
-    size, noise
-        rms of the misfit and of the noise divided by the rms of the signal, in the band.
-    """
+    """A discrepancy: where it appears, its size, and the size of noise alone."""
 
     channel: str
     configuration: str
@@ -51,6 +45,7 @@ class Discrepancy:
     run: str
     band_hz: tuple[float, float]
     what: str
+    #: rms of the misfit and of the noise divided by the rms of the signal, in the band.
     size: float
     noise: float
     text: str

@@ -42,26 +42,16 @@ class Rival:
 
 @dataclass(frozen=True, kw_only=True)
 class Curve:
-    """The free shape of a step.
+    """The free shape of a step."""
 
-    Parameters
-    ----------
-    over, unit, value_unit
-        Its abscissa, the units of abscissa and values.
-    points
-        (position, value, standard deviation), ascending; negative velocities are those of the backward direction.
-    reached
-        Lowest and highest position covered by the runs.
-    paths
-        Each point's path in the model.
-    """
-
+    #: Its abscissa, the units of abscissa and values.
     over: str
     unit: str
     value_unit: str
+    #: (position, value, standard deviation), ascending; negative velocities are those of the backward direction.
     points: tuple[tuple[float, float, float], ...]
-    reached: tuple[float, float]
-    paths: tuple[str, ...] = ()
+    reached: tuple[float, float]  #: Lowest and highest position covered by the runs.
+    paths: tuple[str, ...] = ()  #: Each point's path in the model.
 
     @property
     def of_damping(self) -> bool:

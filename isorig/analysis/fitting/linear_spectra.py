@@ -43,34 +43,17 @@ LONGEST_NOISE = 1 << 13
 
 @dataclass(frozen=True, kw_only=True)
 class Spectrum:
-    """Spectra of a run at the driven frequencies.
+    """Spectra of a run at the driven frequencies."""
 
-    Parameters
-    ----------
-    run
-        The run.
-    omega
-        rad/s, shape (groups,).
-    drives
-        Cross spectra of the drives, summed within each group, shape (drives, drives, groups).
-    across
-        Cross spectra of drives (conjugate) and responses, shape (drives, responses, groups).
-    power, noise
-        Power of the responses and of their sensors' noise, shape (responses, groups).
-    starts
-        Index of the first group of each band, shape (bands,).
-    square
-        Factor from a sum of power over all groups to the mean square of the record.
-    """
-
-    run: Run
-    omega: FloatArray
-    drives: ComplexArray
-    across: ComplexArray
+    run: Run  #: The run.
+    omega: FloatArray  #: rad/s, shape (groups,).
+    drives: ComplexArray  #: Cross spectra of the drives, summed within each group, shape (drives, drives, groups).
+    across: ComplexArray  #: Cross spectra of drives (conjugate) and responses, shape (drives, responses, groups).
+    #: Power of the responses and of their sensors' noise, shape (responses, groups).
     power: FloatArray
     noise: FloatArray
-    starts: IntArray
-    square: float
+    starts: IntArray  #: Index of the first group of each band, shape (bands,).
+    square: float  #: Factor from a sum of power over all groups to the mean square of the record.
 
     def in_bands(self, power: FloatArray) -> FloatArray:
         """Sums of a quantity by group over each band, shape (..., groups) to (..., bands)."""

@@ -65,31 +65,22 @@ EXPLAINS, CLOSE_BY, FAR_BY = 10.0, 1.6, 5.0
 
 @dataclass(frozen=True, kw_only=True)
 class Doubt:
-    """A value that contradicts the units of the data, the description or the fit.
+    """A value that contradicts the units of the data, the description or the fit."""
 
-    Parameters
-    ----------
-    parameter
-        Its path in the model, or drive, sensors or channels with the channel's name, or sample_rate; several are joined by "+".
-    kind
-        "drafted": the records contradict values that are still those of a draft; "swapped": two channels or masses are exchanged;
-        "place": a sensor or a drive is on another body; "clock": its samples have another rate; "reversed": the records run
-        backwards in time; "sign": inverted; "derivative":
-        another derivative of the motion; "unit": different by a unit conversion factor; "decade": different by another factor, of
-        three or more for records and ten or more for fitted values; "limit": at a bound.
-    ratio
-        Fitted divided by given, or recorded by predicted; for drafted values and a sample rate that of the largest resonance; for
-        a given value that the records contradict, given divided by likely; for a limit the value divided by it, for swapped
-        channels or masses, another body, another derivative, reversed records and damping ratios 1, for inverted ones -1; of a
-        clock the distance of its samples divided by that of the drive's.
-    text
-        One sentence.
-    """
-
+    #: Its path in the model, or drive, sensors or channels with the channel's name, or sample_rate; several are joined by "+".
     parameter: str
+    #: "drafted": the records contradict values that are still those of a draft; "swapped": two channels or masses are exchanged;
+    #: "place": a sensor or a drive is on another body; "clock": its samples have another rate; "reversed": the records run
+    #: backwards in time; "sign": inverted; "derivative": another derivative of the motion; "unit": different by a unit conversion
+    #: factor; "decade": different by another factor, of three or more for records and ten or more for fitted values; "limit": at
+    #: a bound.
     kind: Literal["drafted", "swapped", "place", "clock", "reversed", "sign", "derivative", "unit", "decade", "limit"]
+    #: Fitted divided by given, or recorded by predicted; for drafted values and a sample rate that of the largest resonance; for
+    #: a given value that the records contradict, given divided by likely; for a limit the value divided by it, for swapped
+    #: channels or masses, another body, another derivative, reversed records and damping ratios 1, for inverted ones -1; of a
+    #: clock the distance of its samples divided by that of the drive's.
     ratio: float
-    text: str
+    text: str  #: One sentence.
 
 
 def doubts(given: RigModel, fits: Sequence[Fit], campaign: Campaign | None = None) -> tuple[Doubt, ...]:

@@ -13,39 +13,20 @@ from isorig.analysis.errors import ModelError
 class Limits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Limits of a run; None or absent if not given.
 
-    Parameters
-    ----------
-    stroke
-        Largest deflection of a link in either direction, m (rad for a rotation), by link.
-    drive
-        Largest magnitude of the drive channel, in its unit: for a head the acceleration in m/s^2.
-    force
-        Largest magnitude of the drive's force, N.
-    channels
-        Largest magnitude of a sensor's record, in the channel's unit, by channel.
-    gains
-        Lowest and highest drive gain.
-    band
-        Lowest and highest frequency of a drive, Hz.
-    seconds
-        Longest run, s.
-    lock_price
-        Cost of a change of the configuration, in seconds of measuring.
-
     Raises
     ------
     ModelError
         A limit allows nothing.
     """
 
-    stroke: dict[str, float] = {}
-    drive: float | None = None
-    force: float | None = None
-    channels: dict[str, float] = {}
-    gains: tuple[float, float] | None = None
-    band: tuple[float, float] | None = None
-    seconds: float | None = None
-    lock_price: float | None = None
+    stroke: dict[str, float] = {}  #: Largest deflection of a link in either direction, m (rad for a rotation), by link.
+    drive: float | None = None  #: Largest magnitude of the drive channel, in its unit: for a head the acceleration in m/s^2.
+    force: float | None = None  #: Largest magnitude of the drive's force, N.
+    channels: dict[str, float] = {}  #: Largest magnitude of a sensor's record, in the channel's unit, by channel.
+    gains: tuple[float, float] | None = None  #: Lowest and highest drive gain.
+    band: tuple[float, float] | None = None  #: Lowest and highest frequency of a drive, Hz.
+    seconds: float | None = None  #: Longest run, s.
+    lock_price: float | None = None  #: Cost of a change of the configuration, in seconds of measuring.
 
     def __post_init__(self) -> None:
         single = {"drive": self.drive, "force": self.force, "seconds": self.seconds}

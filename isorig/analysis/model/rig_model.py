@@ -170,30 +170,18 @@ class Configuration(Part, frozen=True, kw_only=True):
 class Usual(Part, frozen=True, kw_only=True):
     """The usual measurement of the rig: defaults for commands with a synthetic drive.
 
-    Parameters
-    ----------
-    excitation
-        Kind of drive.
-    level
-        rms of noise and multisines, peak of all others, in the SI unit of the drive channel; None if not given.
-    band
-        Lowest and highest frequency of the drive, Hz.
-    seconds
-        Length of a run.
-    sample_rate
-        Hz.
-
     Raises
     ------
     ModelError
         A number is not allowed.
     """
 
-    excitation: SyntheticExcitation = "random"
+    excitation: SyntheticExcitation = "random"  #: Kind of drive.
+    #: rms of noise and multisines, peak of all others, in the SI unit of the drive channel; None if not given.
     level: float | None = None
-    band: tuple[float, float] | None = None
-    seconds: float = 30.0
-    sample_rate: float = 1024.0
+    band: tuple[float, float] | None = None  #: Lowest and highest frequency of the drive, Hz.
+    seconds: float = 30.0  #: Length of a run.
+    sample_rate: float = 1024.0  #: Hz.
 
     def __post_init__(self) -> None:
         for key in ("level", "seconds", "sample_rate"):

@@ -44,25 +44,16 @@ MOTION = {SI_UNIT[quantity]: order for quantity, order in campaign.MOTION.items(
 
 @dataclass(frozen=True, kw_only=True)
 class ModeShape:
-    """A mode with its shape.
+    """A mode with its shape."""
 
-    Parameters
-    ----------
-    frequency, frequency_std
-        Natural frequency and its standard deviation, Hz.
-    damping, damping_std
-        Damping ratio and its standard deviation.
-    shape
-        Complex, shape (responses,): the largest component is near 1, rotated to be as real as possible.
-    collinearity
-        1 if all components are in phase or antiphase, 0 if phases are evenly distributed (modal phase collinearity).
-    """
-
+    #: Natural frequency and its standard deviation, Hz.
     frequency: float
     frequency_std: float
+    #: Damping ratio and its standard deviation.
     damping: float
     damping_std: float
-    shape: ComplexArray
+    shape: ComplexArray  #: Complex, shape (responses,): the largest component is near 1, rotated to be as real as possible.
+    #: 1 if all components are in phase or antiphase, 0 if phases are evenly distributed (modal phase collinearity).
     collinearity: float
 
 
