@@ -10,7 +10,6 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Protocol
 
 import msgspec
 import numpy as np
@@ -302,53 +301,6 @@ def best_fits(entries: Sequence[Entry], floors: FloatArray) -> list[Entry]:
     return sorted(best.values(), key=lambda entry: excess(entry.score.error, floors))
 
 
-class Source(Protocol):
-    """Where candidates come from."""
-
-    @property
-    def known(self) -> frozenset[tuple[str, str]]:
-        """Cause and place of every candidate that was considered."""
-        ...
-
-    @property
-    def forms(self) -> Running:
-        """Fitted forms, best first."""
-        ...
-
-    @property
-    def leads(self) -> bool:
-        """Whether its free shapes are tried even if another source has forms."""
-        ...
-
-    def general_forms(self) -> Running:
-        """Fitted forms that contain those which no simulation follows, best first."""
-        ...
-
-    def shapes(self, forms: Sequence[Entry], nearly: Entry | None = None) -> Running:
-        """Fitted free shapes, best first; where a form removes `nearly` all, those of its kind and place."""
-        ...
-
-    def pairs(self) -> list[tuple[Candidate, Fit, Candidate, Fit]]:
-        """Pairs of forms with the fits of the first alone and of both, best first."""
-        ...
-
-    def doubtful(self, forms: Sequence[Entry]) -> bool:
-        """Whether the next source is asked, too."""
-        ...
-
-    def suffices(self, forms: Sequence[Entry]) -> bool:
-        """Whether the best form stands without a comparison with free shapes."""
-        ...
-
-    def allows(self, entry: Entry) -> bool:
-        """Whether a form that leaves a visible error may be named."""
-        ...
-
-    def shown(self, cause: str, place: str) -> bool:
-        """Whether the equations of motion show this cause and place, and no other."""
-        ...
-
-
 def next_step(job: Job) -> Found | None:
     """The best cause for the remaining error of the current model; None if no candidate could be fitted.
 
@@ -608,7 +560,7 @@ class Suspected:
 
     @property
     def leads(self) -> bool:
-        """Equations that do not hold show the place and kind better than a simulation."""
+        """Whether its free shapes are tried even if another source has forms: broken equations show place and kind better."""
         return self.found.ranking.broken and not self.found.tentative
 
     def general_forms(self) -> Running:
@@ -780,18 +732,22 @@ class Suspected:
         return found
 
     def doubtful(self, forms: Sequence[Entry]) -> bool:
-        """What the equations hardly show may be what they do not see; what breaks an estimated motion may be beyond it."""
+        """Whether the next source is asked, too.
+
+        What the equations hardly show may be what they do not see; what breaks an estimated motion may be beyond it.
+        """
         weak = not self.found.ranking.broken and not any(adequate(entry.score, self.job.floors) for entry in forms)
         return weak or (bool(self.job.equations.hidden) and not self.job.helps(forms))
 
     def suffices(self, forms: Sequence[Entry]) -> bool:
-        """Whether the best form leaves as little of a link's recorded force as any curve there."""
+        """Whether the best form stands without free shapes: it leaves as little of a link's recorded force as any curve there."""
         best = min(forms, key=lambda entry: excess(entry.score.error, self.job.floors))
         return self.found.stands(best.candidate, self.job.current, self.job.evidence)
 
     def allows(self, entry: Entry) -> bool:
-        """Whether the equations blame its kind and place as much as any other, or, for a first cause, none clearly.
+        """Whether a form may be named that leaves a visible error.
 
+        The equations blame its kind and place as much as any other, or, for a first cause, none clearly.
         What they cannot show is allowed as a first cause that removes what no other single one can.
         """
         if self.found.tentative:
@@ -923,6 +879,10 @@ class Screened:
     def shown(self, cause: str, place: str) -> bool:
         """The equations show nothing."""
         return False
+
+
+#: Where candidates come from.
+Source = Suspected | Screened
 
 
 def diverse(screened: Sequence[ScreenedCandidate]) -> list[ScreenedCandidate]:
