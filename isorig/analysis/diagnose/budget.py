@@ -38,16 +38,8 @@ class Budget:
 def budget(model: RigModel, trials: Sequence[Trial], noise: FloatArray, *, unrelated: bool = False) -> Budget:
     """The budget of a model's held-out error.
 
-    Parameters
-    ----------
-    model
-        The fitted model.
-    trials
-        What judges it: the held-out samples of each.
-    noise
-        Error that the sensors' noise makes, as a share of the signal, shape (runs, channels).
-    unrelated
-        Whether what the model leaves was found to be related to neither the drive nor the motion.
+    `noise` is the error that the sensors' noise makes, as a share of the signal, shape (runs, channels); with `unrelated`, what
+    the model leaves was found to be related to neither the drive nor the motion.
     """
     left = [(trial.measured - expected(model, trial))[:, trial.held_out] for trial in trials]
     signal = np.stack([np.mean(trial.measured[:, trial.held_out] ** 2, axis=1) for trial in trials])

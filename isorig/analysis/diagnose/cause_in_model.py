@@ -21,14 +21,9 @@ class _BuiltOnError(Exception):
 
 
 def without_cause(before: Fit, after: Fit, last: Fit) -> tuple[RigModel, tuple[Free, ...]] | None:
-    """The last model without the cause of an earlier step, and its fitted parameters; None if later causes build on that one.
+    """The last model without the cause of the step between two fits, and its fitted parameters.
 
-    Parameters
-    ----------
-    before, after
-        The fits before and after that step.
-    last
-        The last fit, whose model extends that of `after`. The values that it shares with `before` are its own.
+    None if later causes build on that one. The values that the last model shares with the fit before the step are its own.
     """
     of_step, of_last = ({free.path for free in fit.free} for fit in (after, last))
     base = [free for free in before.free if free.path in of_last or free.path not in of_step]
@@ -50,15 +45,7 @@ def with_cause(
 ) -> list[Start]:  # fmt: skip
     """Starting points of a model with the cause of a candidate that was fitted to another one; none if it cannot have it.
 
-    Parameters
-    ----------
-    model, free
-        The model and its fitted parameters.
-    candidate, fitted
-        A form of a cause for another model of the rig, and its fit, whose values the cause has. Its law may have another place
-        in the list of a link's laws.
-    evidence
-        What the records show of the model.
+    The cause has the values of that fit. Its law may have another place in the list of a link's laws.
     """
     found: list[Start] = []
     seen: set[bytes] = set()

@@ -32,13 +32,6 @@ STEPS = 8  #: Jacobians of the fit. Chosen: small errors are nearly linear.
 def with_chain_errors(known: Fit, trials: Sequence[Trial]) -> Fit | None:
     """A model fitted again together with small errors of all sensors' channels; None where a rig is judged by its drive.
 
-    Parameters
-    ----------
-    known
-        The fitted model.
-    trials
-        The fit data.
-
     Raises
     ------
     OutOfTimeError

@@ -39,15 +39,7 @@ class EarlyAnswer:
 
 
 def early_answer(campaign: Campaign, model: RigModel) -> EarlyAnswer | None:
-    """What the equations of motion of a campaign's records tell; None if its sensors support none.
-
-    Parameters
-    ----------
-    campaign
-        The records so far.
-    model
-        The rig with its given or starting values.
-    """
+    """What the equations of motion of a campaign's records tell; None if its sensors support none."""
     equations = equations_of(campaign, model)
     residuals = equations.residuals()
     if not residuals:

@@ -71,17 +71,7 @@ class Sign:
 
 
 def signs(campaign: Campaign, model: RigModel, trials: Sequence[Trial], compared: Doubles) -> tuple[Sign, ...]:
-    """All signs of a campaign compared with a fitted model; for a rig that is judged by its drive, those of the records alone.
-
-    Parameters
-    ----------
-    campaign, trials
-        The measurement, and its prepared runs.
-    model
-        The fitted model.
-    compared
-        The measured/simulated pairs.
-    """
+    """All signs of a campaign compared with a fitted model; for a rig that is judged by its drive, those of the records alone."""
     pairs, groups = compared.pairs, compared.groups
     return (
         *record_signs(campaign, model, trials), *_rigid_bodies(model, pairs), *_chains(model, groups), *poles(model, groups),

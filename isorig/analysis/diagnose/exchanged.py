@@ -21,15 +21,6 @@ def exchanged_sensors(campaign: Campaign, model: RigModel, equations: Equations)
     """Two sensors that seem exchanged: as recorded no equation holds, and with them exchanged most do.
 
     A cause in the rig leaves the equations that it is not in as they are. Raises OutOfTimeError at the end of the time limit.
-
-    Parameters
-    ----------
-    campaign
-        The measurement.
-    model
-        The rig as described.
-    equations
-        Its equations.
     """
     before = equations.residuals()
     if equations.hidden or len(before) < FEWEST or min(before.values()) < BROKEN:

@@ -27,16 +27,7 @@ def starts_from_curve(
 ) -> Starts:  # fmt: skip
     """Starting points of the forms of a free shape's kind at its place, with the values that come closest to its curve.
 
-    Parameters
-    ----------
-    shape, fitted, curve
-        The free shape, its fit and its curve, over deflection or speed; curves over other quantities give no starting points.
-    current
-        The model without the shape.
-    evidence
-        What the records show.
-    known
-        Cause and place of the forms that have been fitted.
+    Only curves over deflection or speed give any. Forms whose cause and place are `known` have been fitted.
     """
     place = shape.location
     element = next((element for element in elements(current.model) if place in element.names), None)

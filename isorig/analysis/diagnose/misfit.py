@@ -67,12 +67,7 @@ def discrepancies(
 def at_first(judged: Sequence[Trial], error: FloatArray, quiet: FloatArray) -> tuple[Discrepancy, ...]:
     """Discrepancies at the beginning of runs whose ends fit, largest first.
 
-    Parameters
-    ----------
-    judged
-        The beginnings of the runs.
-    error, quiet
-        rms of the misfit and of the noise divided by that of the signal, shape (runs, channels).
+    `error` and `quiet` are the rms of the misfit and of the noise divided by that of the signal, shape (runs, channels).
     """
     found = []
     alone = len({trial.run.configuration for trial in judged}) == 1

@@ -94,18 +94,8 @@ def push_of(
     """Largest force in N of the drive on a body; of a spring where a motion is imposed, or nothing drives the rig.
 
     A spring at an imposed motion counts with the measured deflection, though that may be the sensors' calibration error, and with
-    its largest stiffness: one that was fitted without the force that strains it is too soft.
-
-    Parameters
-    ----------
-    models
-        The rig as fitted, and others with the values of its springs.
-    trials
-        The runs.
-    peaks
-        Largest value of each channel.
-    deflection
-        Largest relative displacement of each link of the first model, m.
+    its largest stiffness: one that was fitted without the force that strains it is too soft. The first model is the rig as
+    fitted; the others have other values of its springs.
     """
     model = models[0]
     drive = model.drive

@@ -112,17 +112,7 @@ def wins(best: FloatArray, rivals: Sequence[FloatArray], *, draws: int = 1000) -
 
 
 def form_stands(before: FloatArray, shape: FloatArray, form: FloatArray, floors: FloatArray, policy: Policy = POLICY) -> bool:
-    """Whether the error of a form is within the uncertainty of that of the free shape of its kind at its place.
-
-    Parameters
-    ----------
-    before, shape, form
-        Errors without either, with the free shape and with the form, shape (runs, channels).
-    floors
-        Shape (runs, channels).
-    policy
-        The thresholds.
-    """
+    """Whether the error of a form is within the uncertainty of that of the free shape of its kind at its place."""
     if share_removed(before, form, floors) < policy.form_share * share_removed(before, shape, floors):
         return False
     behind = ratio(form, shape, floors)
@@ -134,17 +124,7 @@ def form_stands(before: FloatArray, shape: FloatArray, form: FloatArray, floors:
 
 
 def rivals_alike(best: FloatArray, rival: FloatArray, floors: FloatArray, behind: float, policy: Policy = POLICY) -> bool:
-    """Whether the data cannot distinguish a form's rival from it.
-
-    Parameters
-    ----------
-    best, rival, floors
-        Shape (runs, channels).
-    behind
-        Difference in standard errors over blocks by which the rival is worse.
-    policy
-        The thresholds.
-    """
+    """Whether the data cannot distinguish a form's rival, worse by `behind` standard errors over blocks, from it."""
     adequate = is_adequate(best, floors, policy.enough)
     if adequate and not is_adequate(rival, floors, policy.distinguishable * policy.enough):
         return False
@@ -156,14 +136,7 @@ def explains_own_channel(
 ) -> bool:
     """Whether a sensor fault explains its own channels, not only the effect of a faulty channel on the rest of a fit.
 
-    Parameters
-    ----------
-    before, after, floors
-        Errors without and with the fault, shape (runs, channels).
-    own
-        Columns of the faulty sensors' channels; empty for a cause that is not a sensor fault.
-    policy
-        The thresholds.
+    `own` are the columns of the faulty sensors' channels; a cause that is no sensor fault has none.
     """
     if not own:
         return True
@@ -179,14 +152,7 @@ def may_be_noise(worst: float, policy: Policy = POLICY) -> bool:
 def more_draws(worst: float, draws: Sequence[float], policy: Policy = POLICY) -> bool:
     """Whether another draw of simulated data is needed to decide whether a model's largest error may be due to noise.
 
-    Parameters
-    ----------
-    worst
-        The error, relative to its floor.
-    draws
-        The same of the data simulated so far.
-    policy
-        The thresholds.
+    The error, and those of the data simulated so far, are relative to their floors.
     """
     if not draws:
         return True
@@ -203,42 +169,14 @@ def adequacy_threshold(calibration: float | None, policy: Policy = POLICY) -> fl
 def is_superfluous(
     without: FloatArray, present: FloatArray, floors: FloatArray, enough: float, tolerance: float = 0.0, policy: Policy = POLICY
 ) -> bool:  # fmt: skip
-    """Whether the causes found after a cause leave it nothing to explain.
-
-    Parameters
-    ----------
-    without, present
-        Errors of the last model, refitted without the cause, and with it, shape (runs, channels).
-    floors
-        Shape (runs, channels).
-    enough
-        The adequacy threshold for these data.
-    tolerance
-        Error that counts as adequate.
-    policy
-        The thresholds.
-    """
+    """Whether the causes found after a cause leave it nothing to explain, by the errors of the last model refitted without it."""
     return is_adequate(without, floors, enough, tolerance) or ratio(without, present, floors) < policy.matters
 
 
 def explains_better(
     other: FloatArray, present: FloatArray, floors: FloatArray, enough: float, tolerance: float = 0.0, policy: Policy = POLICY
 ) -> bool:  # fmt: skip
-    """Whether a model with another cause is clearly better: it alone is adequate, or its error is lower by `Policy.refitted`.
-
-    Parameters
-    ----------
-    other, present
-        Errors of the other model and of the present one, shape (runs, channels).
-    floors
-        Shape (runs, channels).
-    enough
-        The adequacy threshold for these data.
-    tolerance
-        Error that counts as adequate.
-    policy
-        The thresholds.
-    """
+    """Whether a model with another cause is clearly better: it alone is adequate, or its error is lower by `Policy.refitted`."""
     if is_adequate(present, floors, enough, tolerance):
         return False
     return (
@@ -300,21 +238,7 @@ def _apart(kind: str, other: str) -> bool:
 def verdict(
     stages: Sequence[Stage], floors: FloatArray, enough: float, tolerance: float = 0.0, policy: Policy = POLICY
 ) -> tuple[str, int]:
-    """The verdict, and the number of steps that it keeps.
-
-    Parameters
-    ----------
-    stages
-        The baseline and the models after each step.
-    floors
-        Shape (runs, channels).
-    enough
-        The adequacy threshold for these data.
-    tolerance
-        Error that counts as adequate.
-    policy
-        The thresholds.
-    """
+    """The verdict on the baseline and the models after each step, and the number of steps that it keeps."""
     first = stages[0].error
     if is_adequate(first, floors, enough, tolerance):
         return "adequate", 0

@@ -379,16 +379,9 @@ def _falls(cause: str, place: str, before: float, after: float) -> str:
 
 
 def rescored(step: Step, scores: tuple[float, float], models: tuple[RigModel, RigModel]) -> Step:
-    """The step where one before it is left out.
+    """The step with other held-out errors without and with it, where a step before it is left out.
 
-    Parameters
-    ----------
-    step
-        The step as it was.
-    scores
-        Held-out errors without and with it now.
-    models
-        The models with it before and now.
+    Its curve moves with the values from the first of the models, with it before, to the second one, with it now.
     """
     _, *others = step.evidence
     return replace(

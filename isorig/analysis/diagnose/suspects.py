@@ -424,15 +424,7 @@ class Suspects:
         return TURN if np.ptp(force.deflection) <= MOST_TURNS * TURN else None
 
     def started(self, candidate: Candidate, current: Sequence[Free]) -> list[RigModel]:
-        """Starting points of a candidate: the rig's parameters and its own ones from the equations where these determine them.
-
-        Parameters
-        ----------
-        candidate
-            A candidate or a free shape.
-        current
-            The parameters of the model that it extends.
-        """
+        """Starting points of a candidate: the rig's parameters and its own ones from the equations where these determine them."""
         models = self._begun(candidate, current).models
         least = min((left or 0.0 for left, _ in models), default=0.0)
         most = 1 if candidate.shape is not None else STARTS
@@ -526,12 +518,7 @@ def _own_values(candidate: Candidate, explanation: Explanation, model: RigModel)
 def suspects(equations: Equations, *, further: bool = False) -> Suspects | None:
     """What the equations of motion of the records point to; None if they cannot say.
 
-    Parameters
-    ----------
-    equations
-        The equations for the rig with the causes found so far.
-    further
-        Whether causes were found already: then a suspect must repair an equation that they leave broken.
+    If causes were found already (`further`), a suspect must repair an equation that they leave broken.
     """
     if not equations.residuals():
         return None
@@ -581,14 +568,7 @@ def suspected(
 ) -> tuple[Explanation, ...]:  # fmt: skip
     """The best explanations of different kinds and places, and of each broken equation what repairs it most.
 
-    Parameters
-    ----------
-    explanations
-        Best first.
-    before
-        Residual of each equation without any.
-    further
-        Whether causes were found already.
+    They come best first; `before` has the residual of each equation without any.
     """
     best = max((item.score for item in explanations), default=0.0)
     chosen: list[Explanation] = []

@@ -32,13 +32,6 @@ def equations_at(located: Located, campaign: Campaign, trials: Sequence[Trial]) 
 
     What no sensor records follows from the fitted values, the drives, and the force at this place that explains most of the
     misfit: of a link its elongation and force, otherwise the motion of all bodies without sensors.
-
-    Parameters
-    ----------
-    located
-        The place.
-    campaign, trials
-        The measurement.
     """
     model = located.model
     added = _added_sensors(model, located.place)

@@ -45,13 +45,7 @@ class Coverage:
 
 
 def coverage(model: RigModel) -> Coverage:
-    """The places in the equations that a rig's sensors support.
-
-    Parameters
-    ----------
-    model
-        The rig; its values do not matter.
-    """
+    """The places in the equations that a rig's sensors support; its values do not matter."""
     combos = Combinations(model, estimable(model))
     found = balances(model, combos)
     equations = {

@@ -199,28 +199,12 @@ def _thinned(d: FloatArray) -> IntArray:
 def fitted_form(
     model: RigModel, free: Sequence[Free], element: Element, force: ElementForce, *, robust: bool = True
 ) -> FormFit | None:
-    """Parameters of an element's laws from its recorded force.
+    """Parameters of an element's laws from its recorded force; None if none is free, or motion does not give its force.
 
     Integrated deflections have an unknown common offset, and accelerations no mean: an offset of the deflection and a constant
-    force are fitted along, and the former is kept small where it makes no difference.
-
-    Parameters
-    ----------
-    model
-        The rig with the form at its starting values.
-    free
-        The parameters of the fit; only those of the element, and of the links between the same ends, are used.
-    element
-        The element.
-    force
-        Its recorded force.
-    robust
-        Whether single samples far from the form count less, as the errors of a few blocks; not where rare events tell.
-
-    Returns
-    -------
-    FormFit
-        None if the form's force does not follow from the motion, or if no parameter belongs to the element.
+    force are fitted along, and the former is kept small where it makes no difference. Free parameters of the element, and of
+    links between the same ends, are used. In a `robust` fit single samples far from the form count less, as the errors of a few
+    blocks; not where rare events tell.
     """
     from scipy.optimize import least_squares
 

@@ -38,21 +38,7 @@ def estimable(model: RigModel) -> tuple[str, ...]:
 def estimated(
     model: RigModel, hidden: Sequence[str], accelerations: Mapping[str, FloatArray], drives: Mapping[str, FloatArray], rate: float
 ) -> dict[str, FloatArray]:
-    """Accelerations of bodies without sensors.
-
-    Parameters
-    ----------
-    model
-        The rig with the values of their links and masses.
-    hidden
-        The bodies.
-    accelerations
-        Of all other bodies by name, m/s^2, shape (n,).
-    drives
-        Records of the drives that push bodies, by channel, shape (n,).
-    rate
-        Hz.
-    """
+    """Accelerations of bodies without sensors, by those of all others (m/s^2) and the records of drives, each of shape (n,)."""
     n = len(next(iter(accelerations.values())))
     omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(n, 1.0 / rate), dtype=np.float64)
     of_bodies, of_drives = transfer(model, hidden, tuple(accelerations), omega)
@@ -103,17 +89,7 @@ def adjacent(model: RigModel, hidden: Sequence[str]) -> tuple[str, ...]:
 
 
 def fitted(model: RigModel, paths: Sequence[str], left: Callable[[RigModel], float]) -> RigModel:
-    """The rig with those values of these parameters that leave least, within a factor `WITHIN` of the given ones.
-
-    Parameters
-    ----------
-    model
-        The rig with the given values.
-    paths
-        The parameters.
-    left
-        What the equations leave with a rig's values.
-    """
+    """The rig with those values of these parameters that leave least, within a factor `WITHIN` of the given ones."""
     from scipy.optimize import minimize
 
     if not paths:

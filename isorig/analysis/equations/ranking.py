@@ -368,18 +368,10 @@ class Regressions:
         self, scans: Mapping[str, FloatArray], slid: Mapping[str, tuple[Sliding, SlidingFit]],
         signals: Mapping[str, Mapping[int, FloatArray]], scaled: Collection[str], least: float,
     ) -> tuple[dict[str, float], float]:  # fmt: skip
-        """Residuals with one coefficient common to equations in both domains, and that coefficient.
+        """Residuals with one coefficient, above `least`, common to equations in both domains, and that coefficient.
 
-        Parameters
-        ----------
-        scans
-            Parabolas over the coefficient by equation, shape (3,).
-        slid, signals
-            The sliding equations, and the signal in each whose factor is the coefficient.
-        scaled
-            Equations that determine it.
-        least
-            Values at or below it are impossible.
+        The scans are parabolas over the coefficient by equation, shape (3,), and the signals have it as their factor in the
+        sliding equations; the `scaled` equations determine it.
         """
         values = [_joint({name: scan[None] for name, scan in scans.items()}, scaled, least)[1]]
         values += [
@@ -795,16 +787,9 @@ def score_of(before: Mapping[str, float], after: Mapping[str, float]) -> float:
 
 
 def _joint(scans: Mapping[str, FloatArray], scaled: Collection[str], least: float) -> tuple[dict[str, float], float, int]:
-    """Residuals with one coefficient common to several equations, that coefficient, and the best filter.
+    """Residuals with one coefficient, above `least`, common to several equations, that coefficient, and the best filter.
 
-    Parameters
-    ----------
-    scans
-        Parabolas over the coefficient by equation, shape (filters, 3).
-    scaled
-        Equations that determine it.
-    least
-        Values at or below it are impossible.
+    The scans are parabolas over the coefficient by equation, shape (filters, 3); the `scaled` equations determine it.
     """
     best: tuple[float, dict[str, float], float, int] = (np.inf, {}, 0.0, 0)
     givers = [name for name in scans if name in scaled]

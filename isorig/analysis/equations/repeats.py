@@ -19,22 +19,10 @@ CELLS, STEPS = 16384, 4
 
 
 def pitch_of(sliding: Sliding, base: SlidingFit, columns: Columns) -> float | None:
-    """The pitch in m with which what an equation leaves repeats best over the element's deflection.
+    """The pitch in m with which what an equation leaves repeats best over the element's deflection; None over too few cells.
 
     By the spectrum of the mean residual in cells of the deflection, each weighted by its number of samples, and near its largest
     value by the periodogram of Lomb and Scargle with a free mean (VanderPlas, Astrophysical Journal Supplement 236, 2018).
-
-    Parameters
-    ----------
-    sliding, base
-        The equation, and its fit without a repeating force.
-    columns
-        The columns of that fit.
-
-    Returns
-    -------
-    float or None
-        None if the element moves over too few cells.
     """
     d, left = _residual(sliding, base, columns)
     low, high = sliding.range

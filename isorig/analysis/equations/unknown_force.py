@@ -91,16 +91,7 @@ def compared_places(model: RigModel, trials: Sequence[Trial], starts: Sequence[R
     """What each place of a rig leaves of the misfit of the fitted data; None if it is unknown.
 
     It is unknown for rigs with contacts, whose linear part alone is no model of them, with sensors of forces, with fewer than two
-    records, and without a run that a drive moves from rest.
-
-    Parameters
-    ----------
-    model
-        The fitted rig.
-    trials
-        The runs.
-    starts
-        The same rig with other starting values.
+    records, and without a run that a drive moves from rest. `starts` are the same rig with other starting values.
     """
     motions = all(sensor.force_in is None for sensor in model.sensors)
     driven = [trial for trial in trials if tells(model, trial)]

@@ -33,16 +33,9 @@ def segments(trial: Trial, values: FloatArray) -> ComplexArray:
 
 
 def coherent_density(drive: ComplexArray, spectra: ComplexArray) -> FloatArray:
-    """Density of a record, in each frequency bin, that its transfer function from the drive explains; some of it by chance.
+    """Density of a record, shape (bins,), that its transfer function from the drive explains; some of it by chance.
 
-    Parameters
-    ----------
-    drive, spectra
-        `segments` of both, shape (segments, bins).
-
-    Returns
-    -------
-    Shape (bins,).
+    Both are given by their `segments`, shape (segments, bins).
     """
     return np.asarray(np.abs(np.mean(drive.conj() * spectra, axis=0)) ** 2 / (np.mean(np.abs(drive) ** 2, axis=0) + 1e-300))
 
@@ -50,18 +43,8 @@ def coherent_density(drive: ComplexArray, spectra: ComplexArray) -> FloatArray:
 def coherent_power(trials: Sequence[Trial], left: Sequence[FloatArray]) -> FloatArray:
     """Power that a transfer function from the drive takes away: one for all gains of a configuration, and each run's own.
 
-    What chance alone takes away, one part in the number of averages, is left out.
-
-    Parameters
-    ----------
-    trials
-        The runs.
-    left
-        Residuals of each run in its held-out samples, shape (channels, samples).
-
-    Returns
-    -------
-    Shape (2, runs, channels).
+    What chance alone takes away, one part in the number of averages, is left out. The residuals are those of each run in its
+    held-out samples, shape (channels, samples); the powers have the shape (2, runs, channels).
     """
     powers = np.zeros((2, len(trials), len(left[0])))
     groups: dict[tuple[str, int], list[int]] = defaultdict(list)  # segments of one length have the same lines

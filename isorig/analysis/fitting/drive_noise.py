@@ -62,15 +62,7 @@ class _Noise(NamedTuple):
 
 
 def drive_noise_effect(done: Fit, trials: Sequence[Trial]) -> DriveNoise:
-    """Effect of the noise in the recorded drive; none for rigs with one response, or judged by their drive's force.
-
-    Parameters
-    ----------
-    done
-        The fit.
-    trials
-        Its runs.
-    """
+    """Effect of the noise in the recorded drive; none for rigs with one response, or judged by their drive's force."""
     used = [coarsened(trial) for trial in trials if trial.fitted > 0]
     count = len(done.free)
     if not count or any(trial.motion is not None or len(trial.channels) < 2 for trial in used):

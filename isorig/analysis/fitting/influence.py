@@ -102,15 +102,7 @@ def changes_without_bins(done: Fit, trials: Sequence[Trial]) -> FloatArray:
 def changes_with_given_values(done: Fit, trials: Sequence[Trial], given: Mapping[str, float]) -> FloatArray:
     """Change of the fitted values with the given values, shape (given, values), in the values' units.
 
-    Parameters
-    ----------
-    done
-        The fit.
-    trials
-        Its runs.
-    given
-        The given values by path in the model (a mass, a sensor's gain), with their standard uncertainties in their own units.
-        Each row is for one standard uncertainty.
+    Each row is for one standard uncertainty of a given value (a mass, a sensor's gain), by its path in the model.
     """
     if not given:
         return np.zeros((0, len(done.free)))

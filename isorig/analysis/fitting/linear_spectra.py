@@ -98,16 +98,9 @@ def _drags_a_contact(model: RigModel, run: Run) -> bool:
 
 
 def spectrum_of(model: RigModel, run: Run, noise: Mapping[str, float]) -> Spectrum | None:
-    """Spectra of a run up to its first gap; None if that comes too early for a fit, or no frequency is driven.
+    """Spectra of a run up to its first gap, with the standard deviations of its channels' noise.
 
-    Parameters
-    ----------
-    model
-        The rig, whose drives and sensors are the channels.
-    run
-        The run.
-    noise
-        Standard deviation of the channels' sensor noise.
+    None if the gap comes too early for a fit, or no frequency is driven.
     """
     samples = usable_stop(run)
     if samples < SHORTEST:

@@ -42,14 +42,8 @@ DESCRIBED = 0.05
 def moving_start(model: RigModel, trial: Trial) -> MovingStart | None:
     """The start of a run, or None where too little is known of it: an overdamped rig, a motion that grows without bound.
 
-    Where no spring holds a rig, its speed changes slowly, as an offset of the sensor does not at all: then none is assumed.
-
-    Parameters
-    ----------
-    model
-        The rig as described.
-    trial
-        The run. In addition to its noise, `SIGNAL_SHARE` of a channel's rms is allowed as error.
+    Where no spring holds a rig, its speed changes slowly, as an offset of the sensor does not at all: then none is assumed. In
+    addition to its noise, `SIGNAL_SHARE` of a channel's rms is allowed as error.
     """
     configuration = trial.run.configuration
     modes, given = natural_modes(model, configuration), described_state(model, configuration)

@@ -36,18 +36,10 @@ DECAYS = 5.0
 
 
 def relative(model: RigModel, measured: FloatArray, drive: FloatArray) -> FloatArray | None:
-    """Records relative to the motion that the drive imposes, where that is less of them; None without an imposed motion.
+    """Records, shape (channels, n), relative to the motion that the drive imposes, shape (n,), where that is less of them.
 
-    A body that moves nearly as its base shows little of what is between them, and errors are compared with that.
-
-    Parameters
-    ----------
-    model
-        The rig.
-    measured
-        Shape (channels, n).
-    drive
-        Shape (n,).
+    None without an imposed motion. A body that moves nearly as its base shows little of what is between them, and errors are
+    compared with that.
     """
     if model.drive.imposes is None:
         return None

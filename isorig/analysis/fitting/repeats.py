@@ -59,11 +59,6 @@ def disturbance(model: RigModel, trials: Sequence[Trial]) -> FloatArray:
     other runs; what follows the motion has the same share of their signal. Where the power would be more than that share, as in a
     run of a lower level, only as much of it counts as the run has in what no transfer function from the drive explains: an
     allowance must not hide deficiencies of the model.
-
-    Parameters
-    ----------
-    model, trials
-        The model whose residuals are compared, and the held-out data.
     """
     pairs = repeated(trials)
     power = _power(trials, pairs, _left(model, trials)) if pairs else np.stack([_stated(trial) for trial in trials])
@@ -120,11 +115,6 @@ def with_disturbance(model: RigModel, trials: Sequence[Trial]) -> tuple[Trial, .
 
     Its spectrum is half that of the difference between the residuals of repeated runs, beyond the noise and without what is
     related to the drive: a rig that drifts. Its power in each run is that of `disturbance`.
-
-    Parameters
-    ----------
-    model, trials
-        The model whose residuals are compared, and the runs.
     """
     pairs = repeated(trials)
     if not pairs:

@@ -37,14 +37,8 @@ DETECTABLE = 0.5
 def depends_on_drive(model: RigModel, trials: Sequence[Trial]) -> bool:
     """Whether the difference between measurement and model is coherent with the drives or with functions of the motion.
 
-    Also where the records are too short to exclude it: a share of `DETECTABLE` of its power would not show.
-
-    Parameters
-    ----------
-    model
-        The fitted rig.
-    trials
-        Its runs; those judged by their drive's force count as related.
+    Also where the records are too short to exclude it: a share of `DETECTABLE` of its power would not show. Runs that are judged
+    by their drive's force count as related.
     """
     if any(trial.motion is not None for trial in trials):
         return True

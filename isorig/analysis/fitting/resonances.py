@@ -36,12 +36,7 @@ class Resonance:
 def resonance(given: RigModel, spectra: Sequence[Spectrum]) -> Resonance | None:
     """The response with the median ratio of recorded to given frequency of its largest resonance; None if none shows.
 
-    Parameters
-    ----------
-    given
-        The rig, with one drive.
-    spectra
-        Of the driven runs: the one with the largest drive is used.
+    Of the spectra that with the largest drive is used, of a rig with one drive.
     """
     if given.more_drives or not spectra:
         return None

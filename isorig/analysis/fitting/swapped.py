@@ -36,15 +36,7 @@ ABOVE_NOISE = 2.0
 
 
 def swapped_channels(given: RigModel, spectra: Sequence[Spectrum]) -> dict[tuple[str, str], list[str]]:
-    """Pairs of channels that seem exchanged, and the runs concerned.
-
-    Parameters
-    ----------
-    given
-        The rig with known values and starting values.
-    spectra
-        Of the driven runs; those without a broad-band drive are skipped.
-    """
+    """Pairs of channels that seem exchanged, and the runs concerned; runs without a broad-band drive are skipped."""
     found: dict[tuple[str, str], list[str]] = {}
     names = (given.drive.channel, *(sensor.channel for sensor in given.sensors))
     for spectrum in spectra:

@@ -78,15 +78,7 @@ def stated_floor(model: RigModel, trials: Sequence[Trial]) -> float:
 
 
 def uncertain_values(known: Mapping[str, float], fitted: Fit) -> dict[str, float]:
-    """Standard uncertainties of the values that a recording or a description treats as known, by path in the model.
-
-    Parameters
-    ----------
-    known
-        The known values of the recording.
-    fitted
-        The fit, whose own values are not known.
-    """
+    """Standard uncertainties of the known values of a recording or a description, by path, without those that are fitted."""
     model = fitted.model
     stated = {HEAD: model.drive.factor_std, **{f"bodies.{body.name}.mass": body.mass_std for body in model.bodies}}
     stated |= {f"more_drives.{drive.channel}.factor": drive.factor_std for drive in model.more_drives}

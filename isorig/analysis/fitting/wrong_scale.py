@@ -125,13 +125,6 @@ class _Explanation:
 def wrong_scale(given: RigModel, spectra: Sequence[Spectrum]) -> tuple[WrongScale | None, FloatArray]:
     """The factor by which a record, a given value or the sample rate is wrong, None if there is none; and how well the phases of
     each record agree with the rig apart from it: at most 1, shape (responses,).
-
-    Parameters
-    ----------
-    given
-        The rig with known values and starting values.
-    spectra
-        Of the driven runs.
     """
     if not spectra:
         return None, np.zeros(len(given.sensors))

@@ -45,16 +45,9 @@ def proposed(model: RigModel, evidence: Evidence) -> Iterator[Candidate]:
 def containing(
     simple: Candidate, start: RigModel, free: Sequence[Free], evidence: Evidence
 ) -> Iterator[tuple[Candidate, tuple[Free, ...]]]:  # fmt: skip
-    """The forms that contain a simple one at its place, and their fitted parameters.
+    """The forms that contain a simple one at its place, and their fitted parameters; a model with its law is their start.
 
     They take the place of its law: a rig without friction has no Stribeck friction before it has some.
-
-    Parameters
-    ----------
-    simple, start, free
-        The simple form, a model with its law, and the fitted parameters of that.
-    evidence
-        What the records show.
     """
     model = msgspec.structs.replace(start, free=tuple(each.path for each in free))
     for cause in CATALOGUE:

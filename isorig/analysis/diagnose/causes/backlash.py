@@ -60,12 +60,7 @@ class Backlash(LinkCause):
 def is_play(inside: float, beyond: float, described: float) -> bool:
     """Whether a weaker spring inside and a stiffer one beyond a clearance are play: else they are a spring with stops.
 
-    Both have the same equations where the spring inside is weak; the described spring is the one beyond the play.
-
-    Parameters
-    ----------
-    inside, beyond, described
-        Stiffness between the contacts, beyond them, and of the described spring, N/m.
+    Both have the same equations where the spring inside is weak; the described spring is the one beyond the play (all in N/m).
     """
     return inside <= INSIDE * beyond and (inside <= 0.0 or described**2 >= inside * beyond)
 
