@@ -21,7 +21,6 @@ from isorig.analysis.fitting.candidate import Candidate, Reported
 from isorig.analysis.fitting.excess import excess, ratio, share_removed
 from isorig.analysis.fitting.score import Score, confidence, margin_in_errors, units
 from isorig.analysis.fitting.solve import Fit, Free
-from isorig.analysis.laws import FrictionCurve
 from isorig.analysis.model.parameter_units import unit_of
 from isorig.analysis.model.rig_model import Contact, Link, RigModel
 from isorig.analysis.wording import fall
@@ -137,12 +136,6 @@ class Entry:
     def kind(self) -> Kind:
         """Its kind."""
         return kind_of(self.candidate.cause)
-
-    @property
-    def level(self) -> float:
-        """Typical sliding force of a fitted friction curve in N; 0 for others."""
-        law = next((c.law for c in self.fit.model.contacts if c.name == self.candidate.location), None)
-        return float(np.median(law.levels)) if isinstance(law, FrictionCurve) else 0.0
 
     @property
     def place(self) -> tuple[Kind, str]:
