@@ -30,11 +30,9 @@ from isorig.analysis.diagnose.step import (
     best_form,
     best_kind,
     curve_of,
-    dampings_like,
     found_step,
     is_determined,
     vanishes,
-    zero_at_rest,
 )
 from isorig.analysis.diagnose.suspects import ALWAYS, BROKEN, STANDS_ALIKE, Suspects, suspects
 from isorig.analysis.equations.at_place import equations_at
@@ -329,7 +327,7 @@ def next_step(job: Job) -> Found | None:
                 job.progress("no form makes the model adequate; fitting free shapes")
                 most = {entry.place for entry in forms if job.removes_most(entry)}
                 chosen = contenders(source.shapes(forms, nearly), source.forms, nearly)
-                shapes = _with_denser_damping(job, job.finished(job.entries(job.following(chosen, source.forms, most))))
+                shapes = job.finished(job.entries(job.following(chosen, source.forms, most)))
             if shapes or nearly is None:
                 return _as_shown(_kind_and_form(job, source.known, forms, shapes), source)
     except OutOfTimeError:
@@ -438,19 +436,7 @@ def _with_simpler(job: Job, forms: list[Entry]) -> list[Entry]:
 def _without_forms(job: Job, source: Source) -> list[Entry]:
     # Where no form follows the records, a free shape at the place that the equations show may explain all.
     job.progress("no form follows the records there; fitting free shapes")
-    return _with_denser_damping(job, job.finished(job.entries(contenders(source.shapes([]), source.forms, None))))
-
-
-def _with_denser_damping(job: Job, shapes: Sequence[Entry]) -> list[Entry]:
-    # The free shapes, with more points of a damping where a friction is zero at rest: its points lie closer there.
-    found = list(shapes)
-    for friction in shapes:
-        if zero_at_rest(friction, job.evidence):
-            for damping in dampings_like(friction, shapes):
-                candidate, fitted = with_more_points(damping.candidate, damping.fit, job.rungs[-1])
-                denser = Entry(candidate=candidate, fit=fitted, score=score(fitted.model, job.fine))
-                found = [denser if entry is damping else entry for entry in found]
-    return found
+    return job.finished(job.entries(contenders(source.shapes([]), source.forms, None)))
 
 
 def _as_shown(found: Found | None, source: Source) -> Found | None:

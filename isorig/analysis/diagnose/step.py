@@ -234,7 +234,7 @@ def best_kind(
     forms: Sequence[Entry], shapes: Sequence[Entry], now: Score, floors: FloatArray, evidence: Evidence
 ) -> Found | None:  # fmt: skip
     """The step to the kind and place with the least error, and to a form there if one comes close to the free shape."""
-    entries = sorted((*forms, *_without_rest(shapes, floors, evidence)), key=lambda entry: excess(entry.score.error, floors))
+    entries = sorted((*forms, *shapes), key=lambda entry: excess(entry.score.error, floors))
     if not entries:
         return None
     ceilings: dict[tuple[Kind, str], Entry] = {}
@@ -274,30 +274,6 @@ def best_kind(
     curve = curve_of(chosen.candidate, chosen.fit, evidence)
     odd = chosen.kind in OF_BOTH_SIGNS and curve is not None and curve.is_odd
     return found_step(chosen, entries, now, twins, sureness, _closest(mates, now, floors, odd=odd), curve)
-
-
-def _without_rest(shapes: Sequence[Entry], floors: FloatArray, evidence: Evidence) -> list[Entry]:
-    # The free shapes without those of dry friction that is zero at rest, where a damping between the same ends comes close.
-    def is_damping(entry: Entry) -> bool:
-        return zero_at_rest(entry, evidence) and any(
-            ratio(other.score.error, entry.score.error, floors) < POLICY.form_close for other in dampings_like(entry, shapes)
-        )
-
-    return [entry for entry in shapes if not is_damping(entry)]
-
-
-def zero_at_rest(entry: Entry, evidence: Evidence) -> bool:
-    """Whether an entry is a curve of dry friction over the velocity that is zero at rest, as a damping is."""
-    curve = curve_of(entry.candidate, entry.fit, evidence) if entry.kind == "friction_shape" else None
-    if curve is None or curve.over != "speed":
-        return False
-    _, level, std = min(curve.points, key=lambda point: abs(point[0]))
-    return abs(level) <= POLICY.zero * std
-
-
-def dampings_like(entry: Entry, shapes: Sequence[Entry]) -> list[Entry]:
-    """The free shapes of a damping between the same ends as a friction."""
-    return [other for other in shapes if other.kind == "damping_shape" and _same_curve(other, entry)]
 
 
 def _closest(mates: Sequence[Entry], now: Score, floors: FloatArray, *, odd: bool) -> tuple[str, float] | None:

@@ -14,10 +14,9 @@ from small_rigs import chain, guessed, played, stage
 from isorig.analysis.campaign import Campaign
 from isorig.analysis.diagnose import diagnosis, revise, search
 from isorig.analysis.diagnose import step as steps
-from isorig.analysis.diagnose.causes.base import Evidence, Kind
+from isorig.analysis.diagnose.causes.base import Kind
 from isorig.analysis.diagnose.considered import all_considered
 from isorig.analysis.diagnose.diagnosis import MOST_STEPS, _doubted, _of_sensors, _Search, _standing
-from isorig.analysis.diagnose.free_shapes import free_shapes
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.diagnose.revise import Revision, SearchStage, merged, near_rivals, stage_of
@@ -45,7 +44,6 @@ from isorig.analysis.fitting.plausible import Doubt
 from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.fitting.score import BLOCKS, Score, score
 from isorig.analysis.fitting.solve import Fit, Free, base_parameters
-from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.laws import BoucWen, ContactLaw, Coulomb
 from isorig.analysis.model.rig_model import Contact, RigModel
 
@@ -76,58 +74,6 @@ def reported(*, elsewhere: float, delay: float = 1.0) -> set[tuple[str, str]]:
     assert found is not None
     assert found.step.form == "sensor_gain"
     return {(found.step.cause, found.step.location), *found.step.indistinguishable}
-
-
-def curves_over_speed(level: float, behind: float) -> tuple[list[Entry], Evidence, tuple[Trial, ...]]:
-    """Curves of friction and damping at one link, and what they were fitted to.
-
-    `level` is the friction's at rest, in its uncertainties of 95 %; the damping leaves `behind` times the friction's error.
-    """
-    campaign, guess = played(chain(), seed=7), guessed(chain(), 7)
-    trials = prepare(campaign, guess)
-    evidence = observe(campaign, guess, trials, guess, guess)
-    entries = []
-    for shape in free_shapes(guess, evidence):
-        if shape.location == "l1" and shape.shape is not None and shape.shape.over == "speed":
-            table = "values" if shape.cause == "damping_shape" else "levels"
-            rest = f"{shape.shape.path}.{table}.0"
-            fit = Fit(model=shape.starts[0], free=shape.free, covariance=np.eye(len(shape.free)), cost=1.0, evaluations=1)
-            if shape.cause == "friction_shape":
-                std = fit.std[rest]
-                fit = replace(fit, model=fit.model.replace({rest: level * POLICY.zero * std}))
-            error = 0.01 * (behind if shape.cause == "damping_shape" else 1.0)
-            entries.append(Entry(candidate=shape, fit=fit, score=scored(error)))
-    return entries, evidence, trials
-
-
-@pytest.mark.parametrize(
-    ("level", "behind", "kind"),
-    [(0.9, 1.4, "damping_shape"), (1.1, 1.4, "friction_shape"), (0.9, 1.6, "friction_shape")],
-)
-def test_a_friction_that_is_zero_at_rest_is_damping(level: float, behind: float, kind: str) -> None:
-    """Where a damping curve comes close."""
-    entries, evidence, _ = curves_over_speed(level, behind)
-    found = best_kind([], entries, scored(0.1), FLOORS, evidence)
-    assert found is not None
-    assert found.step.kind == kind
-
-
-@pytest.mark.parametrize(("level", "denser"), [(0.9, True), (1.1, False)])
-def test_a_damping_gets_more_points_beside_a_friction_that_is_zero_at_rest(
-    level: float, denser: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    entries, evidence, trials = curves_over_speed(level, 1.0)
-    refined: list[str] = []
-
-    def with_more_points(candidate: Candidate, fit: Fit, rung: object) -> tuple[Candidate, Fit]:
-        refined.append(candidate.cause)
-        return candidate, fit
-
-    monkeypatch.setattr(search, "with_more_points", with_more_points)
-    job: Any = SimpleNamespace(evidence=evidence, rungs=[None], fine=trials)
-    found = search._with_denser_damping(job, entries)
-    assert refined == ["damping_shape"] * denser
-    assert [one is other for one, other in zip(found, entries, strict=True)].count(False) == denser
 
 
 @pytest.mark.parametrize(("share", "closest"), [(POLICY.main + 0.01, "sensor_gain"), (POLICY.main - 0.01, None), (-0.2, None)])
