@@ -31,7 +31,6 @@ from isorig.analysis.diagnose.step import (
     best_kind,
     curve_of,
     found_step,
-    is_determined,
     vanishes,
 )
 from isorig.analysis.diagnose.suspects import ALWAYS, BROKEN, STANDS_ALIKE, Suspects, suspects
@@ -316,7 +315,7 @@ def next_step(job: Job) -> Found | None:
     source, forms, shapes, whole = asked.source, asked.forms, asked.shapes, asked.whole
     if source is None:
         return None
-    forms = _with_simpler(job, _with_variants(job, forms))
+    forms = _with_variants(job, forms)
     # The error remaining after a form that removes nearly all is not due to another place or kind; another law of its own kind is
     # tested anyway.
     nearly = next((entry for entry in forms if job.nearly(entry)), None)
@@ -410,27 +409,6 @@ def _variants(job: Job, entry: Entry) -> Running:
             if fitted is not None and other.plausible(fitted.model):
                 found.append((other, fitted))
     return sorted(found, key=lambda pair: pair[1].cost)
-
-
-def _with_simpler(job: Job, forms: list[Entry]) -> list[Entry]:
-    # The forms, and the simpler ones that the best one contains if the data do not determine its values, fitted from these: from
-    # others they may have ended at a wrong solution.
-    if not forms or is_determined(forms[0]):
-        return forms
-    best, found = forms[0], list[tuple[Candidate, Fit]]()
-    with suppress(OutOfTimeError):
-        for candidate in proposed(job.current.model, job.evidence):
-            if contains(best.candidate.key, candidate.key):
-                free = candidate.parameters(job.current.model, job.current.free)
-                shared = {f.path for f in free} & {f.path for f in best.fit.free}
-                job.progress(f"fitting {candidate.cause} ({candidate.location}) from {best.candidate.cause}")
-                with suppress(ModelError):  # values that exclude the candidate's own
-                    start = candidate.starts[0].replace(_values_at(best.fit.model, sorted(shared)))
-                    fitted = tried(start, free, job.rungs[-1])
-                    if fitted is not None and candidate.plausible(fitted.model):
-                        found.append((candidate, fitted))
-        forms = [*forms, *job.finished(job.entries(sorted(found, key=lambda pair: pair[1].cost)))]
-    return best_fits(forms, job.floors)
 
 
 def _without_forms(job: Job, source: Source) -> list[Entry]:
@@ -997,7 +975,7 @@ def _kind_and_form(
     if starts:
         more = followed(starts, job.rungs, job.current, job.progress, job.promising)
         extended = [entry for entry in job.finished(job.entries(more)) if _extends(entry, forms, job.floors)]
-        forms = _with_simpler(job, best_fits([*forms, *extended], job.floors))
+        forms = best_fits([*forms, *extended], job.floors)
         named = best_kind(forms, shapes, job.now, job.floors, job.evidence)
     stand = any(adequate(entry.score, job.floors) for entry in forms)
     return best_form(forms, job.now, job.floors) if stand else named
