@@ -591,23 +591,16 @@ class Suspected:
         # Fits of a first cause with a second one that starts at one of these points, best first; and the starts that have another
         # first one, each with that.
         job = self.job
-        back = self._forms_of_curves(begun, starts, then)
-        run = verified([start for start, _ in back], job.rungs[-1], job.progress) if back else []
+        forms = self._forms_of_curves(begun, starts, then)
+        run = verified([start for start, _ in forms], job.rungs[-1], job.progress) if forms else []
         if job.follows(run):
-            return run, back
-        others = self._alone(starts, then, begun[0].location)
-        back = self._back(others[:1], begun)
-        run = verified([*starts, *(start for start, _ in back)], job.rungs[-1], job.progress)
+            return run, forms
+        run = verified(starts, job.rungs[-1], job.progress)
         if run and run[0][1].cost <= TELLING:
-            return run, back
-        # The closest one may stand for another; and impacts soon make two motions differ, however close they begin.
-        back += self._back(others[1:], begun)
-        again = followed([*starts, *(start for start, _ in back)], job.rungs, job.current, job.progress, job.promising)
-        return (again if again and (not run or again[0][1].cost < run[0][1].cost) else run), back
-
-    def _back(self, others: Starts, begun: Start) -> list[tuple[Start, Start]]:
-        # The first cause started again with each of these in place, and which one that is.
-        return [(start, other) for other in others for start in self._after(other)[0] if start[0].key == begun[0].key]
+            return run, []
+        # Impacts soon make two motions differ, however close they begin.
+        again = followed(starts, job.rungs, job.current, job.progress, job.promising)
+        return (again if again and (not run or again[0][1].cost < run[0][1].cost) else run), []
 
     def _forms_of_curves(self, begun: Start, starts: Starts, then: Suspects) -> list[tuple[Start, Start]]:
         # Forms of a curve and of the second cause at its place whose sum leaves about as little of the link's recorded force as
@@ -673,27 +666,6 @@ class Suspected:
         starts = _started(candidates, then, extended)
         starts = _with_curve(starts, then, extended, evidence) if curves else starts
         return [start for start in starts if start[0].key != first.key and _keeps(first, start)], then
-
-    def _alone(self, starts: Starts, then: Suspects, place: str) -> Starts:
-        # Second causes alone, at another place than the first: the equations gave the values of the first as if there were no
-        # second, so they are to be computed again with that in place. The closest one at these values, and those that the
-        # equations show as clearly as any other: the closest may only be what these values disturb least.
-        current, problem = self.job.current, self.job.rungs[-1].problem
-        elsewhere = unlike([start for start in starts if start[0].location != place])[:FINALISTS]
-        costs = np.array([misfit(model, problem) for _, _, model in elsewhere])
-        if not np.any(np.isfinite(costs)) or np.nanmin(costs) < TELLING:
-            return []
-        order = [elsewhere[int(k)] for k in np.argsort(costs) if np.isfinite(costs[k])]
-        blamed = [start for start in order[1:] if then.blamed(start[0].cause, start[0].location)]
-        found: Starts = []
-        for nearest, _, pair in [order[0], *blamed][:PAIRS]:
-            for candidate in proposed(current.model, self.job.evidence):
-                if candidate.key == nearest.key:
-                    free = candidate.parameters(current.model, current.free)
-                    with suppress(ModelError):  # the first cause has taken the place of a law
-                        found.append((candidate, free, candidate.starts[0].replace(_values_at(pair, [f.path for f in free]))))
-                    break
-        return found
 
     def doubtful(self, forms: Sequence[Entry]) -> bool:
         """Whether the next source is asked, too.
