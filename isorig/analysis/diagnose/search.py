@@ -17,7 +17,7 @@ import numpy as np
 from isorig.analysis.campaign import Campaign, FloatArray
 from isorig.analysis.deadline import Deadline, out_of_time, time_left
 from isorig.analysis.diagnose.cause_in_model import without_cause
-from isorig.analysis.diagnose.causes import containing, contains, proposed, same_form
+from isorig.analysis.diagnose.causes import contains, proposed, same_form
 from isorig.analysis.diagnose.causes.base import Evidence, Kind
 from isorig.analysis.diagnose.forms_of_curves import starts_from_curve
 from isorig.analysis.diagnose.free_shapes import free_shapes, with_more_points
@@ -354,7 +354,7 @@ class _Asked:
             self.whole = self.whole and not out_of_time()
             if self.whole and (both := _both(job, each, rough, begun.spent)):
                 return both
-            more = _finished_forms(job, each, rough, general=self.whole)
+            more = job.finished(rough)
             allowed = [one for one in more if (job.explains(one) or each.allows(one)) and not job.contradicts(one)]
             self.source = each if self.source is None or (more and not self.source.leads) or job.helps(allowed) else self.source
             self.forms = best_fits([*self.forms, *allowed], job.floors)
@@ -373,14 +373,6 @@ def _both(job: Job, source: Source, forms: Sequence[Entry], spent: float) -> Fou
         with Deadline(min(max(FOR_PAIRS * spent, LEAST_FOR_PAIRS), time_left())), suppress(OutOfTimeError):
             return _together(job, source.pairs(), forms)
     return None
-
-
-def _finished_forms(job: Job, source: Source, rough: Sequence[Entry], *, general: bool) -> list[Entry]:
-    # The forms judged on held-out data; where no simulation follows those that the equations show, the ones that contain them.
-    found = job.finished(rough)
-    if found or not general or not source.leads:
-        return found
-    return job.finished(job.entries(source.general_forms()[:FINALISTS]))
 
 
 def _with_variants(job: Job, forms: list[Entry]) -> list[Entry]:
@@ -526,16 +518,6 @@ class Suspected:
     def leads(self) -> bool:
         """Whether its free shapes are tried even if another source has forms: broken equations show place and kind better."""
         return self.found.ranking.broken and not self.found.tentative
-
-    def general_forms(self) -> Running:
-        """Fitted forms that contain the best suspected ones, started from the values of these, best first."""
-        starts: Starts = []
-        for simple, free, model in unlike(self._started):
-            if not self.found.blamed(*simple.key):
-                continue
-            for form, own in containing(simple, model, free, self.job.evidence):
-                starts += [(form, own, start) for start in form.starts]
-        return followed(starts, self.job.rungs, self.job.current, self.job.progress, self.job.promising)
 
     def shapes(self, forms: Sequence[Entry], nearly: Entry | None = None) -> Running:
         """Fitted free shapes, best first, from the equations' values and from the best form of their kind."""
@@ -756,10 +738,6 @@ class Screened:
     def leads(self) -> bool:
         """Another source's shapes may be better founded."""
         return False
-
-    def general_forms(self) -> Running:
-        """None: it considers all causes."""
-        return []
 
     def shapes(self, forms: Sequence[Entry], nearly: Entry | None = None) -> Running:
         """Fitted free shapes, best first, the leading ones with as many points as they need."""

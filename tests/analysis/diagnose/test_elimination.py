@@ -14,12 +14,11 @@ from small_rigs import played, rubbing, stage
 
 from isorig.analysis.deadline import Deadline, time_left
 from isorig.analysis.diagnose import search
-from isorig.analysis.diagnose.causes import proposed
+from isorig.analysis.diagnose.causes import containing, proposed
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.diagnose.search import FOR_PAIRS, LEAST_FOR_PAIRS, PROMISING_LATER, contenders
 from isorig.analysis.diagnose.step import Entry
-from isorig.analysis.diagnose.suspects import Suspects
 from isorig.analysis.equations.unknown_force import Places
 from isorig.analysis.errors import OutOfTimeError
 from isorig.analysis.fitting import ladder
@@ -38,7 +37,6 @@ from isorig.analysis.fitting.ladder import (
     TELLING,
     UNDECIDED,
     Rung,
-    Starts,
     followed,
     verified,
 )
@@ -286,9 +284,6 @@ def test_a_free_shape_that_explains_most_where_the_equations_show_a_cause_ends_t
         def shapes(self, forms: Sequence[Entry]) -> list[tuple[Candidate, Fit]]:
             return [(curve, fitted(stage(), 1.0))] if self.leads else []
 
-        def general_forms(self) -> list[tuple[Candidate, Fit]]:
-            return []
-
         def shown(self, cause: str, place: str) -> bool:
             return shown
 
@@ -346,37 +341,12 @@ def test_the_baseline_is_fitted_from_all_starting_points_until_a_second(
     assert (ladder.baseline_fit(starts, ()).model == stage()) == trusted
 
 
-@pytest.mark.parametrize(("leads", "followed_by", "names"), [(True, 0, ["general"]), (True, 1, ["simple"]), (False, 0, [])])
-def test_forms_that_contain_a_simple_one_are_fitted_where_no_simulation_follows_it(
-    leads: bool, followed_by: int, names: list[str]
-) -> None:
-    """Of a source that leads, unless a simple form stays with the records."""
-    simple, general = (
-        Candidate(cause=name, location="rail", family="friction", starts=(), free=(), reported=())
-        for name in ("simple", "general")
-    )
-    source = cast("search.Source", SimpleNamespace(leads=leads, general_forms=lambda: [(general, fitted(stage(), 1.0))]))
-    job = cast(
-        "search.Job",
-        SimpleNamespace(
-            finished=list,
-            entries=lambda run: [Entry(candidate=candidate, fit=done, score=cast("Score", None)) for candidate, done in run],
-        ),
-    )
-    rough = job.entries([(simple, fitted(stage(), 1.0))] * followed_by)
-    found = search._finished_forms(job, source, rough, general=True)
-    assert [entry.candidate.cause for entry in found] == names
-    assert search._finished_forms(job, source, [], general=False) == []
-
-
 def test_a_curve_of_one_source_is_not_lost_to_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two sources that lead, of which no form follows the records; the second one has no curve either."""
     curve = Candidate(cause="damping_shape", location="rail", family="damper", starts=(), free=(), reported=())
 
     def source(shapes: list[tuple[Candidate, Fit]]) -> SimpleNamespace:
-        return SimpleNamespace(
-            leads=True, forms=[], known=frozenset(), general_forms=list, shapes=lambda forms: shapes, shown=lambda *_: False
-        )
+        return SimpleNamespace(leads=True, forms=[], known=frozenset(), shapes=lambda forms: shapes, shown=lambda *_: False)
 
     job = SimpleNamespace(
         progress=lambda text: None, left=1.0, forms_only=False, steps=1, curved=None, helps=lambda forms: False,
@@ -410,31 +380,17 @@ def test_pairs_take_a_multiple_of_the_time_of_single_causes(
     assert times == [pytest.approx(limit, abs=0.5)]
 
 
-@pytest.mark.parametrize(
-    ("blamed", "attached", "causes"),
-    [(True, False, {"stribeck_friction", "asymmetric_friction"}), (False, False, set()), (True, True, set())],
-)
-def test_dry_friction_leads_to_the_laws_that_contain_it(
-    blamed: bool, attached: bool, causes: set[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """With the sizes of the dry friction that the equations show; not to those of causes that they do not blame.
-
-    What is attached to the rig is not part of another law.
-    """
+@pytest.mark.parametrize(("attached", "causes"), [(False, {"stribeck_friction", "asymmetric_friction"}), (True, set())])
+def test_dry_friction_leads_to_the_laws_that_contain_it(attached: bool, causes: set[str]) -> None:
+    """With its sizes. What is attached to the rig is not part of another law."""
     campaign = played(stage(), seed=3)
     evidence = observe(campaign, stage(), prepare(campaign, stage()), stage(), stage())
-    dry = next(c for c in proposed(stage(), evidence) if c.key == ("coulomb_friction", "rail"))
-    free = (*base_parameters(stage()), *dry.free)
-    start = dry, free, rubbing(stage(), "rail", 3.0)
+    simple = next(c for c in proposed(stage(), evidence) if c.key == ("coulomb_friction", "rail"))
+    free, begun = (*base_parameters(stage()), *simple.free), rubbing(stage(), "rail", 3.0)
     if attached:
-        resonator = next(c for c in proposed(stage(), evidence) if c.cause == "extra_mode")
-        start = resonator, resonator.parameters(stage(), base_parameters(stage())), resonator.starts[0]
-    monkeypatch.setattr(search.Suspected, "_started", [start])
-    monkeypatch.setattr(search, "followed", lambda starts, *others: starts)
-    job = SimpleNamespace(evidence=evidence, rungs=(), current=SimpleNamespace(model=stage()), progress=print, promising=0.5)
-    suspects = SimpleNamespace(blamed=lambda *_: blamed)
-    found = search.Suspected(job=cast("search.Job", job), found=cast("Suspects", suspects))
-    starts = cast("Starts", found.general_forms())
+        simple = next(c for c in proposed(stage(), evidence) if c.cause == "extra_mode")
+        free, begun = simple.parameters(stage(), base_parameters(stage())), simple.starts[0]
+    starts = [(form, its, model) for form, its in containing(simple, begun, free, evidence) for model in form.starts]
     assert {candidate.cause for candidate, _, _ in starts} == causes
     for candidate, its, model in starts:
         assert {each.path for each in candidate.free} <= {each.path for each in its}
