@@ -17,7 +17,7 @@ import numpy as np
 from isorig.analysis.campaign import Campaign, FloatArray
 from isorig.analysis.deadline import Deadline, out_of_time, time_left
 from isorig.analysis.diagnose.cause_in_model import without_cause
-from isorig.analysis.diagnose.causes import contains, proposed, same_form
+from isorig.analysis.diagnose.causes import contains, proposed
 from isorig.analysis.diagnose.causes.base import Evidence, Kind
 from isorig.analysis.diagnose.forms_of_curves import starts_from_curve
 from isorig.analysis.diagnose.free_shapes import free_shapes, with_more_points
@@ -315,7 +315,6 @@ def next_step(job: Job) -> Found | None:
     source, forms, shapes, whole = asked.source, asked.forms, asked.shapes, asked.whole
     if source is None:
         return None
-    forms = _with_variants(job, forms)
     # The error remaining after a form that removes nearly all is not due to another place or kind; another law of its own kind is
     # tested anyway.
     nearly = next((entry for entry in forms if job.nearly(entry)), None)
@@ -373,34 +372,6 @@ def _both(job: Job, source: Source, forms: Sequence[Entry], spent: float) -> Fou
         with Deadline(min(max(FOR_PAIRS * spent, LEAST_FOR_PAIRS), time_left())), suppress(OutOfTimeError):
             return _together(job, source.pairs(), forms)
     return None
-
-
-def _with_variants(job: Job, forms: list[Entry]) -> list[Entry]:
-    # The forms, the best one and those that come close to it in their best variants if it is not adequate.
-    if not forms or adequate(forms[0].score, job.floors):
-        return forms
-    found = list(forms)
-    with suppress(OutOfTimeError):
-        for form in forms:
-            if ratio(form.score.error, forms[0].score.error, job.floors) < POLICY.form_close:
-                found += job.finished(job.entries(_variants(job, form)))
-    return best_fits(found, job.floors)
-
-
-def _variants(job: Job, entry: Entry) -> Running:
-    # The other variants of a form (a stop at one end only), fitted from its values.
-    candidate, done = entry.candidate, entry.fit
-    seen, found = {done.model.encoded}, list[tuple[Candidate, Fit]]()
-    starts = ((other, start) for other in same_form(candidate, job.current.model, job.evidence) for start in other.starts)
-    for other, start in starts:
-        model = start.replace(done.values)
-        if model.encoded not in seen:
-            seen.add(model.encoded)
-            job.progress(f"fitting another variant of {candidate.cause} ({candidate.location})")
-            fitted = tried(model, done.free, job.rungs[-1])
-            if fitted is not None and other.plausible(fitted.model):
-                found.append((other, fitted))
-    return sorted(found, key=lambda pair: pair[1].cost)
 
 
 def _without_forms(job: Job, source: Source) -> list[Entry]:

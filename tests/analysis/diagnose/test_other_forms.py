@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from types import SimpleNamespace
-from typing import cast
 
 import numpy as np
 import pytest
@@ -16,15 +14,8 @@ from small_rigs import SESSION, Take, carts, chain, guessed, late, played, rubbi
 from isorig.analysis import laws
 from isorig.analysis.campaign import Campaign, Channel, Run
 from isorig.analysis.deadline import Deadline
-from isorig.analysis.diagnose.causes import CATALOGUE
 from isorig.analysis.diagnose.diagnosis import Diagnosis, diagnose
-from isorig.analysis.diagnose.observe import observe
-from isorig.analysis.diagnose.search import Job, _variants
-from isorig.analysis.diagnose.step import Entry
 from isorig.analysis.equations.system import HOLDS, equations_of
-from isorig.analysis.fitting.ladder import ladder, tried
-from isorig.analysis.fitting.preparation import prepare
-from isorig.analysis.fitting.solve import Fit, base_parameters
 from isorig.analysis.model.rig_model import Body, Chain, Contact, Drive, Link, RigModel, Sensor
 
 SEED = 20311
@@ -269,29 +260,6 @@ def test_the_variant_of_a_form_is_found(law: laws.SpringLaw, place: str, cause: 
     assert {name: getattr(fitted, name) for name in ("end", "damped") if hasattr(fitted, name)} == {
         name: getattr(law, name) for name in ("end", "damped") if hasattr(law, name)
     }
-
-
-def test_the_other_variants_of_a_form_start_from_its_values() -> None:
-    """A stop at both ends was fitted, but there is one at one end only."""
-    measured, model = (
-        played(with_law(chain(), "l1", laws.EndStop(stroke=0.02, contact_stiffness=8e3, end=-1)), seed=SEED),
-        chain(),
-    )
-    trials = prepare(measured, model)
-    rung = ladder(trials)[-1]
-    current = Fit(model=model, free=base_parameters(model), covariance=np.zeros((6, 6)), cost=1.0, evaluations=0)
-    evidence = observe(measured, model, trials, model, model)
-    both, *_ = (
-        candidate for cause in CATALOGUE for candidate in cause.candidates(model, evidence) if candidate.key == ("end_stop", "l1")
-    )
-    fitted = tried(both.starts[0], both.parameters(model, current.free), rung)
-    assert fitted is not None
-    job = SimpleNamespace(current=current, evidence=evidence, rungs=(rung,), progress=lambda text: None)
-    entry = SimpleNamespace(candidate=both, fit=fitted)
-    (_, best), *others = _variants(cast(Job, job), cast(Entry, entry))
-    assert len(others) == 1
-    assert best.cost < 0.1 * fitted.cost
-    assert best.model.link("l1").laws[0].end == -1
 
 
 @pytest.mark.study
