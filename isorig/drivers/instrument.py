@@ -89,12 +89,8 @@ class Rejoining(Protocol):
     def rejoin(self) -> None:
         """Reopen the connection and continue the run; samples acquired meanwhile show as a step of the tick.
 
-        Raises
-        ------
-        ConnectionLostError
-            The connection is still not available.
-        InstrumentError
-            The instrument was restarted in the meantime.
+        Raises ConnectionLostError if the connection is still not available, InstrumentError if the instrument was restarted in
+        the meantime.
         """
 
 
@@ -142,10 +138,7 @@ class Sourcing(Protocol):
     def set_source(self, level: float) -> None:
         """Set the level (V, peak) and switch the source on; closing the instrument switches it off.
 
-        Raises
-        ------
-        SettingError
-            The source cannot have that level, or answers with another.
+        Raises SettingError if the source cannot have that level, or answers with another.
         """
 
 

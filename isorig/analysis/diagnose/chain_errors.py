@@ -32,10 +32,7 @@ STEPS = 8  #: Jacobians of the fit. Chosen: small errors are nearly linear.
 def with_chain_errors(known: Fit, trials: Sequence[Trial]) -> Fit | None:
     """A model fitted again together with small errors of all sensors' channels; None where a rig is judged by its drive.
 
-    Raises
-    ------
-    OutOfTimeError
-        The time limit was reached before the fit has ended.
+    Raises OutOfTimeError if the time limit ends the fit.
     """
     if any(trial.motion is not None for trial in trials):
         return None

@@ -155,13 +155,7 @@ class Regressions:
         self._sliding = {name: item for name, item in on.sliding.items() if name in self._counted}
 
     def ranked(self) -> Ranking:
-        """Every kind at every place, best first.
-
-        Raises
-        ------
-        OutOfTimeError
-            The time of the deadline in force has ended.
-        """
+        """Every kind at every place, best first. Raises OutOfTimeError when the time of the deadline in force has ended."""
         before, found = self._counted, self._done.found
 
         def add(
@@ -834,10 +828,7 @@ _BEGUN: WeakKeyDictionary[Equations, _Done] = WeakKeyDictionary()
 def ranking(equations: Equations) -> Ranking:
     """Every kind of cause at every place, ranked by the residuals that it removes; the same equations are ranked once.
 
-    Raises
-    ------
-    OutOfTimeError
-        The time of the deadline in force has ended; the next call continues.
+    Raises OutOfTimeError when the time of the deadline in force has ended; the next call continues.
     """
     if equations not in _RANKED:
         _RANKED[equations] = Regressions(equations, _BEGUN.setdefault(equations, _Done())).ranked()

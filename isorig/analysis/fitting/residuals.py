@@ -107,10 +107,7 @@ class Problem:
     def residuals(self, models: Sequence[RigModel]) -> FloatArray:
         """Weighted residuals of several models in parallel, shape (models, size); NaN if a model diverged.
 
-        Raises
-        ------
-        OutOfTimeError
-            The time limit was reached before; none is simulated.
+        Raises OutOfTimeError if the time limit was reached before; none is simulated then.
         """
         ask_time()
         ends = np.cumsum([gauge.size for gauge in self._gauges])

@@ -92,15 +92,10 @@ def score(model: RigModel, trials: Sequence[Trial]) -> Score:
 def noise_floors(model: RigModel, trials: Sequence[Trial]) -> FloatArray:
     """The error of a perfect model in each run and channel, which it hardly exceeds, and its typical one.
 
-    The responses' own noise, and the drive channel's propagated through the model: the change of the simulation due to noise of
-    its size, added to the recorded drive. If two draws of it disagree, the motion is sensitive and more draws are used: the
-    largest of them, and their median for the typical error. A recorded drive that jumps between two samples, e.g. at a release,
-    acts at an unknown moment between them.
-
-    Returns
-    -------
-    ndarray
-        Shape (2, runs, channels).
+    Their shape is (2, runs, channels). The responses' own noise, and the drive channel's propagated through the model: the change
+    of the simulation due to noise of its size, added to the recorded drive. If two draws of it disagree, the motion is sensitive
+    and more draws are used: the largest of them, and their median for the typical error. A recorded drive that jumps between two
+    samples, e.g. at a release, acts at an unknown moment between them.
     """
     generator = np.random.default_rng(7)
 

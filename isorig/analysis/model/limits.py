@@ -11,13 +11,7 @@ from isorig.analysis.errors import ModelError
 
 
 class Limits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Limits of a run; None or absent if not given.
-
-    Raises
-    ------
-    ModelError
-        A limit allows nothing.
-    """
+    """Limits of a run; None or absent if not given. Raises ModelError if a limit allows nothing."""
 
     stroke: dict[str, float] = {}  #: Largest deflection of a link in either direction, m (rad for a rotation), by link.
     drive: float | None = None  #: Largest magnitude of the drive channel, in its unit: for a head the acceleration in m/s^2.

@@ -170,10 +170,7 @@ class Configuration(Part, frozen=True, kw_only=True):
 class Usual(Part, frozen=True, kw_only=True):
     """The usual measurement of the rig: defaults for commands with a synthetic drive.
 
-    Raises
-    ------
-    ModelError
-        A number is not allowed.
+    Raises ModelError if a number is not allowed.
     """
 
     excitation: SyntheticExcitation = "random"  #: Kind of drive.

@@ -37,12 +37,8 @@ def parameter_by_name(model: RigModel, name: str) -> ParameterValue:
     """A parameter by its name in the parameter table, or by its path in the model.
 
     `<body>_mass` in kg; `<body>_frequency` = sqrt(k / m) / 2 pi in Hz and `<body>_damping` = c / (2 sqrt(k m)) of the link that
-    supports the body; `friction_force` of the rig's only contact, N.
-
-    Raises
-    ------
-    ModelError
-        The rig has no such parameter; the message lists the available ones.
+    supports the body; `friction_force` of the rig's only contact, N. Raises ModelError if the rig has no such parameter; the
+    message lists the available ones.
     """
     if "." in name:
         model.get(name)

@@ -118,11 +118,8 @@ def driven_groups(model: RigModel) -> tuple[tuple[str, ...], ...]:
 def required_drive(model: RigModel, motion: Motion) -> FloatArray:
     """The drive channel's record computed from a motion, decimated, for each group of bodies, shape (groups, n).
 
-    Raises
-    ------
-    SimulationError
-        If the motion does not determine the drive: a body is not measured, a channel has a fault other than a gain, a delay or,
-        of the drive, an offset; or several bodies are driven.
+    Raises SimulationError if the motion does not determine the drive: a body is not measured, a channel has a fault other than a
+    gain, a delay or, of the drive, an offset; or several bodies are driven.
     """
     single_drive(model, "a rig that is judged by its drive")
     pushed = [name for name, weight in model.drive.pushes.items() if weight]
