@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Literal
 
 import msgspec
@@ -305,14 +306,6 @@ def _memory(model: RigModel, evidence: Evidence, place: str) -> Candidate | None
     )  # fmt: skip
 
 
-def _drift(model: RigModel, evidence: Evidence, place: str) -> Candidate | None:
-    return _drift_of("stiffness", "N/m", laws.Drift, model, evidence, place)
-
-
-def _damping_drift(model: RigModel, evidence: Evidence, place: str) -> Candidate | None:
-    return _drift_of("damping", "N s/m", laws.DampingDrift, model, evidence, place)
-
-
 def _drift_of(
     of: Literal["stiffness", "damping"], unit: str, law: type[laws.SpringLaw], model: RigModel, evidence: Evidence, place: str
 ) -> Candidate | None:
@@ -392,7 +385,7 @@ AT_LINKS: Mapping[Kind, Sequence[Maker]] = {
     "damping_shape": (_damping, _damping_by_deflection),
     "friction_shape": (_friction_by_speed, _friction_by_position, _friction_by_time),
     "memory": (_memory,),
-    "drift": (_drift, _damping_drift),
+    "drift": (partial(_drift_of, "stiffness", "N/m", laws.Drift), partial(_drift_of, "damping", "N s/m", laws.DampingDrift)),
 }
 
 
