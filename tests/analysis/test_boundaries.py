@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
@@ -179,9 +180,36 @@ def test_a_fit_that_errs_by_a_twentieth_of_the_signal_is_repeated_on_growing_len
     fitted = cast(Any, SimpleNamespace(stays=lambda run: True, bare=bare))
     one = suspected(
         SimpleNamespace(shows=0, equations=SimpleNamespace(only=None)), left=1.0, follows=partial(search.Job.follows, fitted),
-        promising=0.5, rungs=rungs, unseen=None, stays=lambda run: True, with_values_before_fit=list,
+        promising=0.5, rungs=rungs, unseen=None, stays=lambda run: True, with_values_before_fit=list, keeps_the_motion=False,
     )  # fmt: skip
     assert one._fitted([]) == (again if lost else begun)
+
+
+@pytest.mark.parametrize(("cost", "lost"), [(2999.0, False), (3001.0, True)])
+def test_a_kept_motion_is_lost_only_by_fits_that_leave_more(cost: float, lost: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every candidate contains the current model, which leaves 3000 here."""
+    one, other = with_cost(2000.0), with_cost(cost, "backlash")
+    repeated: list[str] = []
+
+    def followed(starts: Sequence[Any], *_: object) -> list[tuple[Candidate, Fit]]:
+        repeated.extend(start[0].cause for start in starts)
+        return [with_cost(1000.0, "backlash")]
+
+    monkeypatch.setattr(search, "verified", lambda *_, **__: [one, other])
+    monkeypatch.setattr(search, "followed", followed)
+    found = suspected(
+        SimpleNamespace(shows=0, equations=SimpleNamespace(only=None)), left=1.0, follows=lambda run: False, bare=3000.0,
+        promising=0.5, rungs=[SimpleNamespace()] * 2, unseen=None, current=None, progress=None, keeps_the_motion=True,
+        with_values_before_fit=list,
+    )._fitted([(one[0], (), stage()), (other[0], (), stage())])  # fmt: skip
+    assert repeated == ["backlash"] * lost
+    assert [done.cost for _, done in found] == ([1000.0, 2000.0] if lost else [2000.0, cost])
+
+
+@pytest.mark.parametrize(("figure", "hidden", "kept"), [(0.499, True, True), (0.501, True, False), (0.499, False, False)])
+def test_a_partly_measured_rig_keeps_the_motion_up_to_half_the_signal(figure: float, hidden: bool, kept: bool) -> None:
+    job = SimpleNamespace(equations=SimpleNamespace(hidden=hidden), now=SimpleNamespace(figure=figure))
+    assert search.Job.keeps_the_motion.fget(cast(Any, job)) is kept  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize(("ratio", "kept"), [(1.49, True), (1.51, False)])

@@ -58,6 +58,7 @@ from isorig.analysis.fitting.ladder import (
     without,
     without_step,
 )
+from isorig.analysis.fitting.linear_spectra import spectra_of
 from isorig.analysis.fitting.plausible import Doubt, doubts, doubts_of_records, explains_as_given, is_near
 from isorig.analysis.fitting.preparation import prepare, zero_errors
 from isorig.analysis.fitting.repeats import disturbance, with_disturbance
@@ -74,7 +75,8 @@ from isorig.analysis.fitting.score import (
     worst,
 )
 from isorig.analysis.fitting.screen import Progress
-from isorig.analysis.fitting.solve import Fit
+from isorig.analysis.fitting.solve import Fit, base_parameters
+from isorig.analysis.fitting.transfer_functions import BINS, fitted_to_transfer_functions
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.fitting.uncertainty import MOST_NOISE, assessed
 from isorig.analysis.model.rig_model import RigModel
@@ -166,6 +168,9 @@ class Diagnosis:
         A sentence on the accelerometers whose wrong or wandering zeros do not count; empty if there is none.
     required_force
         What confirms the cause if no simulation can follow the motion; None if simulations do.
+    chain_errors
+        Small errors of several channels with which the model explains all that follows the drive, one phrase each; None where
+        these do not count.
     """
 
     verdict: str
@@ -197,6 +202,7 @@ class Diagnosis:
     doubts: tuple[Doubt, ...]
     zero_errors: str
     required_force: ShownByForce | None
+    chain_errors: Sequence[str] | None
 
 
 def diagnose(campaign: Campaign, model: RigModel, *, tolerance: float = 0.0, progress: Progress = lambda text: None) -> Diagnosis:
@@ -267,8 +273,14 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
     preparing = min(time_spent() - begun, KEPT * max(time_left(), 0.0) / AFTER_SEARCH)
     keep_time(AFTER_SEARCH * preparing)
     guess = fit_start(equations)
+    starts = [guess, model]
+    # Where motions are estimated, the transfer functions of the sensors that are there give better values than the equations.
+    if equations.hidden:
+        spectra = spectra_of(model, campaign, BINS)
+        if (fitted := fitted_to_transfer_functions(model, base_parameters(model), spectra)) is not None:
+            guess, starts = fitted, [fitted, *starts]
     try:
-        trials, baseline = _baseline((guess, model), trials, misfits=_surely_misfits(equations, residuals))
+        trials, baseline = _baseline(starts, trials, misfits=_surely_misfits(equations, residuals))
         late = False
     except OutOfTimeError:
         baseline, late = not_fitted(guess), True
@@ -329,6 +341,7 @@ def _at_described_places(campaign: Campaign, model: RigModel, tolerance: float, 
         residuals=residuals, pointed=shown_by_equations, spread=blamed.spread if blamed is not None else "",
         doubts=contradicted or _standing(_doubted(found, model, campaign), campaign, model, equations),
         zero_errors=wandering_in_words(zero_errors(campaign, model), lowest_mode(model)), required_force=by_force,
+        chain_errors=found.chain_errors,
     )  # fmt: skip
 
 

@@ -58,6 +58,7 @@ from isorig.analysis.fitting.ladder import (
     Start,
     Starts,
     bare_cost,
+    continued,
     finished,
     followed,
     horizon,
@@ -68,10 +69,12 @@ from isorig.analysis.fitting.ladder import (
     verified,
     without,
 )
+from isorig.analysis.fitting.linear_spectra import spectra_of
 from isorig.analysis.fitting.residuals import Problem
 from isorig.analysis.fitting.score import Score, adequate, confidence, score
 from isorig.analysis.fitting.screen import Progress, Screen, ScreenedCandidate, shortened
 from isorig.analysis.fitting.solve import Fit, fit
+from isorig.analysis.fitting.transfer_functions import BINS, fitted_to_transfer_functions, steps_towards
 from isorig.analysis.fitting.trials import SIGNAL_SHARE, Trial
 from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.wording import in_per_cent
@@ -88,6 +91,9 @@ FOR_PAIRS, LEAST_FOR_PAIRS = 5.0, 45.0
 PROMISING_LATER = 0.25
 #: Number of screened candidates that are fitted, in addition to the best of each family.
 SCREENED = 6
+#: Number of gains that are fitted of those which one step towards the transfer functions chooses. Chosen: in structures of
+#: which half the bodies had sensors, the first was right.
+NEAREST = 2
 #: Misfit, in allowed errors, above which even the best fit may have lost the motion. Chosen: a twentieth of the signal; after
 #: impacts a fit from close values ended at 7 % and one over growing lengths of the runs at the noise.
 LOST = (0.05 / SIGNAL_SHARE) ** 2
@@ -221,6 +227,11 @@ class Job:
     def follows(self, run: Running) -> bool:
         """Whether the best fit has not lost the motion."""
         return self.stays(run) and run[0][1].cost < max(LOST, POLICY.settled * self.bare)
+
+    @property
+    def keeps_the_motion(self) -> bool:
+        """Whether the current model has not lost the motion, so that no fit from it has either."""
+        return bool(self.equations.hidden) and self.now.figure < STAYS
 
     def helps(self, entries: Sequence[Entry]) -> bool:
         """Whether one removes as much as no other single cause can then."""
@@ -402,6 +413,9 @@ def sources(job: Job) -> Iterator[Source]:
         found = job.suspects
         if found is not None and found.exact and possible.includes(found.chosen[0].place):
             yield Suspected(job=job, found=found)
+    if equations.hidden and job.left >= 1.0:
+        yield InTransferFunctions(job=job, places=possible)
+    if possible is not None:
         for one in possible.possible[:PLACES]:
             there = suspects(equations_at(one, job.campaign, job.trials))
             if there is not None:
@@ -467,6 +481,7 @@ class Suspected:
             starts = [*starts, *(start for start in own if (id(start[0]), id(start[2])) not in begun)]
         starts = job.with_values_before_fit(starts)
         run = verified(starts, job.rungs[-1], job.progress, sure=self.found.shows, limit=limit, whole=job.unseen)
+        run = continued(run, job.rungs[-1])
         if (place := self.found.equations.only) is not None and run:
             # The force there has no content where noise hides it, which biases the values of a form.
             best = next(start for start in starts if start[0] is run[0][0])
@@ -474,6 +489,12 @@ class Suspected:
             run = sorted([*run, *more], key=lambda pair: pair[1].cost)
         if job.left < 1.0 or len(job.rungs) == 1 or out_of_time() or job.follows(run):
             return run
+        if job.keeps_the_motion and run:
+            # Each contains the current model, so only those that leave more have lost the motion.
+            lost = [candidate for candidate, done in run if done.cost > job.bare]
+            starts = [start for start in starts if any(start[0] is candidate for candidate in lost)]
+            again = followed(starts, job.rungs, job.current, job.progress, job.promising) if starts else []
+            return sorted([*again, *(pair for pair in run if pair[0] not in lost)], key=lambda pair: pair[1].cost)
         # Impacts soon make two motions differ, however close their parameters are.
         again = followed(starts, job.rungs, job.current, job.progress, job.promising)
         return run if job.stays(run) and not (again and again[0][1].cost < run[0][1].cost) else again
@@ -652,6 +673,76 @@ class Suspected:
 
 
 @dataclass(frozen=True, kw_only=True)
+class InTransferFunctions:
+    """The gains of sensors, chosen by one linear step of each from the fit to the transfer functions.
+
+    Where motions are estimated from the records, a wrong gain breaks every equation.
+    """
+
+    job: Job  #: What the search is about.
+    places: Places | None = None  #: Those of the candidates; None for all.
+
+    @property
+    def leads(self) -> bool:
+        """It has no shapes."""
+        return False
+
+    @cached_property
+    def _sought(self) -> list[Candidate]:
+        model, evidence = self.job.current.model, self.job.evidence
+        gains = (c for c in proposed(model, evidence) if [free.path.rpartition(".")[2] for free in c.free] == ["gain"])
+        return [c for c in gains if self.places is None or self.places.includes(c.location)]
+
+    @property
+    def known(self) -> frozenset[tuple[str, str]]:
+        """Cause and place of every candidate that was considered."""
+        return frozenset(candidate.key for candidate in self._sought)
+
+    @cached_property
+    def forms(self) -> Running:
+        """Fitted forms, best first."""
+        job, free = self.job, self.job.current.free
+        spectra = spectra_of(job.current.model, job.campaign, BINS)
+        guess = fitted_to_transfer_functions(job.guess, free, spectra)
+        if guess is None or not self._sought:
+            return []
+        shares = steps_towards(guess, free, [c.free[0] for c in self._sought], spectra)
+        nearest = [self._sought[k] for k in np.argsort(-shares)[:NEAREST]]
+        job.progress("transfer functions suggest: " + ", ".join(f"{c.cause} ({c.location})" for c in nearest))
+        starts: Starts = []
+        for candidate in nearest:
+            own = candidate.parameters(job.current.model, free)
+            fitted = fitted_to_transfer_functions(candidate.starts[0], own, spectra)
+            if fitted is not None:
+                starts.append((candidate, own, fitted))
+        return continued(verified(starts, job.rungs[-1], job.progress), job.rungs[-1])
+
+    def shapes(self, forms: Sequence[Entry], nearly: Entry | None = None) -> Running:
+        """None: the rig is linear."""
+        return []
+
+    def pairs(self) -> list[tuple[Candidate, Fit, Candidate, Fit]]:
+        """A second cause is searched for after the first."""
+        return []
+
+    def doubtful(self, forms: Sequence[Entry]) -> bool:
+        """What explains most needs no other source."""
+        return not any(self.job.explains(entry) for entry in forms)
+
+    def suffices(self, forms: Sequence[Entry]) -> bool:
+        """Whether a form explains most."""
+        return not self.doubtful(forms)
+
+    def allows(self, entry: Entry) -> bool:
+        """Only one that explains most."""
+        return False
+
+    def shown(self, cause: str, place: str) -> bool:
+        """The equations show nothing."""
+        return False
+
+
+@dataclass(frozen=True, kw_only=True)
 class Screened:
     """Candidates chosen by one linear step of each from the current fit."""
 
@@ -767,7 +858,7 @@ class Screened:
 
 
 #: Where candidates come from.
-Source = Suspected | Screened
+Source = Suspected | InTransferFunctions | Screened
 
 
 def diverse(screened: Sequence[ScreenedCandidate]) -> list[ScreenedCandidate]:

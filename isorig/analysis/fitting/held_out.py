@@ -39,7 +39,7 @@ def with_decays_held_out(trials: Sequence[Trial], free: Collection[str]) -> tupl
     """The trials, of several decays the second strongest held out, and the others fitted as a whole.
 
     The end of a decay is its weakest part, where an effect of large motions does not show. `free` are the names of the runs that
-    nothing drives.
+    nothing drives, or a hammer alone.
     """
     alike = [k for k, trial in enumerate(trials) if trial.fitted > 0 and trial.run.id in free and decays(trial.measured)]
     if len(alike) < 2:

@@ -43,6 +43,8 @@ LAST_STEPS = 4
 #: Maximum number of further steps of a baseline that has not converged yet, and the relative fall of the cost that ends them.
 #: Chosen: a single pull of a cart with stick and slip took fifty.
 VALLEY_STEPS, VALLEY_FALL = 80, 5e-3
+#: Maximum number of steps with which a candidate's fit is continued. Chosen: hidden modes took 15 to 25.
+FURTHER_STEPS = 24
 #: Seconds of each run for the first short fits, and the share of a model's misfit that must appear in them.
 SCREENS = (4.0, 10.0)
 SHOWN = 0.3
@@ -106,7 +108,9 @@ def baseline_fit(starts: Sequence[RigModel], trials: Sequence[Trial], *, misfits
     for shorter, rung in pairwise((first, *longer)):
         kept = fits if shorter.seconds < UNDECIDED else [_trusted(fits, starts[0].name)]
         fits = [done for each in kept if (done := tried(each.model, free, rung))]
-    return _converged(_returned(_trusted(fits, starts[0].name), starts[-1], (first, *longer)[-1]), trials)
+    best = _trusted([*fits, *([quick] if quick is not None else [])], starts[0].name)
+    best = min([best, *([quick] if quick is not None else [])], key=lambda fit: fit.cost)
+    return _converged(_returned(best, starts[-1], last), trials)
 
 
 def not_fitted(model: RigModel) -> Fit:
@@ -331,6 +335,21 @@ def verified(
             climbed.append((candidate, done))
     climbed.sort(key=lambda pair: pair[1].cost)
     return [pair for k, pair in enumerate(climbed) if not any(_alike(pair[0], other) for other, _ in climbed[:k])]
+
+
+def continued(run: Running, rung: Rung) -> Running:
+    """The same fits, best first, with those that ended by their number of steps continued on this rung.
+
+    A resonance that a description lacks lies in a long valley: much mass far away moves the rig as less of it close by.
+    """
+
+    def further(candidate: Candidate, done: Fit) -> Fit:
+        if done.converged or done.cost <= AGREES:
+            return done
+        more = tried(done.model, done.free, replace(rung, steps=FURTHER_STEPS))
+        return more if more is not None and more.cost < done.cost and candidate.plausible(more.model) else done
+
+    return sorted(((candidate, further(candidate, done)) for candidate, done in run), key=lambda pair: pair[1].cost)
 
 
 def _alike(one: Candidate, other: Candidate) -> bool:

@@ -64,13 +64,16 @@ class Spectrum:
         return np.asarray(np.einsum("rd...g,deg,re...g->r...g", response.conj(), self.drives, response).real)
 
 
-def spectra_of(model: RigModel, campaign: Campaign) -> tuple[Spectrum, ...]:
-    """Spectra of all runs that are driven, up to their first gaps, without those that drag a contact in one direction."""
+def spectra_of(model: RigModel, campaign: Campaign, groups: int = GROUPS) -> tuple[Spectrum, ...]:
+    """Spectra of all runs that are driven, up to their first gaps, without those that drag a contact in one direction.
+
+    The frequency bins of each are averaged to at most this number of groups.
+    """
     names = tuple(drive.channel for drive in model.drives)
     # A rig that nothing holds is judged by the force of its drive; its positions may drift.
     noise = {} if floats(model) else noise_levels(campaign, names, LONGEST_NOISE)
     runs = (run for run in campaign.runs if not _drags_a_contact(model, run))
-    return tuple(found for run in runs if (found := spectrum_of(model, run, noise)) is not None)
+    return tuple(found for run in runs if (found := spectrum_of(model, run, noise, groups)) is not None)
 
 
 def drags(speed: FloatArray) -> bool:
@@ -97,10 +100,11 @@ def _drags_a_contact(model: RigModel, run: Run) -> bool:
     return False
 
 
-def spectrum_of(model: RigModel, run: Run, noise: Mapping[str, float]) -> Spectrum | None:
+def spectrum_of(model: RigModel, run: Run, noise: Mapping[str, float], groups: int = GROUPS) -> Spectrum | None:
     """Spectra of a run up to its first gap, with the standard deviations of its channels' noise.
 
-    None if the gap comes too early for a fit, or no frequency is driven.
+    Its frequency bins are averaged to at most this number of groups, evenly spaced in log frequency. None if the gap comes too
+    early for a fit, or no frequency is driven.
     """
     samples = usable_stop(run)
     if samples < SHORTEST:
@@ -112,7 +116,7 @@ def spectrum_of(model: RigModel, run: Run, noise: Mapping[str, float]) -> Spectr
     if last - first < 2:
         return None
     inside = slice(first, last)
-    edges = np.geomspace(frequency[first], frequency[last - 1] * 1.000001, GROUPS + 1)
+    edges = np.geomspace(frequency[first], frequency[last - 1] * 1.000001, groups + 1)
     starts = np.unique(np.searchsorted(frequency[inside], edges[:-1]))
 
     def read(channel: str) -> FloatArray:

@@ -21,6 +21,7 @@ from isorig.analysis.rounding import deviation_by_median
 from isorig.analysis.simulate.free_run import excitation_of
 from isorig.analysis.simulate.natural import lowest_mode
 from isorig.analysis.simulate.sampling import FLAT
+from isorig.analysis.spectra.hits import looks_hit
 from isorig.analysis.spectra.noise import noise_levels, noise_of_runs, rests
 from isorig.analysis.spectra.zero_errors import SLOW, wandering
 
@@ -32,7 +33,7 @@ ACTS = 1.0
 MANY, MOST = 3, 0.5
 #: Periods of the lowest mode for which a released rig moves from which on its records tell the state at their start better than
 #: the description. Chosen: within one or two a state and a friction imitate each other.
-DECAYS = 5.0
+DECAYS = 2.5
 
 
 def relative(model: RigModel, measured: FloatArray, drive: FloatArray) -> FloatArray | None:
@@ -128,7 +129,7 @@ def prepare(campaign: Campaign, model: RigModel, *, oversample: int = 4) -> tupl
         if still and not described_state(model, run.configuration):
             released.append(run)
             continue
-        if still:
+        if still or looks_hit(run, model.drive.channel):
             free.add(run.id)
         names = tuple(sensor.channel for sensor in model.sensors)
         measured = np.stack([run.channel(name).read(0, stop) for name in names])

@@ -31,6 +31,8 @@ NEARER = 0.3
 #: Share of that distance that an exchange with the drive must remove. Chosen: those of the tests remove at least twice as much,
 #: and a misfit by strong contacts, whose shapes are turned by chance, not even a hundredth.
 EXPLAINS = 0.1
+#: Power that counts as none, far below that of any record.
+NONE = 1e-200
 #: Power of a record relative to its noise from which a band counts. Chosen: half of it is then motion.
 ABOVE_NOISE = 2.0
 
@@ -89,8 +91,8 @@ def _shapes(rig: _Predicted, spectrum: Spectrum, heard: BoolArray) -> tuple[Floa
     # Logarithms of the amplitudes of drive and responses in the bands that count, as recorded and as predicted by the given rig.
     drive = spectrum.drives[:1, 0].real
     powers = (np.concatenate([drive, each]) for each in (spectrum.power, rig.power(spectrum)))
-    with np.errstate(divide="ignore"):
-        recorded, predicted = (0.5 * np.log(spectrum.in_bands(power)[:, heard]) for power in powers)
+    # Friction that holds a body for all of a run leaves no motion.
+    recorded, predicted = (0.5 * np.log(np.maximum(spectrum.in_bands(power)[:, heard], NONE)) for power in powers)
     return recorded, predicted
 
 
