@@ -436,6 +436,15 @@ def test_what_most_of_an_unexplained_error_is_stands_in_the_answer(low: float, s
     assert ("; 90 % of the error's power changes with the amplitude" in conclude(unexplained).answer) == said
 
 
+@pytest.mark.parametrize(
+    ("listed", "said"),
+    [(["base is 0.2 ms late", "top reads 1.1 % more"], " (base is 0.2 ms late, top reads 1.1 % more)"), ([], "")],
+)
+def test_small_errors_of_channels_stand_in_the_answer_of_an_adequate_model(listed: list[str], said: str) -> None:
+    answer = conclude(findings(verdict="adequate", steps=[], chain_errors=listed)).answer
+    assert f"down to small errors of its channels{said} and to what is related to neither the drive nor the motion; " in answer
+
+
 def test_an_answer_by_the_required_force_promises_no_prediction() -> None:
     """The error of a simulation that cannot follow the motion says nothing."""
     said = conclude(msgspec.structs.replace(findings(), required_force=RequiredForce(baseline=0.4, extended=0.0035)), "out")

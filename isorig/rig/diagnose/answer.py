@@ -83,6 +83,7 @@ def findings_of(
         required_force=None if force is None else stored.RequiredForce(
             baseline=force.before, extended=force.after, follows=force.follows
         ),
+        chain_errors=None if diagnosis.chain_errors is None else [*diagnosis.chain_errors],
         time_limit_s=limit, driven=_driven(campaign, diagnosis.baseline.model),
         steps=[_step(step, share, diagnosis.extended) for step, share in zip(diagnosis.steps, diagnosis.shares, strict=True)],
         candidates=msgspec.convert(diagnosis.considered, list[stored.TriedCause], from_attributes=True),
@@ -139,7 +140,7 @@ def missing(campaign: Campaign, model: RigModel) -> list[str]:
             f"record at least {PERIODS / slowest:.0f} s."
         )
     if driven and not any(run.repeat_of or run.period for run in driven):
-        said.append("No drive was played twice (repeat_of), so the disturbance is not measured and counts as error.")
+        said.append("No drive was played twice (repeat_of), so the disturbance is not measured.")
     return said + (levels_in_words(replace(campaign, runs=tuple(driven)), drive) if driven else [])
 
 

@@ -226,6 +226,9 @@ class Findings(msgspec.Struct, frozen=True, kw_only=True, tag_field="format", ta
     pointed: KindAt | None = None
     #: What confirms the first step if no simulation can follow the motion; None if simulations do.
     required_force: RequiredForce | None = None
+    #: Small errors of several channels with which the model explains all that follows the drive, each as a phrase if it is larger
+    #: than a calibration tells; None where these do not count.
+    chain_errors: list[str] | None = None
     time_limit_s: float | None  #: The given time limit, s; None for none.
     driven: bool = True  #: Whether a drive is recorded in any run; otherwise the rig was only released.
     steps: list[NamedCause]  #: The named causes, largest first.

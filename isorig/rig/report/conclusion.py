@@ -168,6 +168,9 @@ def _down_to(findings: Findings) -> str:
     worst, threshold = findings.adequacy.worst, findings.adequacy.threshold
     if findings.tolerance and worst is not None and threshold is not None and worst >= threshold:
         return f"to within the tolerance of {in_per_cent(findings.tolerance)}"
+    if findings.chain_errors is not None:
+        listed = f" ({', '.join(findings.chain_errors)})" if findings.chain_errors else ""
+        return f"down to small errors of its channels{listed} and to what is related to neither the drive nor the motion"
     if not _disturbed(findings):
         return "down to the noise"
     known = "the disturbance between repeated runs"

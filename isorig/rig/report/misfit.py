@@ -233,8 +233,8 @@ def residual_chart(before: Mapping[str, float], after: Mapping[str, float] | Non
     sets = {BASELINE: np.array(list(before.values()))}
     caption = (
         "Equations of motion in the records, without simulation: the residual of each divided by its noise. About 1 is noise "
-        "alone; a fault raises every equation that contains its force, or a motion without a sensor that follows from it, so the "
-        "longest bar alone does not give its place."
+        "alone; disturbances and small errors of sensors raise all equations, a fault every one that contains its force, or a "
+        "motion without a sensor that follows from it, so the longest bar alone does not give its place."
     )
     if after is not None:
         extended = np.array([after.get(name, np.nan) for name in before])
