@@ -21,10 +21,12 @@ def deviation(moves: FloatArray, slope: FloatArray) -> float:
     """
     from scipy.special import stdtrit
 
-    own = (moves @ slope) ** 2
-    whole = float(own.sum())
-    if whole == 0.0:
+    changes = moves @ slope
+    largest = float(np.abs(changes).max(initial=0.0))
+    if largest == 0.0:
         return 0.0
+    own = (changes / largest) ** 2  # the fourth power of a tiny change would be zero
+    whole = float(own.sum())
     # For a normal variable the fourth moment is three times the square of the second.
     degrees = 3.0 * whole**2 / float((own**2).sum())
-    return float(np.sqrt(whole) * stdtrit(max(degrees, 2.0), 0.975) / NORMAL)
+    return float(largest * np.sqrt(whole) * stdtrit(max(degrees, 2.0), 0.975) / NORMAL)

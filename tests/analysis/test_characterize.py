@@ -51,6 +51,14 @@ def test_deviation_is_the_scatter_of_means() -> None:
     assert np.mean(np.abs(few.mean(axis=1)) <= 1.959964 * np.array(found)) > 0.9
 
 
+@pytest.mark.parametrize("size", [1e-135, 1e135])
+def test_deviation_has_the_unit_of_its_value(size: float) -> None:
+    """The fourth powers of tiny changes would be zero, those of large ones infinite."""
+    moves = np.random.default_rng(1).standard_normal((20, 1))
+    assert deviation(size * moves, np.ones(1)) == pytest.approx(size * deviation(moves, np.ones(1)))
+    assert deviation(0.0 * moves, np.ones(1)) == 0.0
+
+
 def test_intervals_hold_the_truth_and_are_no_wider_than_they_need() -> None:
     model = wire_bonder({**THESIS, "friction_force": 9.0, "table_mass": 92.0})
     campaign = virtual_campaign(model, TAKES, seed=1)

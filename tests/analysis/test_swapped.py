@@ -177,6 +177,14 @@ def test_an_exchange_that_brings_the_shapes_no_nearer_is_none(session: Campaign,
         assert bool(swapped_channels(wire_bonder(), spectra_of(wire_bonder(), session))) is named
 
 
+def test_a_rig_that_friction_holds_has_a_shape(session: Campaign) -> None:
+    """With the channels exchanged, the described friction may hold every body: the predicted power is zero."""
+    (spectrum, *_) = spectra_of(wire_bonder(), session)
+    held = swapped._Predicted(wire_bonder(), spectrum)
+    silent = replace(spectrum, power=0.0 * spectrum.power, drives=0.0 * spectrum.drives)
+    assert all(np.isfinite(each).all() for each in swapped._shapes(held, silent, exceeds_noise(spectrum)))
+
+
 @pytest.mark.parametrize(("worst", "named"), [(0.51, True), (0.49, False)])
 def test_an_exchange_must_repair_the_phases_of_every_record(
     session: Campaign, worst: float, named: bool, monkeypatch: pytest.MonkeyPatch

@@ -20,6 +20,7 @@ from isorig.analysis.deadline import ask_time
 from isorig.analysis.equations.hidden import WITHIN
 from isorig.analysis.equations.spectral import ACCURACY
 from isorig.analysis.equations.system import CausePlace
+from isorig.analysis.errors import ModelError, SimulationError
 from isorig.analysis.fitting.linear_spectra import LEAST_DAMPING
 from isorig.analysis.fitting.trials import Trial, expected
 from isorig.analysis.model.linear import imposed_coordinates, linear_part, pushes_of
@@ -234,8 +235,11 @@ class _Fitted(NamedTuple):
     model: RigModel
 
     def again(self, place: CausePlace | None, runs: Sequence[_Bins], least_response: float = UNDETERMINED) -> _Fitted:
-        # The better one of this and a fit about the simulation with its values.
-        return min(self, _Rig(self.model, runs, least_response).fitted(place), key=lambda one: one.left)
+        # The better one of this and a fit about the simulation with its values, if these can be simulated.
+        try:
+            return min(self, _Rig(self.model, runs, least_response).fitted(place), key=lambda one: one.left)
+        except (ModelError, SimulationError):
+            return self
 
     def settled(self, place: CausePlace | None, runs: Sequence[_Bins], least_response: float = UNDETERMINED) -> _Fitted:
         # The same until the values are final.

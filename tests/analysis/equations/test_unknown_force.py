@@ -11,6 +11,7 @@ from scipy.signal import chirp
 from strange_rigs import StrangeRig
 
 from isorig.analysis.campaign import Campaign, Channel, Run
+from isorig.analysis.equations import unknown_force
 from isorig.analysis.equations.at_place import equations_at
 from isorig.analysis.equations.ranking import ranking
 from isorig.analysis.equations.system import CausePlace
@@ -24,6 +25,7 @@ from isorig.analysis.equations.unknown_force import (
     is_own,
     tells,
 )
+from isorig.analysis.errors import ModelError, SimulationError
 from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.laws import Cubic
 from isorig.analysis.model.rig_model import RigModel
@@ -166,3 +168,15 @@ def test_which_values_are_fitted_along_and_which_are_a_part_of_the_force(path: s
     assert is_linear(path) is linear
     assert is_own(path, CausePlace("link", "l1")) is own
     assert not is_own(path, CausePlace("sensor", "a0"))
+
+
+@pytest.mark.parametrize("error", [ModelError("too quick"), SimulationError("without bound")])
+def test_values_that_cannot_be_simulated_end_a_fit(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A linear step may lead to an extreme damper; what was fitted before it counts."""
+
+    def failing(self: object, *given: object) -> None:
+        raise error
+
+    monkeypatch.setattr(unknown_force._Rig, "__init__", failing)
+    before = unknown_force._Fitted(2.0, given())
+    assert before.settled(None, []) == before

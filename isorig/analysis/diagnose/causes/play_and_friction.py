@@ -84,4 +84,4 @@ class PlayAndFriction(LinkCause):
 def _force(link: LinkInRuns) -> float:
     # Friction of the contact there, N.
     known = next((c.law.friction_force for c in link.model.contacts if c.name == link.name and isinstance(c.law, Coulomb)), 0.0)
-    return known or UNKNOWN * max(link.stiffness * link.deflection, link.link.damping * link.speed)
+    return known or UNKNOWN * link.largest_force
