@@ -48,6 +48,8 @@ YIELDS = (0.01, 0.05, 0.2, 0.6)
 RUBS, ALONE = 0.02, 1.0
 #: If friction is unknown, a second starting value is this many times larger: from little friction no gradient leads to sticking.
 RUBS_MORE = 8.0
+#: What is equivalent to a constant part of a friction.
+OFFSET = "drive.chain.offset"
 #: Velocity in m/s that represents the onset of sliding.
 SLOWEST = 1e-9
 #: Laws replaced by a curve over deflection or over velocity.
@@ -205,6 +207,7 @@ def _levels(law: laws.FrictionLaw, speed: FloatArray, way: float) -> FloatArray:
 
 def _rubbed(model: RigModel, evidence: Evidence, place: str, law: laws.FrictionLaw) -> tuple[RigModel, laws.FrictionLaw, float]:
     # The rig with another friction at a place, the previous friction, and its level in N.
+    model = model.replace({OFFSET: evidence.described.get(OFFSET)})  # it may have absorbed a part of the friction
     link = model.link(place)
     old = next((contact.law for contact in model.contacts if contact.name == place), None)
     least = RUBS * _largest_force(link, evidence)
@@ -266,7 +269,7 @@ def _friction(
     starts = (start, start.replace({point.path: more * start.get(point.path) for point in free})) if push else (start,)
     return Candidate(
         cause="friction_shape", location=place, family="friction_shape curve", starts=starts, free=free, reported=(),
-        dropped=(path, "drive.chain.offset"), rank=9, shape=shape,
+        dropped=(path, OFFSET), rank=9, shape=shape,
     )  # fmt: skip
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar, TypeVar, get_args
 
@@ -25,9 +26,11 @@ from isorig.analysis.diagnose.causes.base import (
     WeakestSizes,
 )  # fmt: skip
 from isorig.analysis.diagnose.causes.measurement_chain import DriveCause
+from isorig.analysis.diagnose.causes.play_and_friction import PlayAndFriction
+from isorig.analysis.diagnose.free_shapes import free_shapes
 from isorig.analysis.fitting.solve import Free
-from isorig.analysis.laws import QuadraticDamping
-from isorig.analysis.model.rig_model import RigModel
+from isorig.analysis.laws import ElastoSlip, Periodic, QuadraticDamping
+from isorig.analysis.model.rig_model import Body, Drive, Link, RigModel, Sensor
 from isorig.rig.wire_bonder.description import wire_bonder
 from isorig.rig.wire_bonder.effects import KINDS, OUTSIDE, PAIRS, generator_of, hidden_in
 
@@ -177,3 +180,30 @@ def test_the_page_on_causes_lists_every_family() -> None:
     page = (ROOT / "docs" / "add-cause.md").read_text(encoding="utf-8")
     listed = page.split("*Which family?*")[1].split("\n-")[0]
     assert set(re.findall("`([a-z]+)`", listed)) == {cause.family for cause in CATALOGUE}
+
+
+def test_play_and_friction_have_a_size_in_a_link_with_a_law_alone() -> None:
+    """The gravity of an arm is a periodic law of a link without spring and damper, whose friction has no usual size."""
+    gravity = Link(name="gravity", a="arm", laws=(Periodic(periodic_force=2.0, pitch=6.283),))
+    rig = RigModel(
+        name="arm", bodies=(Body(name="arm", mass=0.1, motion="rotation"),), links=(gravity,),
+        drive=Drive(channel="torque", pushes={"arm": 1.0}, quantity="torque"),
+        sensors=(Sensor(channel="angle", body="arm", quantity="angle"),),
+    )  # fmt: skip
+    runs = replace(EVIDENCE, deflection={"gravity": 2.0}, speed={"gravity": 1.0})
+    starts = [*PlayAndFriction().starts(LinkInRuns(rig, runs, "gravity"), runs)]
+    laws = [law for start in starts for law in start.link("gravity").laws if isinstance(law, ElastoSlip)]
+    assert len(laws) == len(starts) > 0
+
+
+def test_an_offset_that_absorbed_a_friction_starts_as_described() -> None:
+    """Half the difference of two levels is a constant force; one that a baseline had fitted would falsify both."""
+    path = "drive.chain.offset"
+    model = wire_bonder().replace({path: 0.7})
+    cause = next(each for each in CATALOGUE if each.name == "asymmetric_friction")
+    forms = [candidate for place in cause.places(model) for candidate in cause.proposed(model, EVIDENCE, place)]
+    curves = [shape for shape in free_shapes(model, EVIDENCE) if shape.shape is not None and shape.shape.over == "speed"]
+    frictions = [shape for shape in curves if shape.cause == "friction_shape"]
+    assert forms
+    assert frictions
+    assert {start.get(path) for candidate in (*forms, *frictions) for start in candidate.starts} == {0.0}

@@ -73,10 +73,13 @@ class ContactCause(Cause):
     def proposed(self, model: RigModel, evidence: Evidence, place: str) -> Iterator[Candidate]:
         contact, path = ContactInRuns(model, evidence, place), f"contacts.{place}.law"
         free = tuple(self.free(contact))
+        # What the law makes superfluous may have absorbed a part of it.
+        given = {other: evidence.described.get(other) for other in self.dropped}
         names = self.reports or tuple(one.path for one in free)
         for starts in self.variants(contact):
             yield Candidate(
-                cause=self.name, location=place, family=self.family, rank=self.rank, starts=tuple(starts),
+                cause=self.name, location=place, family=self.family, rank=self.rank,
+                starts=tuple(start.replace(given) for start in starts),
                 free=tuple(replace(one, path=f"{path}.{one.path}") for one in free),
                 dropped=(f"{path}.friction_force", *self.dropped) if self.dropped else (), plausible=self.plausible(path),
                 reported=tuple(Reported(name=name, path=f"{path}.{name}", unit=self.law.parameters[name].unit) for name in names),
