@@ -24,7 +24,7 @@ from isorig.analysis.model.rig_model import GROUND, RigModel
 from isorig.analysis.spectra.periodic import periodic
 from isorig.analysis.spectra.quality import faults
 from isorig.analysis.spectra.welch import estimate
-from isorig.analysis.wording import as_difference, of_signal, with_article, with_std
+from isorig.analysis.wording import MULTIPLE, as_difference, of_signal, with_article, with_std
 
 #: Standard errors above which a quantity is a sign, and the share below which it is too small to be one.
 SURE, SMALL = 4.0, 0.004
@@ -380,7 +380,7 @@ def _time(model: RigModel, groups: Groups) -> list[Sign]:
             found.append(Sign(text=text, supported=supported("time")))
         elif 0.0 < within <= RESOLVED:
             found.append(Sign(text=f"{where} agree to within {100 * within:.2g} %: no change of the rig was detected."))
-        elif within:
+        elif 0.0 < within < MULTIPLE:
             text = f"a change of the rig below {as_difference(within)} would not be detected"
             found.append(Sign(text=f"{where} agree within the random error; {text}."))
     return found

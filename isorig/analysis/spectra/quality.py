@@ -16,6 +16,7 @@ from isorig.analysis.campaign import Campaign, FloatArray, Measured, Run, broad,
 from isorig.analysis.errors import DataError
 from isorig.analysis.given import of_type
 from isorig.analysis.parallel import side_by_side
+from isorig.analysis.spectra.hits import looks_hit
 from isorig.analysis.spectra.noise import ENOUGH, noise_level
 from isorig.analysis.spectra.overload import LONGEST, extents, extremes, plateaus
 from isorig.analysis.spectra.welch import Spectra, common_bins, estimate, stretches
@@ -116,7 +117,8 @@ def faults(campaign: Measured, *, reference: str) -> tuple[Fault, ...]:
 def _faults(campaign: Campaign, reference: str) -> tuple[Fault, ...]:
     released = _released(campaign, reference)
     found = clipped_or_dead(campaign, reference=reference)
-    found += [fault for run in campaign.runs for fault in _short(run)]
+    # A hammer's run lasts as long as the rig rings.
+    found += [fault for run in campaign.runs if not looks_hit(run, reference) for fault in _short(run)]
     found += [fault for run in campaign.runs for fault in _spikes(run, reference)]
     hurt = released | {(fault.run, fault.channel) for fault in found if fault.kind == "dead"}
     found += [fault for run in campaign.runs for fault in _stuck(run, reference) if (run.id, fault.channel) not in hurt]

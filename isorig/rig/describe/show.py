@@ -61,7 +61,7 @@ def shown(model: RigModel, *, sensors: bool) -> None:
             found = _from_usual_runs(model, paths)
             said = _sentences(found, free)
             known = {
-                path: "not identifiable" if not np.isfinite(std) else f"{100.0 * std:.2g} %"
+                path: "not identifiable" if not np.isfinite(std) else f"{100.0 * std:{'.0f' if std >= 0.0995 else '.2g'}} %"
                 for path, std in zip(found.paths, found.std, strict=True)
             }
         except (AnalysisError, PlanError) as error:
