@@ -23,6 +23,7 @@ from isorig.analysis.fitting.plausible import doubts_of_records
 from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.fitting.score import signal_powers
 from isorig.analysis.model.rig_model import Body, Configuration, Drive, Link, RigModel, Sensor
+from isorig.analysis.simulate.sampling import TAPS
 
 SEED = 5200
 RATE = 250.0
@@ -157,6 +158,7 @@ def test_a_run_down_begins_at_the_recorded_speed() -> None:
     campaign, rig = run_down((63.0, 34.0))
     for trial, speed in zip(prepare(campaign, rig), (60.0, 35.0), strict=True):
         assert trial.moving is not None
+        assert trial.moving.measured.shape[1] == TAPS + 200  # a twentieth of the run
         ((_, found),) = trial.moving.state(rig, trial.excitation).values()
         assert found == pytest.approx(speed, rel=0.005)
     found = diagnose(campaign, rig)
