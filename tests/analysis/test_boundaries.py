@@ -17,7 +17,7 @@ from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
 from isorig.analysis.diagnose import search
 from isorig.analysis.diagnose.search import Suspected
 from isorig.analysis.equations.sliding import Sliding
-from isorig.analysis.fitting import solve, uncertainty
+from isorig.analysis.fitting import ladder, solve, uncertainty
 from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.held_out import decays, fit_samples
 from isorig.analysis.fitting.solve import Fit, Free, fit
@@ -204,6 +204,33 @@ def test_a_kept_motion_is_lost_only_by_fits_that_leave_more(cost: float, lost: b
     )._fitted([(one[0], (), stage()), (other[0], (), stage())])  # fmt: skip
     assert repeated == ["backlash"] * lost
     assert [done.cost for _, done in found] == ([1000.0, 2000.0] if lost else [2000.0, cost])
+
+
+@pytest.mark.parametrize(
+    ("converged", "cost", "after", "plausible", "result"),
+    [
+        (False, 1.01, 0.5, True, 0.5),
+        (True, 1.01, 0.5, True, 1.01),
+        (False, 0.99, 0.5, True, 0.99),  # agrees with the data
+        (False, 5.0, 6.0, True, 5.0),
+        (False, 5.0, 0.5, False, 5.0),
+    ],
+)
+def test_a_fit_that_ended_by_its_steps_is_continued(
+    converged: bool, cost: float, after: float, plausible: bool, result: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    candidate, done = with_cost(cost)
+    steps: list[int] = []
+
+    def tried(start: object, free: object, rung: ladder.Rung) -> Fit:
+        steps.append(rung.steps)
+        return replace(done, cost=after)
+
+    monkeypatch.setattr(ladder, "tried", tried)
+    rung = ladder.Rung(problem=cast(Any, None), steps=8, seconds=10.0)
+    begun = [(replace(candidate, plausible=lambda model: plausible), replace(done, converged=converged))]
+    assert [fit.cost for _, fit in ladder.continued(begun, rung)] == [result]
+    assert steps in ([], [24])
 
 
 @pytest.mark.parametrize(("figure", "hidden", "kept"), [(0.499, True, True), (0.501, True, False), (0.499, False, False)])
