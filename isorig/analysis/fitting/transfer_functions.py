@@ -62,10 +62,10 @@ def fitted_to_transfer_functions(model: RigModel, free: Sequence[Free], spectra:
         columns = [(errors(coordinates + STEP * unit) - here) / STEP for unit in np.eye(len(coordinates))]
         return np.stack(columns, axis=1)
 
-    found = least_squares(
-        errors, coordinates_of(model, free), jac=slopes, loss="soft_l1", f_scale=LARGE, x_scale=0.1, max_nfev=EVALUATIONS
-    )
     try:
+        found = least_squares(
+            errors, coordinates_of(model, free), jac=slopes, loss="soft_l1", f_scale=LARGE, x_scale=0.1, max_nfev=EVALUATIONS
+        )
         return at_coordinates(model, free, found.x)
     except ModelError:  # values that physics excludes
         return None
@@ -110,7 +110,9 @@ def _errors(model: RigModel, spectra: Sequence[Spectrum]) -> FloatArray:
         predicted = np.einsum("deg,reg->drg", each.drives, response)
         signal = np.maximum(each.power - each.noise, 0.0)
         heard = np.sqrt(signal / np.maximum(signal + each.noise / LARGE**2, 1e-300))
-        ratio = np.where(heard > 0.0, predicted / np.where(each.across == 0.0, 1.0, each.across), 1.0)
+        # A sensor that the drive does not reach has no ratio.
+        both = (heard > 0.0) & (predicted != 0.0) & (each.across != 0.0) & np.isfinite(predicted)
+        ratio = np.where(both, predicted, 1.0) / np.where(both, each.across, 1.0)
         found.append((heard * np.log(ratio)).ravel())
     logarithms = np.concatenate(found)
     return np.concatenate([logarithms.real, logarithms.imag])

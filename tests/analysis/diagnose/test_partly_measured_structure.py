@@ -104,6 +104,18 @@ def test_only_linear_rigs_have_transfer_functions() -> None:
     assert [fitted(each, campaign) for each in (curved, rubbing, held, late)] == [None] * 4
 
 
+def test_a_sensor_that_the_drive_does_not_reach_counts_for_nothing() -> None:
+    """A mass beside the structure moves, but its description has no force on it."""
+    rig = described(0)
+    beside = msgspec.structs.replace(
+        rig, bodies=(*rig.bodies, Body(name="beside", mass=1.0)), links=(*rig.links, Link(name="own", a="beside", stiffness=1e4)),
+        sensors=(*rig.sensors[:2], Sensor(channel="a4", body="beside")),
+    )  # fmt: skip
+    found = fitted(beside, recorded("multisine"))
+    assert found is not None
+    assert np.isfinite([link.stiffness for link in found.links]).all()
+
+
 @pytest.mark.parametrize("drive", ["multisine", "hammer"])
 def test_a_sound_structure_is_adequate(drive: Literal["multisine", "hammer"]) -> None:
     found = diagnose(recorded(drive, 1e-3), described(1))
