@@ -15,6 +15,7 @@ import numpy as np
 
 from isorig.analysis import laws
 from isorig.analysis.campaign import SI_UNIT, FloatArray
+from isorig.analysis.diagnose.causes.at_contact import OFFSET
 from isorig.analysis.diagnose.causes.base import Evidence, Kind, exchange
 from isorig.analysis.diagnose.causes.coulomb_friction import SHARE_OF_PUSH
 from isorig.analysis.diagnose.causes.measurement_chain import follows_command, with_chain, with_drive
@@ -48,8 +49,6 @@ YIELDS = (0.01, 0.05, 0.2, 0.6)
 RUBS, ALONE = 0.02, 1.0
 #: If friction is unknown, a second starting value is this many times larger: from little friction no gradient leads to sticking.
 RUBS_MORE = 8.0
-#: What is equivalent to a constant part of a friction.
-OFFSET = "drive.chain.offset"
 #: Velocity in m/s that represents the onset of sliding.
 SLOWEST = 1e-9
 #: Laws replaced by a curve over deflection or over velocity.

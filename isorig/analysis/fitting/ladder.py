@@ -108,8 +108,8 @@ def baseline_fit(starts: Sequence[RigModel], trials: Sequence[Trial], *, misfits
     for shorter, rung in pairwise((first, *longer)):
         kept = fits if shorter.seconds < UNDECIDED else [_trusted(fits, starts[0].name)]
         fits = [done for each in kept if (done := tried(each.model, free, rung))]
-    best = _trusted([*fits, *([quick] if quick is not None else [])], starts[0].name)
-    best = min([best, *([quick] if quick is not None else [])], key=lambda fit: fit.cost)
+    direct = [quick] if quick is not None else []
+    best = min([_trusted([*fits, *direct], starts[0].name), *direct], key=lambda fit: fit.cost)
     return _converged(_returned(best, starts[-1], last), trials)
 
 

@@ -29,7 +29,7 @@ EVALUATIONS = 60
 OF_LINEAR = (".mass", ".stiffness", ".damping", ".factor", ".gain")
 #: Share of a parameter's effect that the free ones do not have, below which the transfer functions do not show it.
 UNSEEN = 1e-6
-#: Finite difference of a search coordinate.
+#: Finite difference of a search coordinate for one linear step.
 STEP = 1e-5
 
 
@@ -57,14 +57,9 @@ def fitted_to_transfer_functions(model: RigModel, free: Sequence[Free], spectra:
     def errors(coordinates: FloatArray) -> FloatArray:
         return _errors(at_coordinates(model, free, coordinates), spectra)
 
-    def slopes(coordinates: FloatArray) -> FloatArray:
-        here = errors(coordinates)
-        columns = [(errors(coordinates + STEP * unit) - here) / STEP for unit in np.eye(len(coordinates))]
-        return np.stack(columns, axis=1)
-
     try:
         found = least_squares(
-            errors, coordinates_of(model, free), jac=slopes, loss="soft_l1", f_scale=LARGE, x_scale=0.1, max_nfev=EVALUATIONS
+            errors, coordinates_of(model, free), loss="soft_l1", f_scale=LARGE, x_scale=0.1, max_nfev=EVALUATIONS
         )
         return at_coordinates(model, free, found.x)
     except ModelError:  # values that physics excludes

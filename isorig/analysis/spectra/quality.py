@@ -118,7 +118,7 @@ def _faults(campaign: Campaign, reference: str) -> tuple[Fault, ...]:
     released = _released(campaign, reference)
     found = clipped_or_dead(campaign, reference=reference)
     # A hammer's run lasts as long as the rig rings.
-    found += [fault for run in campaign.runs if not looks_hit(run, reference) for fault in _short(run)]
+    found += [fault for run in campaign.runs for fault in _short(run) if not looks_hit(run, reference)]
     found += [fault for run in campaign.runs for fault in _spikes(run, reference)]
     hurt = released | {(fault.run, fault.channel) for fault in found if fault.kind == "dead"}
     found += [fault for run in campaign.runs for fault in _stuck(run, reference) if (run.id, fault.channel) not in hurt]

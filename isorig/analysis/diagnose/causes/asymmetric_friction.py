@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import ClassVar
 
-from isorig.analysis.diagnose.causes.at_contact import ContactCause, ContactInRuns
+from isorig.analysis.diagnose.causes.at_contact import OFFSET, ContactCause, ContactInRuns
 from isorig.analysis.diagnose.causes.base import Sizes
 from isorig.analysis.fitting.solve import Free
 from isorig.analysis.laws import Asymmetric
@@ -25,7 +25,7 @@ class AsymmetricFriction(ContactCause):
     rank = 3
     law = Asymmetric
     # A constant offset of the drive is equivalent to two dry levels: one of them suffices.
-    dropped = ("drive.chain.offset",)
+    dropped = (OFFSET,)
     generalizes = frozenset({"coulomb_friction"})
     phrase = f"{DRY}, and damping of {{forward_viscosity}} forward and {{backward_viscosity}} backward"
     phrases_without: ClassVar[Mapping[tuple[str, ...], str]] = {("forward_viscosity", "backward_viscosity"): DRY}

@@ -19,6 +19,8 @@ from isorig.analysis.model.rig_model import RigModel
 LEAST = 0.03
 #: Deflection in m and velocity in m/s of a contact without a link, for starting values.
 DEFLECTION, SPEED = 1e-3, 0.1
+#: A constant force, as friction of two levels has it: half their difference.
+OFFSET = "drive.chain.offset"
 
 
 @dataclass(frozen=True)
