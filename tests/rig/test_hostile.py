@@ -425,6 +425,7 @@ def test_what_kills_the_library_kills_no_command_that_forked_its_check(tmp_path:
 import os, sys, time
 from isorig.rig.errors import RecordingError
 from isorig.rig.files import hdf, hdf_walk
+from isorig.rig.files.forked import has_one_thread
 from isorig.rig.files.recording import read
 
 def abort(path):
@@ -440,6 +441,11 @@ def spin(path):
 sound = hdf_walk.answer
 for answer in (abort, stop, spin):
     hdf.STILL, hdf.WAITS, hdf_walk.answer = 0.5, 60.0 if answer is spin else 0.5, answer
+    for _ in range(1000):
+        # The system lists a thread for a moment after it was joined; until then, the next check is started and not forked.
+        if has_one_thread():
+            break
+        time.sleep(0.01)
     try:
         read(sys.argv[1])
     except RecordingError as refusal:
