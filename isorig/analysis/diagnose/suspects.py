@@ -16,8 +16,8 @@ from isorig.analysis.diagnose.free_shapes import finer, free_shapes
 from isorig.analysis.diagnose.kinds import OVER_VELOCITY, kind_of
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.equations.balances import Element
-from isorig.analysis.equations.columns import INTERVALS, OVER_DEFLECTION, OVER_POSITION, PERIODIC, RARE_STOP
-from isorig.analysis.equations.forms import ElementForce, element_force, fitted_form, shape_of, start_values
+from isorig.analysis.equations.columns import DRY_FRICTION, INTERVALS, OVER_DEFLECTION, OVER_POSITION, PERIODIC, RARE_STOP
+from isorig.analysis.equations.forms import ElementForce, element_force, fitted_form, shape_of, solved_values, start_values
 from isorig.analysis.equations.ranking import HINTS, Explanation, Ranking, ranking, score_of, share_left
 from isorig.analysis.equations.system import CHANNEL_FAULTS, HOLDS, Equations
 from isorig.analysis.errors import ModelError
@@ -443,13 +443,14 @@ class Suspects:
             return _Begun(models=[(None, start) for start in candidate.starts], explanation=None)
         kept = {free.path for free in candidate.parameters(candidate.starts[0], current)} - {f.path for f in candidate.free}
         every, force = self._solved(explanation)
-        values = {path: value for path, value in every.items() if path in kept}
+        values, level = {path: value for path, value in every.items() if path in kept}, self._level(candidate)
         if (kind_of(candidate.cause), explanation.kind) == ("friction_shape", "memory"):
             # The friction that holds a body at rest does not follow from its motion; values fitted without it may be far off.
             starts = [*candidate.starts]
             for start in candidate.starts:
                 with suppress(ModelError):  # values that exclude the candidate's own
                     starts.append(_with_values(start, values, candidate))
+            starts += [starts[-1].replace(level)] if level else []
             return _Begun(models=[(None, start) for start in starts], explanation=explanation)
         element = self._element(candidate.location)
         # What acts in a few events has left the fitted values as they are.
@@ -459,7 +460,8 @@ class Suspects:
             ask_time()
             with suppress(ModelError):  # values that exclude the candidate's own
                 model = start if rare else _with_values(start, values, candidate)
-                model = model.replace(_own_values(candidate, explanation, model))
+                own = level if explanation.what == DRY_FRICTION.name else _own_values(candidate, explanation, model)
+                model = model.replace(own)
                 solved = None
                 if force is not None and element is not None:
                     free = [*candidate.free, *(f for f in current if f.path in kept and not rare)]
@@ -470,6 +472,13 @@ class Suspects:
     def _explanation_of(self, candidate: Candidate) -> Explanation | None:
         # The best explanation of which a candidate is a form.
         return next((e for e in self.chosen if self._is(e, candidate.cause, candidate.location)), None)
+
+    def _level(self, candidate: Candidate) -> dict[str, float]:
+        # The level of a dry friction that the model lacks, from the equations.
+        at = (e for e in self.ranking.explanations if e.what == DRY_FRICTION.name and self._at(e, candidate.location))
+        explanation, paths = next(at, None), {free.path for free in candidate.free}
+        values = {} if explanation is None else solved_values(self.equations, explanation)
+        return {path: value for path, value in values.items() if path in paths}
 
     def recorded(self, candidate: Candidate) -> tuple[Element, ElementForce] | None:
         """The element of a suspected candidate and its recorded force; None if the equations do not give it."""

@@ -17,7 +17,7 @@ from isorig.analysis.equations.filters import resonator
 from isorig.analysis.equations.known import law_columns
 from isorig.analysis.equations.ranking import Explanation
 from isorig.analysis.equations.sliding import Sliding, SlidingFit
-from isorig.analysis.equations.system import CHANNEL_FAULTS, HOLDS, Equations, is_shaped
+from isorig.analysis.equations.system import CHANNEL_FAULTS, FRICTION_COLUMN, HOLDS, Equations, is_shaped
 from isorig.analysis.equations.unknown_force import rest_of
 from isorig.analysis.errors import ModelError
 from isorig.analysis.fitting.solve import Free, base_parameters
@@ -101,7 +101,7 @@ def element_force(equations: Equations, place: str, shape: Shape | None) -> Elem
             continue
         # Undescribed dry friction shows while the element slides.
         found = equations.in_time(balance, element, sliding=True if shape is DRY_FRICTION else None)
-        if found is not None:
+        if found is not None and not found[0].through_reversals:
             size = abs(next(s for e, s in balance.crossing if e.name == element.name))
             force = _sliding_force(equations, balance, element, shape, size, *found)
             # An estimated force has no content where noise hides it, at low frequencies above all.
@@ -299,7 +299,8 @@ def _predicted(
 def solved_values(equations: Equations, explanation: Explanation | None = None) -> dict[str, float]:
     """Values by path that the equations solve for, known or free, with an explanation's effect taken out.
 
-    Stiffnesses and dampings of links, levels of contacts, free parameters; each from the equation with the fewest elements.
+    Stiffnesses and dampings of links, levels of contacts, free parameters; each from the equation with the fewest elements. With
+    dry friction as the explanation, its level, too, at a contact with the name of its element.
     """
     found: dict[str, float] = {}
     bent = ""  # the stiffness that is part of a curve
@@ -314,8 +315,10 @@ def solved_values(equations: Equations, explanation: Explanation | None = None) 
 
 def _is_likely(equations: Equations, path: str, value: float) -> bool:
     # Whether no artefact determines a value.
+    if path.endswith(("damping", "friction_force")):
+        return True
     given = equations.model.get(path)
-    return given <= 0.0 or 1.0 / FACTOR < value / given < FACTOR or path.endswith(("damping", "friction_force"))
+    return given <= 0.0 or 1.0 / FACTOR < value / given < FACTOR
 
 
 def start_values(equations: Equations, explanation: Explanation | None = None) -> dict[str, float]:
@@ -377,7 +380,9 @@ def _values_of(equations: Equations, balance: Balance, explanation: Explanation 
             found[f"links.{element.link.name}.damping"] = float(values[1]) / size
         if element.contact is not None and (level := getattr(element.contact.law, "friction_force", None)) is not None:
             own = level if is_shaped(element.contact.law) else 1.0  # the column is the law's force then
-            found[f"contacts.{element.contact.name}.law.friction_force"] = own * float(values[2]) / size
+            found[f"contacts.{element.contact.name}.law.friction_force"] = own * float(values[FRICTION_COLUMN]) / size
+        elif rubbed is not None:
+            found[f"contacts.{rubbed.name}.law.friction_force"] = float(values[FRICTION_COLUMN]) / size
         paths = [path for path, _ in equations.fixed_rows(balance, element)]
         found |= zip(paths, values[3 + law_columns(element) :].tolist(), strict=False)
         found.pop("-", None)

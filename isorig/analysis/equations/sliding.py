@@ -157,6 +157,7 @@ class Sliding:
     ) -> None:  # fmt: skip
         self.runs, self.rate, self.integrated, self.noise, self.parts = tuple(runs), rate, integrated, noise, parts
         self.rubs, self.fewest = rubs, FEWEST if integrated else FEWEST_ALONE
+        self.through_reversals = False  #: Whether samples close to a reversal are used, too.
         self.reach = REVERSAL if np.isinf(edge) else max(REVERSAL, round(SPREAD * rate / edge))
         self.spread = 0 if np.isinf(edge) else self.reach
         self.taps = _taps(rate, edge)
@@ -231,12 +232,20 @@ class Sliding:
             self.power = float(np.mean(np.concatenate([block.run.force[block.first + block.used] for block in self.active]) ** 2))
         return sum(len(block.used) for block in self.active)
 
+    def slide_through_reversals(self) -> None:
+        """Choose the samples again, with those close to a reversal: the low-pass spreads the step of a friction over its column,
+        too, but not what holds an element that sticks."""
+        self.through_reversals = True
+        self.count = self.select()
+
     def slides(self, run: SlidingRun) -> BoolArray:
-        """Which samples slide, shape (n,): neither slow nor close to a reversal."""
+        """Which samples slide, shape (n,): neither slow nor, as a rule, close to a reversal."""
         velocity = run.velocity + run.slow_velocity
         slow = np.abs(velocity) <= self.slow
         if self.spread:
             slow = np.convolve(slow, np.ones(2 * self.spread + 1), mode="same") > 0.5
+        if self.through_reversals:
+            return np.asarray(~slow)
         turned = np.flatnonzero((velocity[1:] > 0) != (velocity[:-1] > 0))
         for offset in range(1 - self.reach, self.reach + 1):
             slow[np.clip(turned + offset, 0, len(slow) - 1)] = True

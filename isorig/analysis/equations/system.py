@@ -413,7 +413,8 @@ class Equations:
         """An equation in the time domain, with the motion of one of its elements; None if there are too few samples.
 
         Only samples that slide count if `sliding`, or if that is None and the element has a contact; in an equation with another
-        element's contact, those in which that slides.
+        element's contact, those in which that slides. Where the low-pass is so long that all are close to a reversal, an element
+        without a contact is assumed to slide through these.
         """
         rubs = element.contact is not None if sliding is None else sliding
         key = balance.name, element.name, rubs
@@ -434,6 +435,8 @@ class Equations:
                     stiffness=abs(sign) * stiffness, noise=noise, velocity_noise=velocity_noise, parts=self._parts(balance),
                     edge=self.edge, rubs=rubs,
                 )  # fmt: skip
+                if not found.usable and rubs and element.contact is None:
+                    found.slide_through_reversals()
                 if found.usable:
                     settled = self._settled(found, element, sign)
                     if found.usable:  # the samples that slide are chosen again as the slow part becomes known

@@ -285,7 +285,8 @@ def followed(
             run = verified(starts, rung, progress, most=len(starts))
         except OutOfTimeError:
             break
-        if run and (rung is rungs[-1] or run[0][1].cost < (1.0 - DECISIVE) * bare):
+        # Data with which the current model agrees do not distinguish candidates.
+        if run and (rung is rungs[-1] or (bare >= TELLING and run[0][1].cost < (1.0 - DECISIVE) * bare)):
             near = [pair for k, pair in enumerate(run) if k < 2 or pair[1].cost < BEHIND * run[0][1].cost]
             run = [pair for pair in near if pair[1].cost < (1.0 - promising) * bare or bare < TELLING][:CROWD]
         if bare < TELLING:  # a fit further from the data than the current model, which it contains, is lost
@@ -313,7 +314,8 @@ def verified(
         few = sum(other[1] is starts[k][0] for other in near) < EACH
         if few and (cost <= LEAVES * begun[0][0] or k == first):
             near.append((cost, *starts[k]))
-    near = near[:most]
+    sure_one = [item for item in near[most:] if first is not None and item[1] is starts[first][0]][:1]
+    near = [*near[: most - len(sure_one)], *sure_one]
     climbed: Running = []
     for place, (cost, candidate, free, model) in enumerate(near):
         if any(other[1] is candidate and cost <= (1.0 + CLOSE) * other[0] for other in near[:place]):

@@ -188,7 +188,8 @@ def share_interval(
 ) -> tuple[float, float, float]:
     """Share of the first model's excess removed from one model to another: (value, low, high).
 
-    The 95 % interval is from resampled units, see `units`.
+    The 95 % interval is from resampled units, see `units`. Blocks of time in which the models' square errors differ by less
+    than is allowed, because the rig rests, are not drawn.
     """
     generator = np.random.default_rng(19)
     by_run = len(before.error) >= RUNS
@@ -199,13 +200,18 @@ def share_interval(
         return np.asarray(np.sqrt(score_.power[:, :, picks].mean(axis=2)))
 
     count = len(before.error) if by_run else BLOCKS
+    telling = np.arange(count)
+    if not by_run:
+        differences = np.ptp([model.power for model in (first, before, after)], axis=0)
+        differ = np.any(differences > floors[:, :, None] ** 2, axis=(0, 1))
+        telling = np.flatnonzero(differ) if np.any(differ) else telling
 
     def share(picks: IntArray) -> float:
         allowed = floors[picks] if by_run else floors
         whole, one, other = (excess(drawn(model, picks), allowed) for model in (first, before, after))
         return (one - other) / whole if whole > 0.0 else 0.0
 
-    values = [share(generator.integers(0, count, count)) for _ in range(draws)]
+    values = [share(telling[generator.integers(0, len(telling), len(telling))]) for _ in range(draws)]
     low, high = np.quantile(values, (0.025, 0.975))
     return share(np.arange(count)), float(low), float(high)
 
