@@ -1,7 +1,5 @@
 """A measurement in memory: channels, runs and their campaign."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime

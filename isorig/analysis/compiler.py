@@ -3,8 +3,6 @@
 Only `jit` imports this file, with the first call of a kernel.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from ctypes import CFUNCTYPE, addressof, c_int, c_void_p, cast

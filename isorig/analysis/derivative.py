@@ -1,7 +1,5 @@
 """Derivatives of sampled records."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray

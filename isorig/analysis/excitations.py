@@ -1,7 +1,5 @@
 """The kinds of excitation by the words for them in plans, descriptions of rigs and commands."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 PlannedExcitation = Literal["random", "multisine", "sine", "sweep", "moves", "steps", "free", "other"]

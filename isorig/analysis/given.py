@@ -1,7 +1,5 @@
 """Checks of what a user gives: each value of another type is refused in one sentence, where it enters."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from math import isfinite
 from numbers import Integral, Real

@@ -1,7 +1,5 @@
 """Standard deviations from the effect of leaving out each part of the data (Tukey 1958; Efron and Stein 1981)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray

@@ -1,7 +1,5 @@
 """Zero-phase low-pass for records, and the frequency above which a record is only noise."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from math import sqrt
 

@@ -3,8 +3,6 @@
 A BLAS with its own threads inside ours makes two workers slower than one.
 """
 
-from __future__ import annotations
-
 import os
 import threading
 from collections.abc import Callable, Iterable

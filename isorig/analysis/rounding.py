@@ -1,7 +1,5 @@
 """Records that are no continuous signal, commands of few levels and signals rounded to counts, and the white noise of one."""
 
-from __future__ import annotations
-
 from math import sqrt
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Units of the quantities that channels record: the factor from each to the SI unit."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from math import pi
 

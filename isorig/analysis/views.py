@@ -4,8 +4,6 @@ Analysis neither plots nor writes: a result that notebooks show derives from `Vi
 `isorig.rig.notebook` registers what its methods do.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, TypeVar
 

@@ -1,7 +1,5 @@
 """Words for messages: shares, factors, a value in a unit of its size, the name that was probably meant."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Sequence
 from difflib import SequenceMatcher

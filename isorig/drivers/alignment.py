@@ -7,8 +7,6 @@ discarded, so that no value ever combines bytes of two samples. Without a mark t
 the run.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Iterator

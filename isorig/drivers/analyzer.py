@@ -1,7 +1,5 @@
 """What analyzers with commands have in common: validated answers, data that are read twice, and a source that is read back."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Validation of instruments' answers: type and limits of each word."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Detects lost samples with the host's clock, for instruments that do not number their samples."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Data returned by instruments: blocks of a stream, and finished records."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import IntFlag
 from typing import Any, Literal

@@ -1,7 +1,5 @@
 """What is connected to this computer: serial ports, VISA resources, CAN interfaces, NI devices, sound interfaces."""
 
-from __future__ import annotations
-
 import logging
 import warnings
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Driver for instruments with the framed serial protocol of `isorig.drivers.frames`."""
 
-from __future__ import annotations
-
 import struct
 import time
 from collections import deque

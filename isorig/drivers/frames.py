@@ -35,8 +35,6 @@ A microcontroller needs one buffer, one CRC and two counters. It counts every sa
 sample that was not sent then shows as a step of the tick, and STOP shows losses after the last frame.
 """
 
-from __future__ import annotations
-
 import struct
 from dataclasses import dataclass
 from typing import Any

@@ -7,8 +7,6 @@ and must be identical. At the end of a measurement the analyzer sets bit 5 of it
 reports it, and polls the status byte otherwise.
 """
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import numpy as np

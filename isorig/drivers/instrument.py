@@ -1,7 +1,5 @@
 """Interfaces of instruments: streaming blocks, returning records, playing a drive. A driver is a class with these methods."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 

@@ -1,7 +1,5 @@
 """The available instruments: each file of this package with a `KIND`, so adding an instrument means adding its file."""
 
-from __future__ import annotations
-
 import importlib
 import pkgutil
 import re

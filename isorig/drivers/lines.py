@@ -6,8 +6,6 @@ that counts the samples, or by a field with the instrument's clock; without both
 (`isorig.drivers.arrivals`).
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections import deque

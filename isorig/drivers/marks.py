@@ -1,7 +1,5 @@
 """Detects lost scans with a two-bit counter wired to the digital inputs: a square wave on 0, half its frequency on 1."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

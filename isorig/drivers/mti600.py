@@ -5,8 +5,6 @@ between a serial adapter and the host: a byte damaged there is detected only if 
 counter.
 """
 
-from __future__ import annotations
-
 import struct
 import time
 from collections import deque

@@ -4,8 +4,6 @@ A step of the counter is a loss only if the other indicators confirm it. The val
 differ, the one that is possible according to the host's clock; if none is, the run ends, because no position could be trusted.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """A serial line: any port that pyserial opens, with the errors of this package, and a limit on every wait and every answer."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Callable

@@ -5,8 +5,6 @@ reports that samples were lost but not how many, so the host's clock counts them
 controls and sample rate converters of the operating system must be off: choose the hardware device, not a mixed one.
 """
 
-from __future__ import annotations
-
 import math
 import threading
 import time

@@ -6,8 +6,6 @@ in LF, 9600 baud, 8N1. There is no checksum, so data are read twice and must be 
 service at the end of an average, so the driver polls.
 """
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import numpy as np

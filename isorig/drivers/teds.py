@@ -5,8 +5,6 @@ same template, but the layout of their fields is not published: of these the Bas
 instrument's own library (`Describing.force_sensitivity`). Of accelerometers with extended functions only the Basic TEDS is read.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from datetime import date, timedelta

@@ -1,7 +1,5 @@
 """A drive as the voltage of an output: scaled, limited, with soft start and stop; for all instruments with analog outputs."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How long drivers wait: one object, handed to whoever opens an instrument."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

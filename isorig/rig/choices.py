@@ -1,7 +1,5 @@
 """Choices that a user has in several commands, and their defaults."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 #: The wire bonder with Coulomb friction, or without any.

@@ -1,7 +1,5 @@
 """The best values of chosen parameters of any rig: the smallest target within the limits, by simulation of a given drive."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal

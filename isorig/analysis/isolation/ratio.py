@@ -4,8 +4,6 @@ Thesis, Eq. 6: |heatblock / head| unlocked divided by |heatblock / head| locked.
 its drive has power and friction is overcome; at higher frequencies only a low gain can be used.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Base classes of all laws: parameters with units and practical range, element, and the formula in plain numpy."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal, get_args, get_origin, get_type_hints

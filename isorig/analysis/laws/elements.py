@@ -3,8 +3,6 @@
 Resistance is the force by which an element opposes its elongation d and velocity v.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Friction by the velocity, and the position: it slides by a formula, and most of it sticks."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Forces with a memory that follows a differential equation: bristles, hysteresis loops, relaxation."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import lru_cache
 from typing import Annotated, ClassVar

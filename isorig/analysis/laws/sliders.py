@@ -1,7 +1,5 @@
 """Springs that are in series with sliders: their memory is where these are."""
 
-from __future__ import annotations
-
 from typing import Annotated, ClassVar
 
 import numpy as np

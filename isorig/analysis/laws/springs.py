@@ -1,7 +1,5 @@
 """Forces of a link by its deflection, its velocity and the time: springs, stops, play, damping, drifts."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Tabulated laws: splines through given points."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from itertools import pairwise
 from math import isfinite

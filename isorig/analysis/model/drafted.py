@@ -1,7 +1,5 @@
 """The placeholders of a drafted description: values that say nothing about a rig until they are corrected."""
 
-from __future__ import annotations
-
 from isorig.analysis.model.rig_model import RigModel
 
 #: Mass (kg, kg m^2), stiffness (N/m, N m/rad) and damping (N s/m, N m s/rad) that a draft gives every body and link.

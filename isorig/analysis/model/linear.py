@@ -1,7 +1,5 @@
 """The linear part of a rig in a configuration: matrices, the coordinates that locks leave free, whether springs hold it."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np

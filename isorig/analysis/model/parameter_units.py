@@ -1,7 +1,5 @@
 """The parameters of a model by their path, and their units."""
 
-from __future__ import annotations
-
 import re
 
 from isorig.analysis.campaign import SI_UNIT

@@ -1,7 +1,5 @@
 """Sentences about an invalid description, plan or mapping: the key, the value found, and what is allowed."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from types import UnionType

@@ -1,7 +1,5 @@
 """A spring and damper by the natural frequency and damping ratio of the mass that it carries alone."""
 
-from __future__ import annotations
-
 from math import pi
 
 import msgspec

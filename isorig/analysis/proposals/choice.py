@@ -1,7 +1,5 @@
 """Selects the next run: the largest increase in the probability that one cause is identified, per cost."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """Hypothetical causes at the smallest relevant size: what a run must be able to reveal."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 
 from isorig.analysis.diagnose.causes import CATALOGUE

@@ -1,7 +1,5 @@
 """Limits of a rig, and the peaks of a candidate run by simulation."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf

@@ -1,7 +1,5 @@
 """The candidate runs: excitations, configurations, levels and bands to be compared for a rig within its limits."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial

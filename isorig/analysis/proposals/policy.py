@@ -1,7 +1,5 @@
 """The settings of a proposal: every threshold with its meaning and source."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

@@ -6,8 +6,6 @@ from the run's transfer functions, weighted with their error bars: friction redu
 For all others it is computed from the waveforms. In both cases it is scaled to the uncertainty obtained from the existing runs.
 """
 
-from __future__ import annotations
-
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What would distinguish causes that no allowed run distinguishes: more stroke and a higher gain, or another sensor."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass

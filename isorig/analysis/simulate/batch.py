@@ -1,7 +1,5 @@
 """Simulation of many parameter sets at once, for scans: time-stepping in vector lanes and on all cores."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from queue import Empty, SimpleQueue
 from typing import Any

@@ -3,8 +3,6 @@
 They are compiled separately from the engine that calls them, so that a new or changed law does not compile the engine.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

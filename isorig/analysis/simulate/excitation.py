@@ -1,7 +1,5 @@
 """Synthetic drives: band-limited noise, odd random-phase multisines, sweeps, consecutive moves."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray

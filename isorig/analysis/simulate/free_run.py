@@ -1,7 +1,5 @@
 """The parts of a free run: true drives, the run of a compiled rig, and the sensors' records."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache

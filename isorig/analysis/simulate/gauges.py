@@ -1,7 +1,5 @@
 """Deflections and speeds of a rig's links as additional channels of a simulation."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 
 import msgspec

@@ -5,8 +5,6 @@ coordinates' speeds. Where contacts form a loop (two between the same bodies, or
 the rows are linearly dependent, and the motion does not determine their forces.
 """
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np

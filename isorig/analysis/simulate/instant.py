@@ -8,8 +8,6 @@ several cannot, the one furthest above its breakaway force slides first. Only if
 searched, those with the fewest changes first.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray

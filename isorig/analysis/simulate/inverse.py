@@ -12,8 +12,6 @@ of which any error of a zero or of a gain is a large part. Its slow part is ther
 the drive agrees.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache

@@ -3,8 +3,6 @@
 All quantities are in units of a step; see `Rig` for the vector y and the arrays.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

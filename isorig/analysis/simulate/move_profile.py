@@ -1,7 +1,5 @@
 """Move profiles: the commanded acceleration of the head, which moves it by the exact distance."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import isfinite, pi, sqrt
 from typing import Literal

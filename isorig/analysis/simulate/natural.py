@@ -1,7 +1,5 @@
 """The modes of a rig's linear part: frequency, damping and shape in a configuration."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import pi
 

@@ -3,8 +3,6 @@
 These are the forces of contacts and links, and the times at which contacts stick and slide.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

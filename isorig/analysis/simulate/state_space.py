@@ -1,7 +1,5 @@
 """The linear part of a rig as a state-space model, for control design and other packages."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Parts of a step: the motion as a polynomial in time, and the time at which a margin falls below zero."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray

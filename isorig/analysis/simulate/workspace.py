@@ -1,7 +1,5 @@
 """Data structures of the simulation kernels: the rig, the state of the motion, the record."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Channels of two instruments whose clocks differ: the delay between them grows with time."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from isorig.analysis.campaign import BROAD, Campaign, ComplexArray, Run, once

@@ -4,8 +4,6 @@ Natural frequencies and damping ratios are common to all transfer functions; res
 band are linear and solved for each function (variable projection: Golub and Pereyra 1973; derivative of Kaufman 1975).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ With several drives, each transfer function is the contribution of its own drive
 differ, and the error bars increase with their correlation.
 """
 
-from __future__ import annotations
-
 from typing import Literal
 
 import numpy as np

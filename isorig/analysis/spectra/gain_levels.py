@@ -4,8 +4,6 @@ The streamed gain, recorded with the samples, gives the level. A steady gain is 
 level of a geometric grid share it, so that locked and unlocked sweeps of one dial have the same gains.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from datetime import timedelta

@@ -1,7 +1,5 @@
 """The half-power damping ratio with tests of its assumptions; refused if they fail."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -5,8 +5,6 @@ are multiplied by the same exponential exp(-a t): the estimate is then exactly t
 of 2 pi i f (shift theorem), so a fit at these s has no added damping to correct afterwards.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass

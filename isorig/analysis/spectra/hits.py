@@ -5,8 +5,6 @@ the pulse; it is rejected if the hammer bounced, an input was overloaded, the ri
 is incomplete. The method is modal testing by impact (Ewins 2000, 3.7; ISO 7626-5:2019).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise

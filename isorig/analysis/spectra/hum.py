@@ -3,8 +3,6 @@
 The phase differs from run to run, so it is not a parameter of a rig: it is determined from the fitted part of a run.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray

@@ -7,8 +7,6 @@ segments share the leakage, with opposite sign, so a resonance with few frequenc
 indicates.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

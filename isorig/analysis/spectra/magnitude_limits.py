@@ -7,8 +7,6 @@ reference's power (9.1). Neither spectrum nor coherence separate it from noise o
 frequency bins with the smallest incoherent power bound its level, and the upper limit includes that bound.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 

@@ -4,8 +4,6 @@ Poles come from the stabilization diagram of `poles`; those that persist over ma
 together (`common_poles`), and each is kept only if it reduces the error by more than its parameters do by chance (Schwarz 1978).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise

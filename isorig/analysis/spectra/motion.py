@@ -1,7 +1,5 @@
 """Motion from records: integration of accelerations in the frequency domain, accelerations from displacements."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from isorig.analysis.campaign import MOTION, FloatArray, Quantity

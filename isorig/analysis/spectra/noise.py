@@ -1,7 +1,5 @@
 """The white noise of a record, where neither the drive nor friction is: in quiet bands, between reversals, next to the drive."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache

@@ -5,8 +5,6 @@ Stochastic subspace identification from covariances (Peeters and De Roeck 1999),
 is distinguished by its constant amplitude.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import redirect_stderr
 from dataclasses import dataclass, field

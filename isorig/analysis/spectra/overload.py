@@ -4,8 +4,6 @@ A limit cuts a motion off: the record arrives at it and leaves it as steeply as 
 command and at the top of a slow swing it does not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 

@@ -6,8 +6,6 @@ a multisine in the frequencies that it omits, because distortion is periodic lik
 even distortion, odd ones odd distortion.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ references to all responses (Guillaume, Verboven, Vanlanduit, Van der Auweraer a
 orders, numerical ones do not: the stabilization diagram.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal

@@ -4,8 +4,6 @@ Each is detected from the records only, by comparison within a run, with the oth
 a line. Faults are reported, and those that would spoil an average are excluded from it (`sound`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal

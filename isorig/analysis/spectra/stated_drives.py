@@ -1,7 +1,5 @@
 """Runs whose stated band or excitation is not that of their drive: noise and sweeps exchanged, driven runs stated as free."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray, Run

@@ -1,7 +1,5 @@
 """Windows of Welch's method: sums of cosines, so that their transforms and autocorrelations have closed forms."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Literal, get_args

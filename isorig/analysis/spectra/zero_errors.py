@@ -1,7 +1,5 @@
 """Accelerometers whose zero is wrong or wanders: a mean, or a slow part of the record, that is no motion."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Changes of a parameter in its series: alarms, and the date and size of each change, and whether it is a step or a drift."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby

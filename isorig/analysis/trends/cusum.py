@@ -3,8 +3,6 @@
 One side of a CUSUM is S <- max(0, S + z - slack); it raises an alarm if S exceeds its threshold (Page 1954).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache

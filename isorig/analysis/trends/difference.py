@@ -1,7 +1,5 @@
 """The cause of a rig's change: causes are fitted to a campaign after the change, with the earlier fit as the baseline."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """The settings of trends: every threshold with its meaning and source."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

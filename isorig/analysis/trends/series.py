@@ -1,7 +1,5 @@
 """One parameter: of one rig over its campaigns, with its scatter beyond the fits' standard uncertainties, and over all rigs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 

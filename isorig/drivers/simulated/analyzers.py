@@ -1,7 +1,5 @@
 """Simulated analyzers: they answer the commands used by the drivers of the SR785 and the 35670A, and no others."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """An instrument with the framed protocol that returns a plant's response to the drive, with faults on request."""
 
-from __future__ import annotations
-
 import math
 import time
 from typing import Protocol

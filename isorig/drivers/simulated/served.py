@@ -1,7 +1,5 @@
 """A simulated instrument on a pseudo-terminal or on a TCP port of the loopback interface, served by a thread."""
 
-from __future__ import annotations
-
 import os
 import select
 import socket

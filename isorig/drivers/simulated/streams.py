@@ -1,7 +1,5 @@
 """Simulated streams with vendor protocols: a DI-1100, and an MTi-600 on a serial CAN adapter."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The blocks of a run from the instrument, with handling of silence, lost connections, and a stream that does not end."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 

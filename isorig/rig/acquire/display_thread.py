@@ -1,7 +1,5 @@
 """Displays run in a separate thread, so that the acquisition never waits for a display."""
 
-from __future__ import annotations
-
 import threading
 from collections import deque
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The drive of a planned run at gain 1, computed in parts as the instrument requests them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, partial

@@ -5,8 +5,6 @@ second one is repeatable: it is equal in two runs with one drive, lies between t
 changes the transfer function with the drive's level.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Instruments with an open connection: those of a plan, and its loggers."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager, suppress
 from typing import Any

@@ -4,8 +4,6 @@ Each block contains its offset, its number and the identifier of its file, with 
 A reader accepts a block only if both are correct, continues after a damaged one, and knows from the numbers how many are missing.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import struct

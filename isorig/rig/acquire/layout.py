@@ -1,7 +1,5 @@
 """Content of the blocks of a working file: the plan's runs and channels, start and end of runs, and samples."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Sequence
 from enum import IntEnum

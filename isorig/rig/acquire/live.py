@@ -1,7 +1,5 @@
 """What a display shows of a running measurement: levels and coherence, advice on the levels, what the equations tell."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping
 

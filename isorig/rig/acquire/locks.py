@@ -4,8 +4,6 @@ A port is locked by what the system sees: a device by its number, an address by 
 the environment of the session (the folder for temporary files), make no difference.
 """
 
-from __future__ import annotations
-
 import hashlib
 import ipaddress
 import os

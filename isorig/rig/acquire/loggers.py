@@ -1,7 +1,5 @@
 """Slow loggers that run along with the instrument, e.g. of temperatures: each is read in its own thread, by the host's clock."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Mapping, Sequence
 

@@ -3,8 +3,6 @@
 With an analyzer it is one measurement, whose records become channels and spectra.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from contextlib import suppress
 from datetime import UTC, datetime

@@ -1,7 +1,5 @@
 """The operator's notes: in a separate file during a session, in the recording afterwards."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import threading

@@ -6,8 +6,6 @@ from network delay measurements, INFOCOM 1999). A wrong clock has the same slope
 slower has not: the differences between parts are the uncertainty.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The plan of a session: rig, instrument, channels, runs."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path

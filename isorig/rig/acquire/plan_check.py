@@ -1,7 +1,5 @@
 """Validates a whole plan before a session starts: each error is one sentence with its location."""
 
-from __future__ import annotations
-
 import math
 import re
 import tomllib

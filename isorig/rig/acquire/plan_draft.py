@@ -1,7 +1,5 @@
 """A first plan for an instrument that is connected: its kind's example with its port and its own settings, and one run."""
 
-from __future__ import annotations
-
 import tomllib
 
 from isorig.drivers.kinds import Connected, StreamKind, kinds

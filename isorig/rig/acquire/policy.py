@@ -1,7 +1,5 @@
 """Thresholds of the checks before, during and after a run, and how long a session waits: chosen unless a source is given."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from isorig.drivers.waits import WAITS, Waits

@@ -3,8 +3,6 @@
 A sample rate that looks wrong by the host's clock is observed for up to ten seconds, because a busy host may be late for one.
 """
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Sequence
 from math import inf

@@ -1,7 +1,5 @@
 """Reads a working file: the data of each planned run, for a finished, a running or a killed session."""
 
-from __future__ import annotations
-
 import struct
 import time
 from collections.abc import Iterator, Mapping, Sequence

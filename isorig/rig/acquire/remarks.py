@@ -1,7 +1,5 @@
 """Status of the blocks of a run, in sentences: losses inside the instrument, faults, disagreement of counter and clock."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 

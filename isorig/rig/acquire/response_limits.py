@@ -1,7 +1,5 @@
 """Limits of the rig's response: predicted by simulation before a session, and watched during each run."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The person at the rig as a session sees it: asked before each run, informed of its course and its result."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal

@@ -1,7 +1,5 @@
 """The sensors of a plan compared with the laboratory's list (CSV) and with the data sheets in their memories (TEDS)."""
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """A session: measures the runs of a plan in sequence into the working file, and converts it to a recording at the end."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence, Set
 from contextlib import ExitStack, closing
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The virtual rig connected to simulated instruments of any kind, for `--port virtual` and `rig virtual instrument`."""
 
-from __future__ import annotations
-
 import math
 import time
 

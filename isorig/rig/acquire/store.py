@@ -1,7 +1,5 @@
 """Converts measured data to a recording atomically, including the session's metadata."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Masses, natural frequencies, damping ratios, friction."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The whole chain, without hardware."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from isorig.rig.options import OutputFolder

@@ -1,7 +1,5 @@
 """Draws and checks a rig's description, or writes one."""
 
-from __future__ import annotations
-
 from isorig.rig.options import Flag, Output
 
 

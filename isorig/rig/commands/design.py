@@ -1,7 +1,5 @@
 """How soft the isolation may be for given moves."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from isorig.rig.choices import Method

@@ -1,7 +1,5 @@
 """Writes a recording in other formats."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Literal
 

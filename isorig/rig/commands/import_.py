@@ -1,7 +1,5 @@
 """Converts files of other formats to a recording."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """Measures and diagnoses until one cause is identified."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from isorig.rig.choices import TIME_LIMIT, Baseline

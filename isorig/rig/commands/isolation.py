@@ -1,7 +1,5 @@
 """The isolation ratio, measured and simulated."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from isorig.rig.choices import Method

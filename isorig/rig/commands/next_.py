@@ -1,7 +1,5 @@
 """Proposes the next run, to distinguish the remaining causes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

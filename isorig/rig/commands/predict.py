@@ -1,7 +1,5 @@
 """The sensor signals that a model predicts."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from isorig.rig.options import Output

@@ -1,7 +1,5 @@
 """Restores the data of a killed session."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from isorig.rig.options import Output

@@ -1,7 +1,5 @@
 """One page about a measurement."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from isorig.rig.options import OutputFolder

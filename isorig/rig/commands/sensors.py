@@ -1,7 +1,5 @@
 """Compares a plan's sensors with their calibration sheets."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """A rig's responses to a recorded or synthetic drive."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from isorig.analysis.excitations import SyntheticExcitation

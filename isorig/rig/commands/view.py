@@ -1,7 +1,5 @@
 """Shows a session or a recording in the browser."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 

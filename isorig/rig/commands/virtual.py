@@ -1,7 +1,5 @@
 """A virtual rig, as a recording or as a simulated instrument."""
 
-from __future__ import annotations
-
 import time
 from contextlib import closing
 from pathlib import Path

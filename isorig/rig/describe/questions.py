@@ -1,7 +1,5 @@
 """Questions about a rig, and the model from the answers."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Output of `rig describe`: the drawing of a rig in the terminal, its parameters, modes, and what its sensors determine."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

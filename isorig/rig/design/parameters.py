@@ -1,7 +1,5 @@
 """The design of any rig: which parameters may vary, what is to be small, and the best values within the limits."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

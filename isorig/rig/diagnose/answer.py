@@ -1,7 +1,5 @@
 """The answer of a diagnosis: the content of its findings, and its files."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Jobs on the workers of a Dask cluster, of one or many machines: the package's extra `cluster`."""
 
-from __future__ import annotations
-
 import logging
 import time
 from collections.abc import Callable, Iterable, Iterator

@@ -1,7 +1,5 @@
 """Proposes a mapping from the content of files; guesses are marked."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import re

@@ -1,7 +1,5 @@
 """Exports samples, transfer functions and parameter tables for other programs, in the format of the output's extension."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import re

@@ -1,7 +1,5 @@
 """Converts files of other programs to a campaign, according to a mapping."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """The mapping file: which column of which file is which channel, in which unit, from which sensor."""
 
-from __future__ import annotations
-
 import math
 from datetime import datetime
 from pathlib import Path

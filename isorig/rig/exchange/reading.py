@@ -1,7 +1,5 @@
 """Reads a file of another program by the format that its extension names."""
 
-from __future__ import annotations
-
 import re
 import zipfile
 from dataclasses import replace

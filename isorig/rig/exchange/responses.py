@@ -1,7 +1,5 @@
 """Transfer functions estimated by other programs, for fits and plots."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Content of a file of another program, for all formats: columns by name."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Converts named arrays, numbers and texts of a file to a table; searches for rates, units and frequency axes near them."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence

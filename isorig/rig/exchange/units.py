@@ -1,7 +1,5 @@
 """Units of other programs, and the SI unit of the recording format for each."""
 
-from __future__ import annotations
-
 import re
 from typing import NamedTuple
 

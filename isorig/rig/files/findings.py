@@ -1,7 +1,5 @@
 """findings.json: the answer of a diagnosis for other programs, as one type that writes and reads it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Literal, TypeVar
 

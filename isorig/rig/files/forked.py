@@ -1,7 +1,5 @@
 """A copy of this process that answers questions: it needs no second start of an interpreter and no second import."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

@@ -5,8 +5,6 @@ of a processor within which progress is expected, after which the system ends th
 answer, preceded by dots that show progress. Files of MATLAB's version 5 are read here for the same reason.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import sys

@@ -1,7 +1,5 @@
 """Input files of a command: only regular files are opened, and text files only up to a size."""
 
-from __future__ import annotations
-
 import errno
 import os
 import stat

@@ -4,8 +4,6 @@ Required attributes are checked when a file is opened, samples when they are rea
 ignored.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator, Mapping

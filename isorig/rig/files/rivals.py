@@ -1,7 +1,5 @@
 """The open questions of a diagnosis, for planning the next run: rivals.json, with every remaining cause as a fitted model."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal

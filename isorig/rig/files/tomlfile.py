@@ -1,7 +1,5 @@
 """TOML files: read with one-sentence error messages, and written for reading and editing."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """The cause of a change: diagnoses the campaign after it with the fit from before it as the baseline."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 from collections.abc import Iterator

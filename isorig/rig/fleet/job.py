@@ -1,7 +1,5 @@
 """Diagnosis of one recording of a fleet, in any process or on any machine."""
 
-from __future__ import annotations
-
 import errno
 import math
 from collections.abc import Iterator

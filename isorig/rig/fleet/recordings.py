@@ -1,7 +1,5 @@
 """The recordings of a fleet: found in its folders, identified by content, and assigned to rigs."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 from collections.abc import Iterable, Iterator, Mapping

@@ -1,7 +1,5 @@
 """The page of a fleet: an overview of all rigs, latest changes first, and a page for each rig; one file that works offline."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Sentences about a fleet: what changed, when, by how much, and coinciding events."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 

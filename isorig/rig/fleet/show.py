@@ -1,7 +1,5 @@
 """A fleet as tables on a terminal."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from isorig.analysis.wording import first_of

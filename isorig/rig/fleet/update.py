@@ -1,7 +1,5 @@
 """Updates the catalogue: diagnoses recordings without an answer, at once or as they arrive; a failure stops no others."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass

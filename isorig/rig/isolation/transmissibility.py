@@ -1,7 +1,5 @@
 """Transmissibility of any rig: one channel over another, and its ratio between two configurations, measured and simulated."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The rig of a campaign: its own description, or the wire bonder with the known values of the campaign."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping
 

@@ -1,7 +1,5 @@
 """A model's prediction of a campaign's responses."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime

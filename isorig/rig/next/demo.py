@@ -1,7 +1,5 @@
 """An investigation without hardware: a virtual rig with a hidden effect, from the first run to the identified cause."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """An investigation: measure, diagnose, propose, and repeat until one cause is identified; saved on disk after each stage."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The pages of a proposal, each run with its reason and the predictions of the remaining causes, and of an investigation."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

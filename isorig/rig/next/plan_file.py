@@ -1,7 +1,5 @@
 """Writes plans as TOML, each run with the sentences that give its reason, and reads limits."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import count, islice
 from pathlib import Path

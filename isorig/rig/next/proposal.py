@@ -1,7 +1,5 @@
 """From the open questions of diagnoses to the next runs: the question, the candidates, and the proposal with reasons."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from math import isfinite

@@ -1,7 +1,5 @@
 """Candidate runs as entries of a plan, with the drive that the instrument would play."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import cast
 

@@ -1,7 +1,5 @@
 """A proposal in words: the purpose of each run, what it cannot distinguish, and what would."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from isorig.analysis.campaign import SI_UNIT

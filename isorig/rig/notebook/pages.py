@@ -1,7 +1,5 @@
 """Results as HTML, which notebooks show instead of their text."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from html import escape
 

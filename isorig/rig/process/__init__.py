@@ -1,7 +1,5 @@
 """The process of a command: its terminal, its signals, its interpreter."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from typing import IO

@@ -3,8 +3,6 @@
 A module whose import was interrupted is incomplete, and packages report that as all kinds of errors, or not at all.
 """
 
-from __future__ import annotations
-
 import signal
 import sys
 import threading

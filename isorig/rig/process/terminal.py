@@ -1,7 +1,5 @@
 """Output of commands: tables that fit 80 columns, and a progress line."""
 
-from __future__ import annotations
-
 import io
 import os
 import select

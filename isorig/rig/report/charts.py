@@ -1,7 +1,5 @@
 """Charts as data, drawn by the page's script. A chart consists of panels, one above another, with a common x axis."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 It is derived from the content of findings.json alone, so a page, the terminal and a summary of old answers agree.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import hypot, inf

@@ -1,7 +1,5 @@
 """The page of a diagnosis, for readers who were not present."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The first screen of a measurement's page: what was measured, whether the isolation works, what is wrong, what to do next."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The pages of a joint fit: that of a measurement, with its parameters and their history, and that of the fits alone."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from datetime import UTC, datetime

@@ -1,7 +1,5 @@
 """The page of `rig modes`: the modes, their shapes in motion, the stabilization diagram, and measured against fitted curves."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The page of every report: from typed sections to one HTML text that works offline, for example as a mail attachment."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

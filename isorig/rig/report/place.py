@@ -1,7 +1,5 @@
 """Where a diagnosis points: the marked place of the sketch, and the force there, measured and of both models."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal

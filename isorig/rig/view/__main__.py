@@ -1,7 +1,5 @@
 """The process of a session's screen; the session starts it (`isorig.rig.view.process`) and exchanges lines of JSON with it."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

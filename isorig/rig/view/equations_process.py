@@ -4,8 +4,6 @@ The process, which the session starts (`isorig.rig.view.process`), reads what th
 as a line of JSON after each reading; it ends when its standard input is closed.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

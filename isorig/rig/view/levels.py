@@ -1,7 +1,5 @@
 """Level of each channel: rms and peak of the last second, highest peak so far, overloads, and time trace."""
 
-from __future__ import annotations
-
 import msgspec
 import numpy as np
 

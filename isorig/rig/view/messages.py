@@ -1,7 +1,5 @@
 """Messages between session, screen and page: JSON with fixed fields, anything else is rejected."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Literal
 

@@ -5,8 +5,6 @@ output: first the session sends the subject (`SessionBegin`) and the screen the 
 state, and the screen the requests of pages.
 """
 
-from __future__ import annotations
-
 import subprocess
 import threading
 import time

@@ -1,7 +1,5 @@
 """Transfer functions of a running session, by configuration and gain, and their ratio between two configurations."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 A page is sent a frame after it has drawn the previous one, so a slow page misses frames and delays nothing.
 """
 
-from __future__ import annotations
-
 import asyncio
 import hmac
 import logging

@@ -4,8 +4,6 @@ The screen itself is another process. It receives the state of the session and p
 decides whether a request is allowed.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from pathlib import Path

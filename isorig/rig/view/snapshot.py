@@ -1,7 +1,5 @@
 """The displayed content of a session: a picture created at each reading, from samples that are read once."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace

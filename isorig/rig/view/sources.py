@@ -1,7 +1,5 @@
 """Sources of the screen's samples: a running session, or a recording played back at its own pace."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterator

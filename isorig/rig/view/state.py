@@ -1,7 +1,5 @@
 """Texts and figures of the screen: the content and the session's state, in one tree for the page."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Compiles and caches all kernels, so that no command waits for it: `python -m isorig.rig.virtual.compile_kernels`."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from isorig.analysis.equations.slip import slip_operator

@@ -1,7 +1,5 @@
 """The whole chain without hardware: measures a virtual rig through a real port, then uses the file only."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import time

@@ -1,7 +1,5 @@
 """Levels of a virtual rig: its sensors and converter, its drive at a gain, and the time of its first sample."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime
 
 #: Full scale of a virtual accelerometer's input, m/s^2, and the bits of its converter.

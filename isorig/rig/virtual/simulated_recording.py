@@ -1,7 +1,5 @@
 """Synthetic drives and whole sessions of any rig, and recordings of a simulation with the forces inside the rig."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import timedelta

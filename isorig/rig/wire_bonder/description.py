@@ -1,7 +1,5 @@
 """The built-in rigs: the wire bonder and the thesis's one-, two- and three-mass rigs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 
 from isorig.analysis.errors import ModelError

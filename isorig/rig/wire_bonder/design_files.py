@@ -1,7 +1,5 @@
 """Files of the design study: its values, tables and figures."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The design study: from moves and a limit to strokes, recommended frequency, time histories and isolation ratios."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Effects that a virtual rig can hide: every cause of the catalogue with a random size, and some outside the catalogue."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from zlib import crc32

@@ -1,7 +1,5 @@
 """Figures of the wire bonder's isolation ratio, of the thesis's four set-ups, and of their error surface."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -5,8 +5,6 @@ the table's effective mass and damping at the minimum of |measured - simulated| 
 5, Fig. 23). These methods are linear and interpret friction as damping; the joint fit of `joint_fit` is the better estimate.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

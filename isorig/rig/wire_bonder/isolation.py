@@ -1,7 +1,5 @@
 """The measured isolation ratio compared with simulated ones, and sentences about them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass

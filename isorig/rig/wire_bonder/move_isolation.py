@@ -4,8 +4,6 @@ The bond is made on the heatblock, so its displacement relative to the table is 
 end of the move until it stays within the tolerance of the bond.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite, pi

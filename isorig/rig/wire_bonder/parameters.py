@@ -1,7 +1,5 @@
 """Simulator parameters from a parameter table, by the joint fit or by half-power, with uncertainties and assumptions."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -5,8 +5,6 @@ slightly higher. A motor held by friction adds its mass too, so its peak coincid
 a change with the gain, indicates a nonlinearity.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The virtual wire bonder: a session is simulated and recorded as an instrument would, with sensor noise and a converter."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import timedelta

@@ -1,7 +1,5 @@
 """The thesis's four set-ups compared with the joint fit: plain values for files, figures, and a page with every fit."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The design study: stroke of the isolated motor for softer or stiffer springs, and the resulting isolation."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import pi

@@ -1,7 +1,5 @@
 """The formats that can be imported, one file each: every file of this package is searched."""
 
-from __future__ import annotations
-
 from importlib import import_module
 from pkgutil import iter_modules
 

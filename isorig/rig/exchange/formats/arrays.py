@@ -1,7 +1,5 @@
 """Arrays of other programs: JSON, and numpy's .npy and .npz; nothing is unpickled."""
 
-from __future__ import annotations
-
 import codecs
 import re
 import zipfile

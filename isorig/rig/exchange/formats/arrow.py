@@ -1,7 +1,5 @@
 """Parquet, and Feather or Arrow files: their columns by name, by the package pyarrow."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace

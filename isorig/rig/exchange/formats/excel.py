@@ -1,7 +1,5 @@
 """Excel workbooks, with an extra of this package: each sheet as a table of text."""
 
-from __future__ import annotations
-
 import re
 import zipfile
 from collections.abc import Iterable

@@ -1,7 +1,5 @@
 """HDF5 files of other programs: every numeric dataset by its path; rates and units from adjacent attributes."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """LVM, the text format of LabVIEW's measurement files: read by the package lvm_read, without its pickled copies."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path

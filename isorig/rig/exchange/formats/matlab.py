@@ -1,7 +1,5 @@
 """MATLAB files: version 5 through scipy, version 7.3 (HDF5) through h5py. Structs become dotted names; nothing is evaluated."""
 
-from __future__ import annotations
-
 import re
 import struct
 import zlib

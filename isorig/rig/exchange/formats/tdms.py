@@ -1,7 +1,5 @@
 """TDMS of LabVIEW, with an extra of this package."""
 
-from __future__ import annotations
-
 import logging
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Universal file format: type 58 and its binary form 58b (SDRC universal file, dataset 58, function at nodal DOF; 164, units)."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import re

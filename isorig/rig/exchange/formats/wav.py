@@ -1,7 +1,5 @@
 """WAV."""
 
-from __future__ import annotations
-
 import re
 import struct
 import warnings
