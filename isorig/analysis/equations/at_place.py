@@ -11,9 +11,10 @@ import numpy as np
 from isorig.analysis.campaign import Campaign, Channel, ComplexArray, FloatArray, Run
 from isorig.analysis.equations.motion import Combinations, estimate_of
 from isorig.analysis.equations.system import CausePlace, Equations
-from isorig.analysis.equations.unknown_force import Located, UnknownForce, response_of, response_to_force, tells
+from isorig.analysis.equations.unknown_force import Located, UnknownForce, response_to_force, tells
 from isorig.analysis.fitting.preparation import zero_errors
 from isorig.analysis.fitting.trials import Trial, expected
+from isorig.analysis.model.linear import linear_response
 from isorig.analysis.model.rig_model import RigModel, Sensor, weights_of
 from isorig.analysis.simulate import simulate
 from isorig.analysis.spectra.noise import noise_of_runs
@@ -100,8 +101,8 @@ def _force_in_parts(located: Located, trial: Trial, omega: FloatArray) -> Unknow
     # The unknown force at a place at many frequencies, whose matrices would need much memory at once.
     records, moved = [], []
     for part in np.array_split(omega, len(omega) // PART + 1):
-        still = [np.zeros(len(part), dtype=complex)] * len(located.model.drives)
-        response = response_of(located.model, trial.run.configuration, part, still, trial.noise[None])
+        response = linear_response(located.model, trial.run.configuration, part)
+        response = replace(response, seen=response.seen / trial.noise[:, None])
         of_sensors, of_bodies = response_to_force(located.place, located.model, response)
         records.append(of_sensors)
         moved.append(of_bodies)

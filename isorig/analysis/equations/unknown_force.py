@@ -10,12 +10,12 @@ remains, and its force gives what no sensor records (`at_place`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from isorig.analysis.campaign import MOTION, ComplexArray, FloatArray
+from isorig.analysis.campaign import ComplexArray, FloatArray
 from isorig.analysis.deadline import ask_time
 from isorig.analysis.equations.hidden import WITHIN
 from isorig.analysis.equations.spectral import ACCURACY
@@ -23,7 +23,7 @@ from isorig.analysis.equations.system import CausePlace
 from isorig.analysis.errors import ModelError, SimulationError
 from isorig.analysis.fitting.linear_spectra import LEAST_DAMPING
 from isorig.analysis.fitting.trials import Trial, expected
-from isorig.analysis.model.linear import imposed_coordinates, linear_part, pushes_of
+from isorig.analysis.model.linear import LinearResponse, linear_response
 from isorig.analysis.model.rig_model import RigModel, weights_of
 from isorig.analysis.simulate.free_run import true_drives
 from isorig.analysis.spectra.noise import rests
@@ -154,7 +154,7 @@ class _Bins:
         self.omega = np.asarray(2.0 * np.pi * frequency[self._used], dtype=np.float64)
         self.sigma = np.hypot(trial.noise, ACCURACY * np.abs(measured[self._used]))
         drives = true_drives(model.without_faults, trial.excitation)
-        self.drives = [self._spectrum(drives[drive.channel])[self._used] for drive in model.drives]
+        self.drives = np.stack([self._spectrum(drives[drive.channel])[self._used] for drive in model.drives], axis=-1)[..., None]
 
     def misfit(self, model: RigModel) -> ComplexArray:
         # Of the simulated records, over the allowed errors, shape (bins, sensors).
@@ -164,58 +164,6 @@ class _Bins:
         # Of the first samples, shape (..., n) to (bins, ...).
         records, window = records[..., : self._samples], hanning(self._samples)
         return np.asarray(np.fft.rfft((records - records.mean(axis=-1, keepdims=True)) * window) / np.linalg.norm(window)).T
-
-
-@dataclass(frozen=True)
-class Response:
-    """The response of a rig's linear part at some frequencies."""
-
-    moved: ComplexArray  #: Displacements of the bodies by the drives, shape (bins, bodies).
-    compliance: ComplexArray  #: Displacements of the bodies by forces on them, shape (bins, bodies, bodies).
-    seen: ComplexArray  #: Weights of the bodies' displacements in the sensors' records, shape (bins, sensors, bodies).
-
-    @property
-    def records(self) -> ComplexArray:
-        """Of the sensors by the drives, shape (bins, sensors)."""
-        return np.asarray(np.einsum("fsb,fb->fs", self.seen, self.moved))
-
-
-def response_of(
-    model: RigModel, configuration: str, omega: FloatArray, drives: Sequence[ComplexArray], scale: FloatArray
-) -> Response:
-    """The response of a rig's linear part.
-
-    Parameters
-    ----------
-    model, configuration
-        The rig.
-    omega
-        rad/s, shape (bins,).
-    drives
-        Spectra of the drives, each of shape (bins,).
-    scale
-        Record of each sensor that counts as one, shape (bins, sensors) or (1, sensors).
-    """
-    basis, *parts = linear_part(model, configuration)
-    mass, damping, stiffness = (basis.T @ part @ basis for part in parts)
-    imposed = imposed_coordinates(model, basis)
-    free = [k for k in range(basis.shape[1]) if k not in imposed.values()]
-    s = 1j * omega[:, None, None]
-    force = mass * s**2 + damping * s + stiffness
-    compliance = np.zeros_like(force)
-    compliance[np.ix_(range(len(s)), free, free)] = np.linalg.inv(force[:, free][:, :, free])
-    z = np.zeros((len(s), basis.shape[1]), dtype=complex)
-    for drive, values in zip(model.drives, drives, strict=True):
-        if drive.imposes is not None:
-            z[:, imposed[drive.imposes]] += values / (1j * omega) ** MOTION.get(drive.quantity, 0)
-    pushed = np.column_stack(drives) @ pushes_of(model).T
-    z = z + np.einsum("fij,fj->fi", compliance, pushed @ basis - np.einsum("fij,fj->fi", force, z))
-    along = np.stack([weights_of(model, sensor) for sensor in model.sensors])
-    order = np.array([MOTION[sensor.quantity] for sensor in model.sensors])
-    gain = np.array([sensor.chain.gain for sensor in model.sensors])
-    seen = along[None] * ((1j * omega[:, None]) ** order * gain / scale)[:, :, None]
-    of_bodies = np.tensordot(np.tensordot(compliance, basis, (1, 1)), basis, (1, 1))
-    return Response(moved=z @ basis.T, compliance=np.asarray(of_bodies), seen=seen)
 
 
 def _acting(model: RigModel, place: CausePlace) -> FloatArray:
@@ -260,15 +208,17 @@ class _Rig:
         self._misfits = [bins.misfit(model) for bins in runs]
 
     @staticmethod
-    def _records(bins: _Bins, model: RigModel) -> Response:
-        return response_of(model, bins.trial.run.configuration, bins.omega, bins.drives, bins.sigma)
+    def _response(bins: _Bins, model: RigModel) -> LinearResponse:
+        # By the drives of a run together, over the allowed errors.
+        found = linear_response(model, bins.trial.run.configuration, bins.omega)
+        return replace(found, moved=found.moved @ bins.drives, seen=found.seen / bins.sigma[:, :, None])
 
     def fitted(self, place: CausePlace | None) -> _Fitted:
         """The values that leave least of the misfit across the response to a force at a place."""
         from scipy.optimize import least_squares
 
         ask_time()
-        start, about = self._model, [self._records(bins, self._model).records for bins in self._bins]
+        start, about = self._model, [self._response(bins, self._model).records for bins in self._bins]
         stiffest, heaviest = max(x.stiffness for x in start.links), max(body.mass for body in start.bodies)
         least = 2.0 * LEAST_DAMPING * np.sqrt(stiffest * heaviest)
         paths = [path for path in start.free if is_linear(path)]
@@ -301,9 +251,9 @@ class _Rig:
                 ftol=1e-4, xtol=1e-6,
             )  # fmt: skip
             best = at(done.x)
-        responses = [self._records(bins, best) for bins in self._bins]
+        responses = [self._response(bins, best) for bins in self._bins]
         parts = (
-            force_at(place, best, response, self._least).beyond(misfit - (response.records - before))
+            force_at(place, best, response, self._least).beyond(misfit - (response.records - before)[..., 0])
             for misfit, response, before in zip(self._misfits, responses, about, strict=True)
         )
         left = float(np.sqrt(sum(float(np.sum(np.abs(part) ** 2)) for part in parts) / dimensions))
@@ -315,11 +265,11 @@ class _Rig:
         # The misfit across the response to a force at a place, and its derivatives with respect to the logarithms of the values.
         parts, slopes = [], []
         for bins, simulated, before in zip(self._bins, self._misfits, about, strict=True):
-            response = self._records(bins, model)
-            misfit = simulated - (response.records - before)
+            response = self._response(bins, model)
+            misfit = simulated - (response.records - before)[..., 0]
             by_force = response.seen @ response.compliance
             force = force_at(place, model, response, self._least)
-            moved = response.moved + force.moved * force.estimated(misfit)[:, None]
+            moved = response.moved[..., 0] + force.moved * force.estimated(misfit)[:, None]
             parts.append(force.across(misfit).ravel())
             every = (self._slope(path, model, bins.omega, response, by_force, moved) for path in paths)
             own = [force.across(slope).ravel() for slope in every]
@@ -328,12 +278,12 @@ class _Rig:
         return np.concatenate([left.real, left.imag]), np.concatenate([slope.real, slope.imag])
 
     def _slope(
-        self, path: str, model: RigModel, omega: FloatArray, response: Response, by_force: ComplexArray, moved: ComplexArray
+        self, path: str, model: RigModel, omega: FloatArray, response: LinearResponse, by_force: ComplexArray, moved: ComplexArray
     ) -> ComplexArray:  # fmt: skip
         # The change of the misfit with the logarithm of a value, whose force by a motion of all bodies acts on the rig.
         part, _, rest = path.partition(".")
         if part == "drive":
-            return -response.records
+            return -response.records[..., 0]
         name, _, what = rest.rpartition(".")
         if part == "bodies":
             k = self._names.index(name)
@@ -371,7 +321,7 @@ class UnknownForce(NamedTuple):
         return misfit - (1.0 - ALONG) * self.records * self.estimated(misfit)[:, None]
 
 
-def force_at(place: CausePlace | None, model: RigModel, response: Response, least: float) -> UnknownForce:
+def force_at(place: CausePlace | None, model: RigModel, response: LinearResponse, least: float) -> UnknownForce:
     """The unknown force at a place of a rig with this response; one without any effect if the place is None.
 
     Bins with less than a share `least` of the largest response tell nothing.
@@ -379,9 +329,9 @@ def force_at(place: CausePlace | None, model: RigModel, response: Response, leas
     return UnknownForce.with_records(*response_to_force(place, model, response), least)
 
 
-def response_to_force(place: CausePlace | None, model: RigModel, response: Response) -> tuple[ComplexArray, ComplexArray]:
+def response_to_force(place: CausePlace | None, model: RigModel, response: LinearResponse) -> tuple[ComplexArray, ComplexArray]:
     """Records of the sensors, shape (bins, sensors), and displacements of the bodies, shape (bins, bodies), by a unit force."""
-    records, moved = np.zeros(response.seen.shape[:2], dtype=complex), np.zeros_like(response.moved)
+    records, moved = np.zeros(response.seen.shape[:2], dtype=complex), np.zeros_like(response.moved[..., 0])
     if place is not None and place.kind == "sensor":
         records[:, [sensor.channel for sensor in model.sensors].index(place.name)] = 1.0
     elif place is not None:

@@ -1,6 +1,7 @@
 """The linear part of a rig in a configuration: matrices, the coordinates that locks leave free, whether springs hold it."""
 
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -119,19 +120,47 @@ def free_part(model: RigModel, configuration: str) -> tuple[FloatArray, FloatArr
     return basis, np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)]])
 
 
-def transfer(model: RigModel, configuration: str, frequency: FloatArray) -> ComplexArray:
-    """Transfer functions of the linear part from the drive's channel to every sensor at frequencies in Hz, shape (sensors, bins).
+@dataclass(frozen=True)
+class LinearResponse:
+    """The response of a rig's linear part at some frequencies."""
 
-    Friction and nonlinear forces are omitted; the drive's force is its factor times its channel.
-    """
-    basis, mass, damping, stiffness = linear_part(model, configuration)
-    mass, damping, stiffness = (basis.T @ matrix @ basis for matrix in (mass, damping, stiffness))
-    s = 2j * np.pi * frequency[:, None, None]
-    force = np.broadcast_to(basis.T @ pushes_of(model)[:, 0], (len(s), basis.shape[1]))
-    motion = np.linalg.solve(s**2 * mass + s * damping + stiffness, force[..., None])[..., 0]
-    places = [weights_of(model, sensor) @ basis for sensor in model.sensors]
-    orders = [MOTION[sensor.quantity] for sensor in model.sensors]
-    return np.stack([motion @ place * s[:, 0, 0] ** order for place, order in zip(places, orders, strict=True)])
+    moved: ComplexArray  #: Displacements of the bodies per unit of each drive's channel, shape (bins, bodies, drives).
+    compliance: ComplexArray  #: Displacements of the bodies by forces on them, shape (bins, bodies, bodies).
+    seen: ComplexArray  #: Weights of the bodies' displacements in the sensors' records, shape (bins, sensors, bodies).
+
+    @property
+    def records(self) -> ComplexArray:
+        """Of the sensors per unit of each drive's channel, shape (bins, sensors, drives)."""
+        return self.seen @ self.moved
+
+
+def linear_response(model: RigModel, configuration: str, omega: FloatArray) -> LinearResponse:
+    """The response in a configuration at frequencies in rad/s, shape (bins,), without friction and nonlinear forces."""
+    basis, *parts = linear_part(model, configuration)
+    mass, damping, stiffness = (basis.T @ part @ basis for part in parts)
+    imposed = imposed_coordinates(model, basis)
+    free = _not_imposed(len(mass), imposed)
+    s = 1j * omega[:, None, None]
+    force = mass * s**2 + damping * s + stiffness
+    compliance = np.zeros_like(force)
+    compliance[np.ix_(range(len(s)), free, free)] = np.linalg.inv(force[:, free][:, :, free])
+    z = np.zeros((len(s), len(mass), len(model.drives)), dtype=complex)
+    for k, drive in enumerate(model.drives):
+        if drive.imposes is not None:
+            z[:, imposed[drive.imposes], k] = 1.0 / (1j * omega) ** MOTION.get(drive.quantity, 0)
+    z = z + compliance @ (basis.T @ pushes_of(model) - force @ z)
+    along = np.stack([weights_of(model, sensor) for sensor in model.sensors])
+    order = np.array([MOTION[sensor.quantity] for sensor in model.sensors])
+    gain = np.array([sensor.chain.gain for sensor in model.sensors])
+    to_bodies = basis.astype(np.complex128)
+    return LinearResponse(
+        moved=to_bodies @ z, compliance=to_bodies @ compliance @ to_bodies.T, seen=along * (s[:, 0] ** order * gain)[:, :, None]
+    )
+
+
+def transfer(model: RigModel, configuration: str, frequency: FloatArray) -> ComplexArray:
+    """Transfer functions from the main drive's channel to every sensor at frequencies in Hz, shape (sensors, bins)."""
+    return linear_response(model, configuration, 2.0 * np.pi * frequency).records[:, :, 0].T
 
 
 def pushes_of(model: RigModel) -> FloatArray:

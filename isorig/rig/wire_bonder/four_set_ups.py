@@ -8,13 +8,12 @@ the table's effective mass and damping at the minimum of |measured - simulated| 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, ComplexArray, FloatArray, Run, broad
 from isorig.analysis.errors import AnalysisError, DataError
-from isorig.analysis.model.linear import transfer
-from isorig.analysis.model.rig_model import Drive, RigModel
+from isorig.analysis.model.linear import linear_response
+from isorig.analysis.model.rig_model import RigModel
 from isorig.analysis.model.spring import uncoupled_frequency
 from isorig.analysis.spectra.half_power import HalfPower, half_power, peaks
 from isorig.analysis.spectra.modal_fit import ModalFit, Mode, fit_modes
@@ -182,8 +181,8 @@ def error_surface(set_ups: Mapping[str, SetUp], model: RigModel) -> ErrorSurface
     # The table's own mass, spring and damper add to one element of the dynamic stiffness only (Sherman and Morrison 1950).
     s, omega = 2j * np.pi * f, 2.0 * np.pi * values["table_frequency"]
     given = wire_bonder(values, friction=False)
-    pushed = msgspec.structs.replace(given, drive=Drive(channel="force", factor=1.0, pushes={"table": 1.0}, quantity="force"))
-    by_head, compliance = transfer(given, "unlocked", f)[table], transfer(pushed, "unlocked", f)[table] / s**2
+    response, body = linear_response(given, "unlocked", 2.0 * np.pi * f), given.bodies.index(given.body("table"))
+    by_head, compliance = response.records[:, table, 0], response.compliance[:, body, body]
 
     def stiffness(mass: float, zeta: float) -> ComplexArray:
         return np.asarray(mass * (s**2 + 2.0 * zeta * omega * s + omega**2))
