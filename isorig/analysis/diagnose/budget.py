@@ -5,8 +5,6 @@ repeatable part is due to the model; the part related to the drive by one transf
 linear model.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """A model without one of its causes, or with another one in place of it."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from contextlib import suppress
 from typing import Any

@@ -3,8 +3,6 @@
 Each alone explains little of a small misfit, so that none of them is a cause that a search finds.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

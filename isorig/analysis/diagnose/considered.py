@@ -1,7 +1,5 @@
 """All considered causes: the share of the error they remove, their status, and which are not identifiable."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """What the equations of motion tell of a run that is still being measured: place and kind of a cause, or that all hold."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 

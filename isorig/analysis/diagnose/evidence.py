@@ -4,8 +4,6 @@ Every quantity is determined twice, from the record and from the fitted baseline
 errors cancel, and only a difference is a sign.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise

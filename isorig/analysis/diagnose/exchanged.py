@@ -1,7 +1,5 @@
 """Exchanged sensors from the equations of motion: strong friction or play hides them from the shapes of the spectra."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import msgspec

@@ -1,7 +1,5 @@
 """Forms started from a fitted free shape: each is fitted to its curve first, without simulation."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from contextlib import suppress
 

@@ -3,8 +3,6 @@
 A free shape shows that something of its kind is at its place, and no law of that kind can fit better there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial

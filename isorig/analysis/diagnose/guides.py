@@ -1,7 +1,5 @@
 """Friction between a body and the ground where the description joins them by nothing: a guide, a rail, a bearing."""
 
-from __future__ import annotations
-
 import msgspec
 
 from isorig.analysis.campaign import MOTION

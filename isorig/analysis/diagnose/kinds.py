@@ -1,7 +1,5 @@
 """The kind of each cause: the second of three levels of naming, between place and form."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import cast, get_args
 

@@ -5,8 +5,6 @@ the damping, the friction, and a drive factor or masses that are unknown too, fo
 local minimum can mislead. Noise biases such values; they are starting values for fits.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Discrepancies of the baseline compared with noise: by channel, configuration, gain and band, each in one sentence."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

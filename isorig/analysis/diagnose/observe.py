@@ -1,7 +1,5 @@
 """Data for the proposal of candidates: swings of the links, properties of the records, frequencies of the misfit."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise

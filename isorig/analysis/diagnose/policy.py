@@ -4,8 +4,6 @@ Errors are held-out errors by run and channel, rms(predicted - measured) / rms(m
 model, of the same shape. The excess is the mean square of an error above its floor.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -7,8 +7,6 @@ sample by sample: the values of a cause follow from its first part in every run,
 leaves.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

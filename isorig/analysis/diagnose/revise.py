@@ -6,8 +6,6 @@ that explains as much. A law that replaces that of an earlier cause takes the pl
 that comes as close takes the place of that.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace

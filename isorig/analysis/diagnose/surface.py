@@ -3,8 +3,6 @@
 Masri and Caughey (1979). The force follows from the free body: F = push - sum of m a, over the bodies beyond the link.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

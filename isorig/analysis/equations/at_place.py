@@ -1,7 +1,5 @@
 """The equations of a partly measured rig whose cause is at one place: what no sensor records follows from the force there."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ A kind is represented by a free shape that is linear in its coefficients, so tha
 later, on simulation error.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

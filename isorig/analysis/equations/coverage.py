@@ -1,7 +1,5 @@
 """Which places of a rig its equations of motion contain, from its description, and where one more sensor would help most."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

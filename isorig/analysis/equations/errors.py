@@ -3,8 +3,6 @@
 Each is a sum of signals with unknown factors, computed from the record alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Filters of attached resonators and rocking bodies."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from isorig.analysis.campaign import ComplexArray, FloatArray

@@ -4,8 +4,6 @@ Such a body's equation is used up by this, and the values in it are those with w
 to the measured bodies remains testable.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np

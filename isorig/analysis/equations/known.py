@@ -1,7 +1,5 @@
 """What a model explains already: the forces of its laws, and records without the faults that it describes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

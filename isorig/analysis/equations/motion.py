@@ -1,7 +1,5 @@
 """The motion of bodies and links from the channels of a run: each channel as displacement, velocity and acceleration."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property

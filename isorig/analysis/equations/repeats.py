@@ -1,7 +1,5 @@
 """The pitch with which the force of an element repeats over its deflection."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.optimize import minimize_scalar
 

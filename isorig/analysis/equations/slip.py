@@ -1,7 +1,5 @@
 """The force of a spring that slips beyond an elongation, along a measured motion."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray

@@ -1,7 +1,5 @@
 """The equations of a campaign: the signals of all runs, each equation solved without any further cause."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

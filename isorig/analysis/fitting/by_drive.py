@@ -1,7 +1,5 @@
 """Runs of a rig with a body that no spring holds, prepared for fits: judged by the force of its drive."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 

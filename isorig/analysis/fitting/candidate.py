@@ -1,7 +1,5 @@
 """A candidate: a modified model with free parameters, which represents a cause in fits."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The power of residuals that is related to the drive by transfer functions."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Division of a campaign into fit data and held-out data: the ends of all runs, or the beginnings of some."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -9,8 +9,6 @@ noise, not from the bins. All terms come from simulations with added noise of th
 residual: noise of the drive appears in all responses together, noise of the sensors does not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise

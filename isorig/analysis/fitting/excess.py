@@ -4,8 +4,6 @@ Errors are by run and channel, rms(predicted - measured) / rms(measured), shape 
 perfect model, of the same shape. The excess is the mean square of an error above its floor.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray

@@ -1,7 +1,5 @@
 """What is held out from fits: the end of a run, its last moves if the end is at rest, or one of several decays or sweeps."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Collection, Sequence
 from dataclasses import replace

@@ -5,8 +5,6 @@ columns depend linearly on each other, a joint change of these parameters has no
 singular vector with a singular value of zero (Bellman and Åström 1970, Math. Biosci. 7, 329, local structural identifiability).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial

@@ -5,8 +5,6 @@ autocorrelation. So the values are recomputed without each bin, in all channels 
 and White 1985).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 

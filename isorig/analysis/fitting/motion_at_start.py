@@ -3,8 +3,6 @@
 A run begins in motion if its first records do not follow from the drive since its first sample.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Runs prepared for fits of a rig: those that a simulation follows, from rest or from the state that their records show."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Disturbance: the difference between runs with the same drive, measured and not assumed."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -5,8 +5,6 @@ velocity. Sensor noise is coherent with none of them, even if its spectrum and l
 drive is part of the drive that the model gets; so only frequency bins in which the drive is far above its noise count.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import msgspec

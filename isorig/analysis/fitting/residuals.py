@@ -1,7 +1,5 @@
 """The residuals of models over the runs of a fit: each frequency bin of a record, weighted by its allowed error."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import suppress
 from copy import copy

@@ -1,7 +1,5 @@
 """The largest resonance of a response, as recorded and as the given rig has it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import pi

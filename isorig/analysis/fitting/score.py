@@ -1,7 +1,5 @@
 """Scores on held-out data: errors, their noise floor, and paired comparison by block."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

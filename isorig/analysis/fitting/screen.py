@@ -1,7 +1,5 @@
 """Candidate fits: a short first fit of every candidate, a full fit of the best."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 

@@ -6,8 +6,6 @@ is no exchange; channels with the same motion over the drive's band cannot be di
 exceed its noise do not count.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations

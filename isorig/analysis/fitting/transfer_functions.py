@@ -6,8 +6,6 @@ frequencies alike, so that what lies between the resonances leads to them (Guill
 Function Estimation Using Complex Logarithmic Frequency Response Data, IEEE Trans. Automatic Control 40, 1995).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -8,8 +8,6 @@ bounds the bias and is added, too. If the description gives the uncertainty of a
 propagated through the fit; otherwise these are treated as exact.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """The catalogue of causes: one file for each, with all that the program knows of it (`base.Cause`)."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from importlib import import_module

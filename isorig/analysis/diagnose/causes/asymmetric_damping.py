@@ -1,7 +1,5 @@
 """A damper that is unlike in its two directions."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 
 from isorig.analysis.diagnose.causes.at_link import LinkCause, LinkInRuns

@@ -1,7 +1,5 @@
 """Friction that differs by direction."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """Causes that replace the dry friction of a contact by another law."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import ClassVar

@@ -1,7 +1,5 @@
 """Play in a link."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from functools import partial
 from math import asin, pi, sqrt

@@ -1,7 +1,5 @@
 """What a cause declares: how it is found, tried, assumed and hidden."""
 
-from __future__ import annotations
-
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

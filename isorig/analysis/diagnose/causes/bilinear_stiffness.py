@@ -1,7 +1,5 @@
 """A spring with another stiffness in each direction."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 
 from isorig.analysis.diagnose.causes.at_link import LinkCause, LinkInRuns

@@ -1,7 +1,5 @@
 """A limited record."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from isorig.analysis.campaign import SI_UNIT

@@ -1,7 +1,5 @@
 """A force that repeats with the position."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 

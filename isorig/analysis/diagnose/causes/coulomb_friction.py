@@ -1,7 +1,5 @@
 """Dry friction where the baseline has none."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 
 from isorig.analysis.diagnose.causes.at_link import LinkInRuns, blocked_throughout, rubbed

@@ -1,7 +1,5 @@
 """A channel that contains another one."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 
 from isorig.analysis.diagnose.causes.base import SMALLEST, Amplitudes, Evidence, RigWithCause, Sizes, WeakestSizes

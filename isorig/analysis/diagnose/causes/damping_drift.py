@@ -1,7 +1,5 @@
 """A damping that drifts."""
 
-from __future__ import annotations
-
 from isorig.analysis.diagnose.causes.base import Sizes
 from isorig.analysis.diagnose.causes.stiffness_drift import DriftCause
 from isorig.analysis.laws import DampingDrift as DampingDriftLaw

@@ -1,7 +1,5 @@
 """A drive that follows its command slowly."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from isorig.analysis.diagnose.causes.base import Amplitudes, Evidence, RigWithCause, Sizes

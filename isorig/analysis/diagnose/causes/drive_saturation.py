@@ -1,7 +1,5 @@
 """A drive that cannot deliver its command."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from isorig.analysis.campaign import SI_UNIT

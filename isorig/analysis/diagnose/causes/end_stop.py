@@ -1,7 +1,5 @@
 """A stop at a deflection."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from typing import Literal

@@ -1,7 +1,5 @@
 """An unmodelled resonator."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from functools import partial
 from math import copysign, pi, sqrt

@@ -1,7 +1,5 @@
 """Hysteresis without a clear onset of sliding: a rubber mount, a wire rope, a stack of blades."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 
 import msgspec

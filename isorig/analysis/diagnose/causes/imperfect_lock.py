@@ -1,7 +1,5 @@
 """An elastic lock."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from math import sqrt
 

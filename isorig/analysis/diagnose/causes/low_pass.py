@@ -1,7 +1,5 @@
 """A sensor that does not record fast motion."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from isorig.analysis.diagnose.causes.base import Amplitudes, Evidence, RigWithCause, Sizes

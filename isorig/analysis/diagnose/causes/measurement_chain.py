@@ -1,7 +1,5 @@
 """Causes in the measurement chain of a channel."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A body that rocks."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import pi

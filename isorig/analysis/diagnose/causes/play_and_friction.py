@@ -1,7 +1,5 @@
 """Play with friction after it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """Friction that is elastic before it slides."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from isorig.analysis.diagnose.causes.at_contact import ContactCause, ContactInRuns

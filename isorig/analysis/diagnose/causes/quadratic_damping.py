@@ -1,7 +1,5 @@
 """Damping that grows with the velocity."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from isorig.analysis.diagnose.causes.at_link import LinkCause, LinkInRuns

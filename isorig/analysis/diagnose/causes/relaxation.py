@@ -1,7 +1,5 @@
 """A link that relaxes: a spring and a damper in series, parallel to it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from isorig.analysis.diagnose.causes.at_link import LinkCause, LinkInRuns, natural

@@ -1,7 +1,5 @@
 """Hysteresis that stiffens: a mount of rubber with a filler, a wire rope that is pulled tight."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from functools import partial
 

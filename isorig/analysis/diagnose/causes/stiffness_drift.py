@@ -1,7 +1,5 @@
 """A stiffness that drifts."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """Breakaway above sliding friction."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from functools import partial
 

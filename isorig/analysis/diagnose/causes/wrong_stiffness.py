@@ -1,7 +1,5 @@
 """A wrong given stiffness."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from isorig.analysis.diagnose.causes.base import Amplitudes, Cause, Evidence, RigWithCause, Sizes, beyond_calibration
