@@ -28,7 +28,7 @@ from isorig.analysis.diagnose.causes.base import (
 from isorig.analysis.diagnose.causes.measurement_chain import DriveCause
 from isorig.analysis.diagnose.causes.play_and_friction import PlayAndFriction
 from isorig.analysis.diagnose.free_shapes import free_shapes
-from isorig.analysis.fitting.solve import Free
+from isorig.analysis.fitting.solve import Free, base_parameters
 from isorig.analysis.laws import ElastoSlip, Periodic, QuadraticDamping
 from isorig.analysis.model.rig_model import Body, Drive, Link, RigModel, Sensor
 from isorig.rig.wire_bonder.description import wire_bonder
@@ -207,3 +207,16 @@ def test_an_offset_that_absorbed_a_friction_starts_as_described() -> None:
     assert forms
     assert frictions
     assert {start.get(path) for candidate in (*forms, *frictions) for start in candidate.starts} == {0.0}
+
+
+def test_two_viscosities_take_the_place_of_a_damping_that_is_free() -> None:
+    """A damping beside them is one parameter too many: no data determine all three."""
+    damping, law = "links.isolation.damping", "contacts.isolation.law"
+    cause = next(each for each in CATALOGUE if each.name == "asymmetric_friction")
+    free = msgspec.structs.replace(wire_bonder().replace({damping: 3.0}), free=(damping,))
+    (candidate,) = cause.proposed(free, EVIDENCE, "isolation")
+    for start in candidate.starts:
+        assert [start.get(path) for path in (damping, f"{law}.forward_viscosity", f"{law}.backward_viscosity")] == [0.0, 3.0, 3.0]
+    assert [each.path for each in candidate.parameters(free, base_parameters(free)) if each.path == damping] == []
+    (candidate,) = cause.proposed(msgspec.structs.replace(free, free=()), EVIDENCE, "isolation")
+    assert {start.get(damping) for start in candidate.starts} == {3.0}
