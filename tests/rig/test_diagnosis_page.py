@@ -14,13 +14,16 @@ import pytest
 from headless_page import CHROMIUM, told_by
 from small_rigs import HARDENING
 
-from isorig.analysis.campaign import FloatArray
+from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
 from isorig.analysis.diagnose.step import Curve
+from isorig.analysis.equations.system import equations_of
+from isorig.analysis.laws import Coulomb
+from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel, Sensor
 from isorig.rig.files.rigfile import read_rig
 from isorig.rig.report.diagnosis import curve_chart
 from isorig.rig.report.misfit import BASELINE, EXTENDED, HeldOutRecord, residual_chart, second_chart, worst_of
 from isorig.rig.report.page import First, Report, Section, build_report
-from isorig.rig.report.place import Force, PlaceForce, force_chart, mean_over
+from isorig.rig.report.place import Force, PlaceForce, equation_force, force_chart, mean_over
 
 #: Opens every folded section, then tells what is drawn and how wide it is.
 PROBE = """<script>
@@ -43,6 +46,9 @@ addEventListener("load", () => setTimeout(async () => {
   parent.postMessage(JSON.stringify(told), "*");
 }, 1500));
 </script>"""
+
+#: Friction of a rail, N.
+LEVEL = 0.6
 
 
 @pytest.fixture
@@ -189,7 +195,7 @@ def test_a_force_is_averaged_over_what_it_depends_on() -> None:
     measured = Force(deflection=d, velocity=v, force=law)
     smooth = Force(deflection=d, velocity=v, force=2000.0 * d)
     models = {BASELINE: smooth}
-    at = PlaceForce(place="slide", run="a", measured=measured, models=models, spring=2000.0)
+    at = PlaceForce(place="slide", origin="run a", measured=measured, models=models, spring=2000.0)
     over_speed = {trace.name: trace for trace in force_chart(at, "velocity").traces}
     assert force_chart(at, "velocity").x_label == "velocity, mm/s"
     mean = over_speed["measured, mean"].y
@@ -244,3 +250,65 @@ def test_points_of_a_curve_that_the_runs_do_not_determine_are_left_out() -> None
             "foot", Curve(over="speed", unit="m/s", value_unit="N", points=points[2:4], reached=(0.0, 1.0))
         ).caption
     )
+
+
+def test_a_force_over_position_has_a_curve_for_each_direction_or_samples_where_it_has_a_memory() -> None:
+    rng = np.random.default_rng(2)
+    d, v = rng.normal(size=(2, 20000)) * [[1e-3], [0.02]]
+    level = 2.0 + 800.0 * d
+    one = Force(deflection=d, velocity=v, force=level * np.sign(v))
+    at = PlaceForce(place="rail", origin="run a", measured=one, models={BASELINE: one})
+    measured, curve, baseline = force_chart(at, "deflection", "by direction").traces
+    (gap,) = np.flatnonzero(np.isnan(curve.y))
+    for side, way in ((slice(0, gap), 1.0), (slice(gap + 1, None), -1.0)):  # mm and N
+        assert curve.y[side] == pytest.approx(way * (2.0 + 0.8 * curve.x[side]), abs=0.05)
+    assert len(measured.x) >= 900
+    measured, baseline = force_chart(at, "deflection", "samples").traces
+    assert (measured.style, baseline.style) == ("dots", "dots")
+    assert len(measured.x) >= 2 * len(baseline.x) >= 600
+
+
+def two_carts() -> tuple[Campaign, RigModel]:
+    """Two carts in a row, the second also on a rail with friction, moved at random; its description has half of the friction."""
+    rate, steps, masses, springs, dampings, drag = 500.0, 20, (1.1, 0.8), (420.0, 610.0), (3.0, 1.5), 1.2
+    draw = np.random.default_rng(77)
+    count = round(16.0 * rate)
+    push = np.interp(np.arange(count), np.arange(0, count + 40, 40), draw.normal(0.0, 4.0, count // 40 + 1))
+    x, v, rows = np.zeros(2), np.zeros(2), []
+    for force in push:
+        rows.append(x.copy())
+        for _ in range(steps):
+            first = springs[0] * x[0] + dampings[0] * v[0]
+            second = springs[1] * (x[1] - x[0]) + dampings[1] * (v[1] - v[0])
+            rail = drag * v[1] + LEVEL * np.tanh(v[1] / 2e-3)
+            v += np.array([force - first + second, -second - rail]) / masses / (rate * steps)
+            x += v / (rate * steps)
+    records = np.array(rows).T + draw.normal(0.0, 1e-6, (2, count))
+    channels = {f"x{k + 1}": Channel(name=f"x{k + 1}", samples=records[k], quantity="displacement", unit="m") for k in range(2)}
+    channels["force"] = Channel(name="force", samples=push, quantity="force", unit="N")
+    model = RigModel(
+        name="carts", bodies=tuple(Body(name=name, mass=mass) for name, mass in zip("ab", masses, strict=True)),
+        links=(
+            Link(name="first", a="a", stiffness=springs[0], damping=dampings[0]),
+            Link(name="second", a="b", b="a", stiffness=springs[1], damping=dampings[1]),
+            Link(name="rail", a="b", damping=drag),
+        ),
+        contacts=(Contact(name="rail", a="b", law=Coulomb(friction_force=LEVEL / 2.0)),),
+        drive=Drive(channel="force", factor=1.0, pushes={"a": 1.0}, quantity="force"),
+        sensors=tuple(Sensor(channel=f"x{k + 1}", body="ab"[k], quantity="displacement") for k in range(2)),
+    )  # fmt: skip
+    run = Run(id="a", configuration="unlocked", sample_rate=rate, gain=1.0, channels=channels, excitation="other")
+    return Campaign(runs=(run,), source="carts"), model
+
+
+def test_the_force_of_a_place_that_other_links_join_is_that_of_its_equation_of_motion() -> None:
+    """The second cart moves on a rail and hangs on a spring: no free body ends at the rail."""
+    campaign, model = two_carts()
+    equations = equations_of(campaign, model)
+    true = model.replace({"contacts.rail.law.friction_force": LEVEL})
+    at = equation_force("rail", equations, {BASELINE: model, EXTENDED: true})
+    assert at is not None
+    baseline, extended = at.errors
+    assert baseline == pytest.approx(LEVEL - model.contact("rail").law.friction_force, rel=0.2)
+    assert extended < 0.1 * LEVEL
+    assert equation_force("nowhere", equations, {BASELINE: model}) is None

@@ -112,6 +112,16 @@ def element_force(equations: Equations, place: str, shape: Shape | None) -> Elem
     return None
 
 
+def recorded_force(equations: Equations, place: str) -> tuple[Element, ElementForce] | None:
+    """An element and its recorded force, from its equation with the model's own laws; None if none contains the element alone."""
+    for balance in equations.balances:
+        for element, sign in balance.crossing:
+            found = equations.in_time(balance, element) if place in element.names else None
+            if found is not None:
+                return element, _sliding_force(equations, balance, element, None, abs(sign), *found)
+    return None
+
+
 def _spectral_force(
     equations: Equations, balance: Balance, element: Element, shape: Shape, in_time: ElementForce
 ) -> ElementForce:  # fmt: skip
@@ -153,13 +163,14 @@ def _spectral_force(
 
 
 def _sliding_force(
-    equations: Equations, balance: Balance, element: Element, shape: Shape, size: float, sliding: Sliding, base: SlidingFit
+    equations: Equations, balance: Balance, element: Element, shape: Shape | None, size: float, sliding: Sliding, base: SlidingFit
 ) -> ElementForce:  # fmt: skip
-    state = sliding.state()
-    own = equations.own_frequency(element, balance)
-    fitted = equations.slid(element, sliding, base, shape, own)
-    sliding.restore(equations.slow_parts(sliding, shape))
-    columns = equations.columns_with(element, sliding, shape, own)
+    state, fitted, columns = sliding.state(), base, equations.base_columns(element)
+    if shape is not None:
+        own = equations.own_frequency(element, balance)
+        fitted = equations.slid(element, sliding, base, shape, own)
+        sliding.restore(equations.slow_parts(sliding, shape))
+        columns = equations.columns_with(element, sliding, shape, own)
     first = 3 + law_columns(element)
     unknown = [path for path, _, _ in equations.unknown_rows(balance)]
     size *= _scale(dict(zip(unknown, fitted.values[first:].tolist(), strict=False)))
@@ -270,13 +281,17 @@ def fitted_form(
 def force_left(model: RigModel, element: Element, force: ElementForce, offset: float) -> float:
     """The rms force in N that a model's element leaves of the recorded one, without a constant, with an offset in m of the
     deflections."""
-    predicted = _predicted(model, element, force, {}, offset)
-    return float(np.std(force.force - predicted))
+    return float(np.std(force.force - force_of(model, element, force, offset)))
+
+
+def force_of(model: RigModel, element: Element, force: ElementForce, offset: float = 0.0) -> FloatArray:
+    """The force in N that a model's element has along its recorded motion, with an offset in m of the deflections, shape (n,)."""
+    return _predicted(model, element, force, {}, offset)
 
 
 def _predicted(
-    model: RigModel, element: Element, force: ElementForce, courses: dict[Law, FloatArray], offset: float = 0.0
-) -> FloatArray:
+    model: RigModel, element: Element, force: ElementForce, courses: dict[Law, FloatArray], offset: float
+) -> FloatArray:  # fmt: skip
     # An element's force in N; `courses` holds that of laws with memory, which depends on their own parameters only.
     d, v, t = force.deflection + offset, force.velocity, force.time
     total = np.zeros(len(d))

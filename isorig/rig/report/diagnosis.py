@@ -11,7 +11,7 @@ from isorig.analysis.diagnose.diagnosis import Diagnosis
 from isorig.analysis.diagnose.estimate_pairs import Doubles
 from isorig.analysis.diagnose.evidence import surfaces
 from isorig.analysis.diagnose.step import Curve, Step
-from isorig.analysis.equations.system import equations_of
+from isorig.analysis.equations.system import Equations, equations_of
 from isorig.analysis.fitting.score import Score
 from isorig.analysis.model.rig_model import Link, RigModel
 from isorig.analysis.wording import capitalized, in_per_cent, state, with_article, words
@@ -34,7 +34,7 @@ from isorig.rig.report.misfit import (
     worst_second,
 )
 from isorig.rig.report.page import First, Report, Section, Table, build_report
-from isorig.rig.report.place import OVER, Over, force_chart, joint_of, marks, place_force
+from isorig.rig.report.place import OVER, SHOWN, Over, equation_force, force_chart, joint_of, marks, place_force
 from isorig.rig.report.sections import HOLD_OUT, parameters_table, provenance_section, runs_section, unbroken, with_unit
 from isorig.rig.report.sketch import sketch
 
@@ -95,10 +95,10 @@ def _first(
     models: Mapping[Named, Simulated], scores: Mapping[Named, Score],
 ) -> First:  # fmt: skip
     model = diagnosis.baseline.model
-    force, errors = _force(diagnosis, models), _errors_chart(diagnosis, scores)
+    of_extended = equations_of(campaign, diagnosis.extended.model)
+    force, errors = _force(diagnosis, models, of_extended), _errors_chart(diagnosis, scores)
     second = second_chart(worst_second(diagnosis.trials, diagnosis.division.judged, models))
-    after = equations_of(campaign, diagnosis.extended.model).residuals() if diagnosis.steps else None
-    equations = residual_chart(diagnosis.residuals, after)
+    equations = residual_chart(diagnosis.residuals, of_extended.residuals() if diagnosis.steps else None)
     # Charts of half the page's width in pairs.
     pairs = force is not None and equations is not None
     pictures = [force, equations, second, errors] if pairs else [force or equations, errors, second]
@@ -115,25 +115,33 @@ def _with_masses_of(extended: RigModel, model: RigModel) -> RigModel:
     return model.replace({path: extended.get(path) for path in masses})
 
 
-def _force(diagnosis: Diagnosis, models: Mapping[Named, Simulated]) -> Chart | None:
+def _force(diagnosis: Diagnosis, models: Mapping[Named, Simulated], equations: Equations) -> Chart | None:
     # At the place of the first cause, or to which the equations point; otherwise in the link that the baseline gets most wrong.
+    # Where other links hold the bodies beyond it, too, or their motion is not simulated, its equation of motion gives the force.
     baseline = diagnosis.baseline.model
     owners = {BASELINE: baseline, EXTENDED: diagnosis.extended.model}
     over: Over = "deflection"
     links: Sequence[Link] = baseline.links
+    place = kind = ""
     if diagnosis.steps:
         step = diagnosis.steps[0]
+        kind = step.kind
         link = joint_of(baseline, step)
         links = [link] if link is not None and step.kind in OVER else []
+        place = step.location if step.kind in OVER else ""
         if step.curve is None or step.curve.over != "position":
             over = OVER.get(step.kind, over)
     elif diagnosis.pointed:
         kind, place = diagnosis.pointed
         links = [link for link in baseline.links if link.name == place]
+        place = place if kind in OVER else ""
         over = OVER.get(kind, over)
     simulated_by = {name: (owners[name], responses) for name, responses in models.items()}
     found = [at for link in links if (at := place_force(link, diagnosis.trials, simulated_by)) is not None]
-    return force_chart(max(found, key=lambda at: at.misfit), over) if found else None
+    if not found and place:
+        found = [at for at in [equation_force(place, equations, {name: owners[name] for name in models})] if at is not None]
+    curves = SHOWN.get(kind, "mean") if over == "deflection" else "mean"
+    return force_chart(max(found, key=lambda at: at.misfit), over, curves) if found else None
 
 
 def _surface_charts(model: RigModel, compared: Doubles) -> list[Chart]:

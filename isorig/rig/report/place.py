@@ -10,6 +10,8 @@ from isorig.analysis.campaign import Channel, FloatArray, Run
 from isorig.analysis.diagnose.link_force import EDGE
 from isorig.analysis.diagnose.step import Step
 from isorig.analysis.diagnose.surface import passed
+from isorig.analysis.equations.forms import force_of, recorded_force
+from isorig.analysis.equations.system import Equations
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.model.rig_model import GROUND, Link, RigModel
 from isorig.analysis.wording import sized_unit, with_article, words
@@ -24,8 +26,19 @@ OVER: Mapping[str, Over] = {
 }  # fmt: skip
 #: Least number of samples of a force that is shown.
 FEWEST = 200
-#: Points of a force drawn as dots, bins of its mean curve with equal counts, and the share of samples outside of them.
-DOTS, BINS, OUTSIDE = 900, 60, 0.002
+#: Points of a force drawn as dots, and of a model's so that the measured ones stay visible; bins of a mean curve with equal counts,
+#: and the share of samples outside of them.
+DOTS, FEWER, BINS, OUTSIDE = 900, 300, 60, 0.002
+#: What the lines of a force are, as a sentence.
+Curves = Literal["mean", "by direction", "samples"]
+LEGEND: Mapping[Curves, str] = {
+    "mean": "Lines are means over bins.", "by direction": "Lines are means over bins, forward and backward apart.",
+    "samples": "Dots are samples.",
+}  # fmt: skip
+#: How the force of a kind of cause is shown over the deflection, if not by its mean.
+SHOWN: Mapping[str, Curves] = {"friction_shape": "by direction", "memory": "samples"}
+#: A point that interrupts a line, shape (2, 1).
+GAP = np.full((2, 1), np.nan)
 
 
 def marks(model: RigModel, steps: Sequence[Step]) -> dict[str, str]:
@@ -82,7 +95,7 @@ class PlaceForce:
     """
 
     place: str
-    run: str
+    origin: str  #: What the forces are from, and in which runs.
     measured: Force
     models: Mapping[Named, Force]
     spring: float = 0.0
@@ -105,8 +118,8 @@ class PlaceForce:
         return before - sum(after)
 
 
-def force_chart(at: PlaceForce, over: Over) -> Chart:
-    """The measured force as dots, and mean curves of it and of the models' forces, over deflection or velocity."""
+def force_chart(at: PlaceForce, over: Over, curves: Curves = "mean") -> Chart:
+    """The measured force as dots, and curves of it and of the models' forces, over deflection or velocity."""
     quantity, length, force_unit = ("torque", "rad", "N m") if at.rotary else ("force", "m", "N")
     spring = at.spring if over == "velocity" else 0.0
 
@@ -117,17 +130,30 @@ def force_chart(at: PlaceForce, over: Over) -> Chart:
         sized_unit(float(np.abs(values).max(initial=0.0)), name)
         for values, name in zip(shown(at.measured), (f"{length}/s" if over == "velocity" else length, force_unit), strict=True)
     )
-    x, y = (values[:: max(1, len(values) // DOTS)] for values in shown(at.measured))
-    traces = [ChartTrace(name="measured, samples", x=x / x_scale, y=y / y_scale, role="noise", style="dots")]
-    for (name, role), one in [(("measured, mean", "measured"), at.measured), *at.models.items()]:
-        x, y = mean_over(*shown(one))
-        style: Style = "dash" if name == BASELINE[0] else "solid"
-        traces.append(ChartTrace(name=name, x=x / x_scale, y=y / y_scale, role=role, style=style))
+
+    def samples(one: Force, most: int) -> tuple[FloatArray, FloatArray]:
+        x, y = (values[:: max(1, len(values) // most)] for values in shown(one))
+        return x / x_scale, y / y_scale
+
+    def curve(one: Force) -> tuple[FloatArray, FloatArray]:
+        ways = (one.velocity > 0.0, one.velocity < 0.0) if curves == "by direction" else (np.ones(len(one.velocity), dtype=bool),)
+        parts = [np.stack(mean_over(*(values[way] for values in shown(one)))) for way in ways if np.any(way)]
+        x, y = np.concatenate([part for mean in parts for part in (mean, GAP)][:-1], axis=1)
+        return x / x_scale, y / y_scale
+
+    x, y = samples(at.measured, DOTS)
+    traces = [ChartTrace(name="measured, samples", x=x, y=y, role="noise", style="dots")]
+    if curves != "samples":
+        x, y = curve(at.measured)
+        traces.append(ChartTrace(name="measured, mean", x=x, y=y, role="measured"))
+    for (name, role), one in at.models.items():
+        x, y = samples(one, FEWER) if curves == "samples" else curve(one)
+        style: Style = "dots" if curves == "samples" else "dash" if name == BASELINE[0] else "solid"
+        traces.append(ChartTrace(name=name, x=x, y=y, role=role, style=style))
     without = " without the linear spring's" if spring else ""
     return Chart(
         name=f"force-{at.place}",
-        caption=f"{quantity.capitalize()} in {with_article(at.place)}{without} over {over}, run {at.run}, held-out data: from "
-        "the records (drive minus inertia of the bodies beyond it), and from each model's simulation. Lines are means over bins.",
+        caption=f"{quantity.capitalize()} in {with_article(at.place)}{without} over {over}, {at.origin}. {LEGEND[curves]}",
         panels=[Panel(label=f"{quantity}, {y_name}")], traces=traces, x_label=f"{over}, {x_name}", x_log=False,
     )  # fmt: skip
 
@@ -183,8 +209,33 @@ def _in_run(link: Link, trial: Trial, models: Mapping[Named, tuple[RigModel, Sim
     if measured is None or next(iter(models)) not in forces or len(measured.force) < FEWEST:
         return None
     return PlaceForce(
-        place=link.name, run=trial.run.id, measured=measured, models=forces, spring=owners[-1].link(link.name).stiffness,
+        place=link.name, measured=measured, models=forces, spring=owners[-1].link(link.name).stiffness,
+        origin=f"run {trial.run.id}, held-out data: from the records (drive minus inertia of the bodies beyond it), and from "
+        "each model's simulation",
         rotary=owners[0].body(end).motion == "rotation",
+    )  # fmt: skip
+
+
+def equation_force(place: str, equations: Equations, models: Mapping[Named, RigModel]) -> PlaceForce | None:
+    """The force at a place in all runs, from the equation of motion that contains it; None if no such equation does.
+
+    The baseline is the first of the models.
+    """
+    found = recorded_force(equations, place)
+    if found is None or len(found[1].force) < FEWEST:
+        return None
+    element, force = found
+    link, baseline = element.link, next(iter(models.values()))
+    moved = baseline.bodies[int(np.argmax(np.abs(element.weights)))]
+
+    def along(values: FloatArray) -> Force:
+        return Force(deflection=force.deflection, velocity=force.velocity, force=values)
+
+    return PlaceForce(
+        place=place, measured=along(force.force), models={n: along(force_of(m, element, force)) for n, m in models.items()},
+        spring=0.0 if link is None else link.stiffness, rotary=moved.motion == "rotation",
+        origin="all runs: from the records (the equation of motion that contains it), and from each model along the recorded "
+        "motion",
     )  # fmt: skip
 
 
