@@ -114,6 +114,16 @@ def test_a_share_is_of_the_first_models_excess_with_the_interval_of_resampled_un
     assert share_interval(models[0], models[1], models[2], np.full_like(floors, 2.0))[0] == 0.0
 
 
+@pytest.mark.parametrize(("differ", "sure"), [(1.01, True), (0.99, False)])
+def test_blocks_in_which_the_models_hardly_differ_are_not_drawn(differ: float, sure: bool) -> None:
+    """A rig that is released rests in most blocks: they tell nothing of a model that removes all before."""
+    floors, shape = np.full((1, 1), 0.01), (1, 1, BLOCKS)
+    before, after = np.full(shape, 1.5e-4), np.full(shape, 1.5e-4)
+    before[0, 0, :2] += differ * 1e-4  # of the allowed square error
+    one, other = (scored(np.sqrt(power.mean(axis=2)), power) for power in (before, after))
+    assert surely_removes(one, other, floors) == sure
+
+
 @pytest.mark.parametrize("runs", [5, 2])
 def test_the_interval_of_a_share_is_from_the_25th_to_the_975th_permille_of_draws_of_all_units(runs: int) -> None:
     count = runs if runs >= RUNS else BLOCKS

@@ -277,12 +277,12 @@ def best_kind(
 
 
 def _closest(mates: Sequence[Entry], now: Score, floors: FloatArray, *, odd: bool) -> tuple[str, float] | None:
-    # The form that removes most, or the simplest of those that remove hardly less; an odd curve is close to no form that differs
-    # by direction.
+    # The form that leaves least, or the simplest of those that leave hardly more; an odd curve is close to no form that differs by
+    # direction.
     shares = [(mate, share_removed(now.error, mate.score.error, floors)) for mate in mates]
     shares = [pair for pair in shares if pair[1] >= POLICY.main and not (odd and pair[0].candidate.cause in UNEVEN)]
-    most = max((share for _, share in shares), default=0.0)
-    near = [(mate, share) for mate, share in shares if share * POLICY.matters >= most]
+    best = max(shares, key=lambda pair: pair[1], default=None)
+    near = [x for x in shares if best and ratio(x[0].score.error, best[0].score.error, floors) < POLICY.matters]
     form = min(near, key=lambda pair: (len(pair[0].candidate.free), -pair[1]), default=None)
     return form and (form[0].candidate.cause, form[1])
 

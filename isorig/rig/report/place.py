@@ -26,7 +26,7 @@ OVER: Mapping[str, Over] = {
 }  # fmt: skip
 #: Least number of samples of a force that is shown.
 FEWEST = 200
-#: Points of a force drawn as dots, and of a model's so that the measured ones stay visible; bins of a mean curve with equal counts,
+#: Points of a force drawn as dots, and of a model's so that those stay visible; bins of a mean curve with equal counts,
 #: and the share of samples outside of them.
 DOTS, FEWER, BINS, OUTSIDE = 900, 300, 60, 0.002
 #: What the lines of a force are, as a sentence.

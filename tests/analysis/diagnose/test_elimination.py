@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import msgspec
 import numpy as np
@@ -214,6 +214,47 @@ def test_starting_points_far_from_the_data_are_tried_for_a_sure_candidate_only(
     run = verified(starts, Rung(problem=cast("Problem", None), steps=0, seconds=1.0), lambda text: None, sure=sure)
     tried = {"close", *(("far",) if tried_too else ()), *(("first",) if sure else ())}
     assert {candidate.cause for candidate, _ in run} == tried
+
+
+def test_a_sure_candidate_is_fitted_however_many_start_closer_to_the_data(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two starting points of the first candidate are behind fifteen others: the closest of them takes the twelfth place."""
+    models = [stage().replace({"bodies.table.mass": 5.0 + k}) for k in range(17)]
+    monkeypatch.setattr(ladder, "misfit", lambda model, problem: model.get("bodies.table.mass"))
+    monkeypatch.setattr(ladder, "tried", lambda start, free, rung: fitted(start, start.get("bodies.table.mass")))
+    sure, *others = [
+        Candidate(cause=f"{k}", location="table", family="", starts=(), free=(), reported=()) for k in range(len(models) - 1)
+    ]
+    starts = [(sure, (), models[-2]), (sure, (), models[-1])]
+    starts += [(one, (), model) for one, model in zip(others, models, strict=False)]
+    rung = Rung(problem=cast("Problem", None), steps=0, seconds=1.0)
+    run = verified(starts, rung, lambda text: None, sure=True)
+    assert [done.cost for _, done in run] == [5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0, 20.0]
+    run = verified(starts, rung, lambda text: None)
+    assert [done.cost for _, done in run] == [5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0, 16.0]
+
+
+@pytest.mark.parametrize(("bare", "followed_on"), [(1.99, 10), (2.01, 8)])
+def test_data_with_which_the_current_model_agrees_eliminate_no_candidate(
+    bare: float, followed_on: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[int] = []
+    rungs = [Rung(problem=cast("Problem", None), steps=k, seconds=float(k)) for k in range(2)]
+    monkeypatch.setattr(ladder, "misfit", lambda model, problem: 1.0)
+    monkeypatch.setattr(ladder, "bare_cost", lambda current, rung: bare)
+    monkeypatch.setattr(ladder, "tried", lambda start, free, rung: fitted(start, 0.5))
+    model = stage()
+    starts = [
+        (Candidate(cause=f"{k}", location="table", family="", starts=(), free=(), reported=()), (), model) for k in range(10)
+    ]
+    found = ladder.verified
+
+    def counted(starts: ladder.Starts, *given: Any, **named: Any) -> ladder.Running:
+        seen.append(len(starts))
+        return found(starts, *given, **named)
+
+    monkeypatch.setattr(ladder, "verified", counted)
+    followed(starts, rungs, fitted(model, 1.0), lambda text: None)
+    assert seen == [10, followed_on]
 
 
 def shape_costs(form: float, own: float, other: float, below: float = np.inf) -> list[tuple[str, str]]:

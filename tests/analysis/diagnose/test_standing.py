@@ -40,6 +40,7 @@ from isorig.analysis.equations.ranking import Explanation, score_of
 from isorig.analysis.equations.system import equations_of
 from isorig.analysis.fitting.candidate import Candidate, Reported, Shape
 from isorig.analysis.fitting.division import ends
+from isorig.analysis.fitting.excess import share_removed
 from isorig.analysis.fitting.plausible import Doubt
 from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.fitting.score import BLOCKS, Score, score
@@ -92,16 +93,14 @@ def test_a_form_that_removes_little_of_the_error_is_not_the_closest_to_a_curve(s
     ("odd", "factor", "closest"),
     [(False, 0.99, "hardening_stiffness"), (False, 1.01, "asymmetric_stiffness"), (True, 1.01, "hardening_stiffness")],
 )
-def test_the_form_with_fewer_parameters_is_the_closest_unless_another_removes_more(
-    odd: bool, factor: float, closest: str
-) -> None:
+def test_the_form_with_fewer_parameters_is_the_closest_unless_another_leaves_less(odd: bool, factor: float, closest: str) -> None:
     """An odd curve is close to no form that differs by direction."""
-    first, now, most = FLOORS[0, 0], scored(0.1), 0.9
-    shares = {"hardening_stiffness": most / (1.0 + factor * (POLICY.matters - 1.0)), "asymmetric_stiffness": most}
-    forms = [entry(cause, "x", float(np.sqrt(first**2 + (1.0 - share) * (0.1**2 - first**2)))) for cause, share in shares.items()]
+    now, least = scored(0.1), 0.02
+    errors = {"hardening_stiffness": least * factor * POLICY.matters, "asymmetric_stiffness": least}
+    forms = [entry(cause, "x", error) for cause, error in errors.items()]
     forms[1] = replace(forms[1], candidate=replace(forms[1].candidate, free=2 * forms[1].candidate.free))
     found = _closest(forms, now, FLOORS, odd=odd)
-    assert found == (closest, pytest.approx(shares[closest]))
+    assert found == (closest, pytest.approx(share_removed(now.error, scored(errors[closest]).error, FLOORS)))
 
 
 @pytest.mark.parametrize(
