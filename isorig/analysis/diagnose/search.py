@@ -475,10 +475,12 @@ class Suspected:
         job = self.job
         near = job.left < 1.0 and not self.found.tentative
         limit = LEAVES * misfit(job.current.model, job.rungs[-1].problem) if near else np.inf
-        if near:  # an earlier cause may bend the equation, and the values from it lead away
-            begun = {(id(candidate), id(model)) for candidate, _, model in starts}
-            own = [(c, free, m) for c, free, _ in unlike(starts) if c.shape is None for m in c.starts]
-            starts = [*starts, *(start for start in own if (id(start[0]), id(start[2])) not in begun)]
+        # An earlier cause may bend the equation, and the values from it lead away; so does a fault of a channel, which a fit without
+        # it follows closely.
+        begun = {(id(candidate), id(model)) for candidate, _, model in starts}
+        fitted = [(c, free) for c, free, _ in unlike(starts) if c.shape is None and (near or kind_of(c.cause) == "sensor")]
+        own = [(c, free, m) for c, free in fitted for m in c.starts]
+        starts = [*starts, *(start for start in own if (id(start[0]), id(start[2])) not in begun)]
         starts = job.with_values_before_fit(starts)
         run = verified(starts, job.rungs[-1], job.progress, sure=self.found.shows, limit=limit, whole=job.unseen)
         run = continued(run, job.rungs[-1])

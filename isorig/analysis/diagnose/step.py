@@ -277,8 +277,8 @@ def best_kind(
 
 
 def _closest(mates: Sequence[Entry], now: Score, floors: FloatArray, *, odd: bool) -> tuple[str, float] | None:
-    # The form that leaves least, or the simplest of those that leave hardly more; an odd curve is close to no form that differs by
-    # direction.
+    # The form that leaves least, or the simplest of those that leave hardly more; an odd curve is close to no form that differs
+    # by direction.
     shares = [(mate, share_removed(now.error, mate.score.error, floors)) for mate in mates]
     shares = [pair for pair in shares if pair[1] >= POLICY.main and not (odd and pair[0].candidate.cause in UNEVEN)]
     best = max(shares, key=lambda pair: pair[1], default=None)
