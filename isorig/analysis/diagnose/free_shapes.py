@@ -22,7 +22,7 @@ from isorig.analysis.fitting.ladder import Rung, tried
 from isorig.analysis.fitting.solve import Fit, Free
 from isorig.analysis.laws.base import NO_LINK
 from isorig.analysis.model.linear import floats
-from isorig.analysis.model.rig_model import Link, RigModel
+from isorig.analysis.model.rig_model import Link, RigModel, damps
 
 #: Points of a curve over a two-sided range (odd, so that one is in the middle), over velocities, over a session, of a sensor's
 #: static curve, and taps of its filter.
@@ -66,7 +66,7 @@ def free_shapes(model: RigModel, evidence: Evidence) -> tuple[Candidate, ...]:
 def _places(model: RigModel, kind: Kind) -> tuple[str, ...]:
     # At links with a spring, at those with sliding ends, or, of a force over deflection in a rig that no spring holds, at all.
     blocked = {name for configuration in model.configurations.values() for name in configuration.rigid}
-    own = [link for link in model.links if not link.name.endswith("_added")]
+    own = [link for link in model.links if not link.name.endswith("_added") and (kind != "damping_shape" or damps(model, link))]
     if kind == "drift" or (kind == "spring_shape" and not floats(model)):
         return tuple(link.name for link in own if link.stiffness > 0.0)
     if kind == "spring_shape":

@@ -475,8 +475,8 @@ class Suspected:
         job = self.job
         near = job.left < 1.0 and not self.found.tentative
         limit = LEAVES * misfit(job.current.model, job.rungs[-1].problem) if near else np.inf
-        # An earlier cause may bend the equation, and the values from it lead away; so does a fault of a channel, which a fit without
-        # it follows closely.
+        # An earlier cause may bend the equation, and the values from it lead away. A fault of a channel bends it, too, and a fit
+        # without it follows the records closely.
         begun = {(id(candidate), id(model)) for candidate, _, model in starts}
         fitted = [(c, free) for c, free, _ in unlike(starts) if c.shape is None and (near or kind_of(c.cause) == "sensor")]
         own = [(c, free, m) for c, free in fitted for m in c.starts]

@@ -35,6 +35,7 @@ from isorig.analysis.equations.sliding import Sliding, SlidingFit, SlidingRun
 from isorig.analysis.equations.spectral import Prepared, Row
 from isorig.analysis.equations.system import CUT, HOLDS, CausePlace, Equations
 from isorig.analysis.lowpass import low_passed
+from isorig.analysis.model.rig_model import damps
 from isorig.analysis.simulate.sampling import lagging
 
 #: Attached resonators: damping ratios, number of frequencies over the band, and the refinement around the best.
@@ -195,6 +196,8 @@ class Regressions:
         # A contact's friction replaces the plain one; without a contact there is only the plain one and what it may become.
         left_out = {DRY_FRICTION.name} if rubbing else {s.name for s in SHAPES if s.with_friction and s.name != "slip"}
         left_out |= {s.name for s in SHAPES if s.kind == "drift" and not self.on.timed}
+        if element.link is not None and not damps(self.on.model, element.link):
+            left_out |= {s.name for s in SHAPES if s.kind == "damping_shape"}
         return [shape for shape in SHAPES if shape.name not in left_out]
 
     def _shape(self, element: Element, shape: Shape, add: _Add, **values: float) -> None:

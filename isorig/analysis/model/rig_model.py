@@ -536,6 +536,13 @@ def weights_of(model: RigModel, part: Joint | Sensor) -> FloatArray:
     return direction(model, a, b, part.arms)
 
 
+def damps(model: RigModel, link: Link) -> bool:
+    """Whether a force over the velocity at a link is its own: it has a damping, or no link between the same ends has one."""
+    own = weights_of(model, link)
+    dampers = (weights_of(model, other) for other in model.links if other.damping > 0.0)
+    return link.damping > 0.0 or not any(np.array_equal(own, way * other) for other in dampers for way in (1.0, -1.0))
+
+
 def weights_by_body(model: RigModel, part: Joint) -> dict[str, float]:
     """The same by body, for the bodies whose coordinates are in a joint's elongation."""
     return {body.name: w for body, w in zip(model.bodies, weights_of(model, part).tolist(), strict=True) if w}

@@ -220,3 +220,21 @@ def test_two_viscosities_take_the_place_of_a_damping_that_is_free() -> None:
     assert [each.path for each in candidate.parameters(free, base_parameters(free)) if each.path == damping] == []
     (candidate,) = cause.proposed(msgspec.structs.replace(free, free=()), EVIDENCE, "isolation")
     assert {start.get(damping) for start in candidate.starts} == {3.0}
+
+
+def test_a_force_over_velocity_is_in_the_damper_of_parallel_links() -> None:
+    rig = RigModel(
+        name="shock absorber", bodies=(Body(name="rod", mass=2.0),),
+        links=(Link(name="gas", a="rod", stiffness=2000.0), Link(name="valves", a="rod", damping=1200.0)),
+        drive=Drive(channel="force", pushes={"rod": 1.0}, quantity="force"),
+        sensors=(Sensor(channel="x", body="rod", quantity="displacement"),),
+    )  # fmt: skip
+    runs = replace(EVIDENCE, deflection=dict.fromkeys(("gas", "valves"), 0.02), speed=dict.fromkeys(("gas", "valves"), 0.3))
+    shapes = {(each.cause, each.location) for each in free_shapes(rig, runs)}
+    quadratic = next(each for each in CATALOGUE if each.name == "quadratic_damping")
+    assert ("damping_shape", "valves") in shapes
+    assert ("damping_shape", "gas") not in shapes
+    assert quadratic.places(rig) == ("valves",)
+    alone = msgspec.structs.replace(rig, links=rig.links[:1])
+    assert ("damping_shape", "gas") in {(each.cause, each.location) for each in free_shapes(alone, runs)}
+    assert quadratic.places(alone) == ("gas",)

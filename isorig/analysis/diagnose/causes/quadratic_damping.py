@@ -6,7 +6,7 @@ from isorig.analysis.diagnose.causes.at_link import LinkCause, LinkInRuns
 from isorig.analysis.diagnose.causes.base import Evidence, Sizes
 from isorig.analysis.fitting.solve import Free
 from isorig.analysis.laws import QuadraticDamping as QuadraticDampingLaw
-from isorig.analysis.model.rig_model import Link, RigModel
+from isorig.analysis.model.rig_model import Link, RigModel, damps
 
 
 class QuadraticDamping(LinkCause):
@@ -23,7 +23,7 @@ class QuadraticDamping(LinkCause):
     signs = frozenset({"amplitude", "blocked by the lock", "more at low and high velocity"})
 
     def can_be_at(self, model: RigModel, link: Link) -> bool:
-        return link.stiffness > 0.0 or link.damping > 0.0
+        return (link.stiffness > 0.0 or link.damping > 0.0) and damps(model, link)
 
     def starts(self, link: LinkInRuns, evidence: Evidence) -> Iterable[RigModel]:
         return (link.having(QuadraticDampingLaw(quadratic_damping=share * _scale(link))) for share in (0.3, 2.0))
