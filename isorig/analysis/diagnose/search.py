@@ -31,6 +31,7 @@ from isorig.analysis.diagnose.step import (
     best_kind,
     curve_of,
     found_step,
+    is_undetermined,
     vanishes,
 )
 from isorig.analysis.diagnose.suspects import ALWAYS, BROKEN, STANDS_ALIKE, Suspects, suspects
@@ -996,7 +997,10 @@ def _kind_and_form(
 
 
 def _extends(entry: Entry, forms: Sequence[Entry], floors: FloatArray) -> bool:
-    # Whether a more general law leaves clearly less than the forms at its place.
+    # Whether a more general law leaves clearly less than the forms at its place. Without one value that the data determine, it
+    # imitates what they lack.
+    if is_undetermined(entry):
+        return False
     simpler = [form for form in forms if form.place == entry.place]
     return adequate(entry.score, floors) or all(
         ratio(form.score.error, entry.score.error, floors) >= POLICY.form_alike for form in simpler

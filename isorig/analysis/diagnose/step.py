@@ -215,6 +215,12 @@ def is_determined(entry: Entry) -> bool:
     return all(entry.fit.std.get(free.path, 0.0) < abs(entry.fit.model.get(free.path)) for free in own)
 
 
+def is_undetermined(entry: Entry) -> bool:
+    """Whether the data determine none of a form's own values: each one's standard uncertainty is at least the value."""
+    own = [free for free in entry.candidate.free if free.log]
+    return bool(own) and all(entry.fit.std.get(free.path, 0.0) >= abs(entry.fit.model.get(free.path)) for free in own)
+
+
 def vanishes(entry: Entry) -> bool:
     """Whether a form has no effect that the data show: each of its own values is zero within its uncertainty."""
 

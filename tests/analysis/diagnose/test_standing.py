@@ -168,8 +168,23 @@ def test_a_law_whose_values_are_not_determined_gives_way_to_a_simpler_one(std: f
     ("more", "extends"), [(0.1 / (1.01 * POLICY.form_alike), True), (0.1 / (0.99 * POLICY.form_alike), False)]
 )
 def test_a_more_general_law_must_leave_clearly_less(more: float, extends: bool) -> None:
-    assert _extends(entry("sensor_gain", "x", more), [entry("sensor_gain", "x", 0.1)], FLOORS) == extends
-    assert _extends(entry("sensor_gain", "x", 0.1), [entry("sensor_gain", "a", 0.01)], FLOORS)
+    def law(channel: str, error: float) -> Entry:
+        found = entry("sensor_gain", channel, error)
+        return replace(found, fit=replace(found.fit, covariance=np.eye(1) * 0.1))
+
+    assert _extends(law("x", more), [law("x", 0.1)], FLOORS) == extends
+    assert _extends(law("x", 0.1), [law("a", 0.01)], FLOORS)
+
+
+@pytest.mark.parametrize(("stds", "extends"), [((0.99, 5.0), True), ((1.01, 5.0), False), ((0.99, 0.1), True)])
+def test_a_more_general_law_without_a_determined_value_imitates(stds: tuple[float, float], extends: bool) -> None:
+    """Both gains are 1; an adequate model with it is no reason."""
+    found = entry("sensor_gain", "x", 1e-9)
+    both = tuple(Free(path=f"sensors.{channel}.chain.gain", low=0.1, high=10.0) for channel in ("x", "a"))
+    law = replace(
+        found, candidate=replace(found.candidate, free=both), fit=replace(found.fit, free=both, covariance=np.diag(stds) ** 2)
+    )
+    assert _extends(law, [entry("sensor_gain", "x", 0.1)], FLOORS) == extends
 
 
 def test_no_candidate_has_a_share_of_a_baseline_that_became_adequate_during_the_search() -> None:
