@@ -122,3 +122,12 @@ def test_tables_break_neither_words_nor_numbers(monkeypatch: pytest.MonkeyPatch,
     )
     said = capsys.readouterr().out
     assert all(value in said for value in (*values, "random", "unknown", "shot_001"))
+
+
+def test_a_long_first_column_breaks_no_word_of_the_others(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    bodies, channels = " + ".join(f"wing_{k}" for k in range(9)), "force, acc_tip_r, acc_launcher, acc_payload, acc_tail"
+    show_table("equations", ("equation", "springs and contacts", "channels"), [[bodies, "mount", channels]])
+    assert {f"{name}," for name in ("force", "acc_tip_r", "acc_launcher", "acc_payload")} <= {*capsys.readouterr().out.split()}

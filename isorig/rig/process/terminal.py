@@ -99,13 +99,15 @@ def show_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]
     for place, head in enumerate(columns):
         plain = all(_is_number(row[place]) for row in rows)
         whole = plain or place == 0
-        # The library measures the longest word even of cells that it may not break.
-        least = max(len(displayable(text)) for text in (head, *(row[place] for row in rows))) if whole else None
+        # The library makes narrow columns shorter than their longest word, and measures that even of cells that it may not break.
+        cells = [displayable(text) for text in (head, *(row[place] for row in rows))]
+        least = max(len(part) for cell in cells for part in ([cell] if whole else cell.split() or [""]))
         table.add_column(displayable(head), justify="right" if plain else "left", no_wrap=whole, overflow="fold", min_width=least)
     for row in rows:
         table.add_row(*map(displayable, row))
     console = Console()
-    least = Measurement.get(console, console.options.update(max_width=1 << 16), table).minimum
+    # It measures a table without a part of the distance of its columns.
+    least = Measurement.get(console, console.options.update(max_width=1 << 16), table).minimum + len(columns)
     Console(width=max(console.width, least)).print(table, markup=False)
 
 
