@@ -448,7 +448,7 @@ def test_a_form_at_a_place_with_an_unknown_force_starts_from_its_own_values_too(
     start, stiffness, mass = stage(), "links.rail.stiffness", "bodies.table.mass"
     known = start.replace({stiffness: 1.5 * start.get(stiffness), mass: 3.0 * start.get(mass)})
     free = (Free(path=stiffness, low=1.0, high=1e9), Free(path=mass, low=1e-3, high=1e9))
-    candidate = cast(Candidate, SimpleNamespace(starts=(start,), free=(), shape=None))
+    candidate = cast(Candidate, SimpleNamespace(cause="end_stop", starts=(start,), free=(), shape=None))
     job = SimpleNamespace(
         left=1.0, rungs=[None], unseen=None, progress=lambda text: None, with_values_before_fit=list, keeps_the_motion=False
     )
@@ -459,3 +459,22 @@ def test_a_form_at_a_place_with_an_unknown_force_starts_from_its_own_values_too(
         assert [done.cost for _, done in run] == costs
     assert begun[1].get(stiffness) == known.get(stiffness)
     assert begun[1].get(mass) == start.get(mass)
+
+
+@pytest.mark.parametrize(("cause", "added"), [("channel_delay", True), ("end_stop", False)])
+def test_a_fault_of_a_channel_starts_from_the_fitted_model_too(cause: str, added: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It bends the equations, and a fit without it follows the records closely."""
+    begun: list[RigModel] = []
+
+    def verified(starts: Starts, rung: object, progress: object, **how: object) -> list[tuple[Candidate, object]]:
+        begun.extend(model for _, _, model in starts)
+        return []
+
+    monkeypatch.setattr(search, "verified", verified)
+    start = stage()
+    bent = start.replace({"links.rail.stiffness": 1.5 * start.get("links.rail.stiffness")})
+    candidate = cast(Candidate, SimpleNamespace(cause=cause, starts=(start,), free=(), shape=None))
+    job = SimpleNamespace(left=1.0, rungs=[None], unseen=None, progress=lambda text: None, with_values_before_fit=list)
+    found = SimpleNamespace(tentative=False, shows=True, equations=SimpleNamespace(only=None))
+    search.Suspected(job=cast(Job, job), found=cast(Suspects, found))._fitted([(candidate, (), bent)])
+    assert begun == [bent, start][: 1 + added]

@@ -18,6 +18,7 @@ class DriveLag(DriveCause):
 
     kind = "sensor"
     family = "delay"
+    rank = 1
     phrase = "the force of the {place} drive follows its command with a time constant of {time_constant}"
     signs = frozenset({"independent of amplitude", "delay"})
     found_as = frozenset({"lag"})
