@@ -475,8 +475,9 @@ class Suspects:
 
     def _level(self, candidate: Candidate) -> dict[str, float]:
         # The level of a dry friction that the model lacks, from the equations.
+        paths = {free.path for free in candidate.free if free.path.startswith("contacts.")}
         at = (e for e in self.ranking.explanations if e.what == DRY_FRICTION.name and self._at(e, candidate.location))
-        explanation, paths = next(at, None), {free.path for free in candidate.free}
+        explanation = next(at, None) if paths else None
         values = {} if explanation is None else solved_values(self.equations, explanation)
         return {path: value for path, value in values.items() if path in paths}
 

@@ -13,7 +13,7 @@ from isorig.analysis.equations.system import equations_of
 from isorig.analysis.model.rig_model import Body, Configuration, Drive, Link, RigModel, Sensor
 
 SEED = 5300
-RATE, SECONDS = 100.0, 40.0
+RATE, SECONDS = 100.0, 20.0
 INERTIA, WEIGHT, DRAG, FRICTION = 0.021, 0.92, 0.0006, 0.0045
 
 
