@@ -378,10 +378,15 @@ class Suspects:
         return self._without[key]
 
     def stands(self, candidate: Candidate, current: Fit, evidence: Evidence) -> bool:
-        """Whether a form of one of the best explanations leaves as little of a link's recorded force as any curve there."""
+        """Whether a form of one of the best explanations leaves as little of a link's recorded force as any curve there, or is a
+        level of dry friction with which an equation holds."""
         begun = self._begun(candidate, current.free)
         explanation, left = begun.explanation, begun.left
-        if explanation is None or left is None or explanation.score < NEARLY * self.chosen[0].score:
+        if explanation is None or explanation.score < NEARLY * self.chosen[0].score:
+            return False
+        if explanation.what == DRY_FRICTION.name and self._is_level(candidate):
+            return True
+        if left is None:
             return False
         bare, (_, force) = self._bare(explanation, current), self._solved(explanation)
         if force is None or bare is None or left**2 > (1.0 - TELLS) * bare**2:
@@ -480,6 +485,18 @@ class Suspects:
         explanation = next(at, None) if paths else None
         values = {} if explanation is None else solved_values(self.equations, explanation)
         return {path: value for path, value in values.items() if path in paths}
+
+    def _is_level(self, candidate: Candidate) -> bool:
+        # Whether a candidate is the constant level of dry friction with which an equation holds, sample by sample.
+        if [free.path for free in candidate.free] != [*self._level(candidate)]:
+            return False
+        found = (
+            self.equations.in_time(balance, element, sliding=True)
+            for balance in self.equations.balances
+            for element, _ in balance.crossing
+            if candidate.location in element.names
+        )
+        return any(each is not None and each[0].residual(each[1]) < HINTS for each in found)
 
     def recorded(self, candidate: Candidate) -> tuple[Element, ElementForce] | None:
         """The element of a suspected candidate and its recorded force; None if the equations do not give it."""

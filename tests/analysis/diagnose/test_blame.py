@@ -14,6 +14,7 @@ from small_rigs import guessed, played, stage, with_law
 
 from isorig.analysis import laws
 from isorig.analysis.diagnose import search
+from isorig.analysis.diagnose import suspects as suspects_module
 from isorig.analysis.diagnose.causes.base import Kind
 from isorig.analysis.diagnose.diagnosis import diagnose
 from isorig.analysis.diagnose.observe import observe
@@ -478,3 +479,22 @@ def test_a_fault_of_a_channel_starts_from_the_fitted_model_too(cause: str, added
     found = SimpleNamespace(tentative=False, shows=True, equations=SimpleNamespace(only=None))
     search.Suspected(job=cast(Job, job), found=cast(Suspects, found))._fitted([(candidate, (), bent)])
     assert begun == [bent, start][: 1 + added]
+
+
+@pytest.mark.parametrize(("residual", "own", "holds"), [(1.29, 1, True), (1.31, 1, False), (1.29, 2, False)])
+def test_a_level_of_dry_friction_stands_where_an_equation_holds_with_it(
+    residual: float, own: int, holds: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    level = "contacts.rail.law.friction_force"
+    monkeypatch.setattr(suspects_module, "solved_values", lambda equations, explanation: {level: 3.0})
+    element = SimpleNamespace(name="rail", names=frozenset({"rail"}))
+    fitted = (SimpleNamespace(residual=lambda fit: residual), None)
+    equations = SimpleNamespace(balances=[SimpleNamespace(crossing=[(element, 1.0)])], in_time=lambda *_, sliding: fitted)
+    explanation = Explanation(kind="friction_shape", place="rail", what="dry friction", score=1.0, residuals={}, values={})
+    found = Suspects(
+        ranking=Ranking(residuals={}, explanations=(explanation,)), chosen=(explanation,), places={},
+        equations=cast(Equations, equations),
+    )  # fmt: skip
+    free = tuple(Free(path=path) for path in (level, "contacts.rail.law.bristle_stiffness")[:own])
+    candidate = Candidate(cause="coulomb_friction", location="rail", family="friction", starts=(), free=free, reported=())
+    assert found._is_level(candidate) == holds
