@@ -102,6 +102,19 @@ def test_the_link_that_hardens_leaves_least_of_all_links_though_all_springs_are_
     assert ranked.explanations[0].what == "force over deflection"
 
 
+def test_a_gain_that_is_fitted_is_none_of_the_equation_of_a_link_alone() -> None:
+    """The equation has the estimated motion and force of the link, and no sensor of the rig."""
+    model, measured = given(0.9), campaign(with_cubic("l2", 3e9))
+    trials, gain = prepare(measured, model), "sensors.a2.chain.gain"
+    places = compared_places(model, trials)
+    assert places is not None
+    place = next(one for one in places.located if one.place == CausePlace("link", "l2"))
+    fitted = replace(place, model=msgspec.structs.replace(place.model, free=(*place.model.free, gain)))
+    assert equations_at(fitted, measured, trials).model.free == place.model.free
+    of_sensor = replace(fitted, place=CausePlace("sensor", "a2"))
+    assert gain in equations_at(of_sensor, measured, trials).model.free
+
+
 def test_a_sweep_tells_of_its_resonance_though_the_allowed_errors_are_largest_there() -> None:
     """Above its end the records are small, so that a force there would count a hundred times as much."""
     model, measured = given(0.95), campaign(with_cubic("l2", 3e9), swept=True)
