@@ -232,8 +232,11 @@ def vanishes(entry: Entry) -> bool:
 
 
 def without_form(step: Step, share: float) -> Step:
-    """A step that names kind and place only: the form, which removes `share` of the excess error, may be merely the closest."""
-    return replace(step, cause=step.kind, form=None, closest=(step.cause, share))
+    """A step that names kind and place only: the form, which removes `share` of the excess error, may be merely the closest.
+
+    Its values are then none of the rig's.
+    """
+    return replace(step, cause=step.kind, form=None, closest=(step.cause, share), parameters={}, reported=())
 
 
 def best_kind(

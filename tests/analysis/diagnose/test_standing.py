@@ -33,6 +33,7 @@ from isorig.analysis.diagnose.step import (
     curve_of,
     determined,
     vanishes,
+    without_form,
 )
 from isorig.analysis.diagnose.suspects import FEW_PERIODS, OTHER_MEMORY, Suspects
 from isorig.analysis.equations.columns import PERIODIC
@@ -875,3 +876,10 @@ def test_few_periods_of_a_force_may_be_another_curve(periods: float, suspected: 
 
 def test_an_explanation_without_samples_to_check_it_has_no_score() -> None:
     assert score_of({"table": 5.0}, {"table": np.inf}) == -np.inf
+
+
+def test_a_step_without_a_form_has_none_of_its_values() -> None:
+    step = step_to("extra_mode", "added_motion", 0.3, 0.1).step
+    assert step is not None
+    found = without_form(replace(step, parameters={"mode_mass": (0.2, 9.5, "kg")}), 0.8)
+    assert (found.cause, found.closest, found.parameters, found.reported) == ("added_motion", ("extra_mode", 0.8), {}, ())
