@@ -15,7 +15,7 @@ from isorig.analysis.wording import MULTIPLE, fall, first_of, in_per_cent, noise
 from isorig.rig.files.findings import CauseAt, Findings, HeldValue, NamedCause, TriedCause, Value
 
 #: What a cause is, by its name in the findings: {place}, and its parameters by name, as value with uncertainty; and without
-#: parameters that are zero within their uncertainty.
+#: parameters that are zero within their uncertainty, or that its law does not have.
 PHRASES: Mapping[str, str] = {cause.name: cause.phrase for cause in CATALOGUE}
 WITHOUT: Mapping[str, Mapping[tuple[str, ...], str]] = {cause.name: cause.phrases_without for cause in CATALOGUE}
 KINDS: Mapping[Kind, str] = {
@@ -88,8 +88,8 @@ def cause_in_words(step: NamedCause) -> str:
         shown["change"] = _change(values["drift_rate"], step.held.get("until"))
     try:
         others = WITHOUT.get(step.cause, {})
-        zeros = {name for name, row in values.items() if _is_zero(row)}
-        phrase = next((other for names, other in others.items() if zeros.issuperset(names)), PHRASES[step.cause])
+        told = {name for name, row in values.items() if not _is_zero(row)}
+        phrase = next((other for names, other in others.items() if told.isdisjoint(names)), PHRASES[step.cause])
         phrase = phrase if step.kind == "sensor" else phrase.replace("the {place}", "{place}")
         return phrase.format(place=words(step.location) if step.kind == "sensor" else place, **shown)
     except KeyError:  # a cause, or its parameters, that these phrases do not have

@@ -79,7 +79,10 @@ def test_the_equations_show_dry_friction_where_every_sample_is_close_to_a_revers
 
 def test_a_released_pendulum_has_dry_friction_and_a_restoring_torque_like_a_sine() -> None:
     found = diagnose(*released())
-    assert [(step.cause, step.location) for step in found.steps] == [("coulomb_friction", "pivot"), ("cubic_softening", "pivot")]
+    assert [(step.cause, step.location) for step in found.steps] == [
+        ("coulomb_friction", "pivot"),
+        ("softening_stiffness", "pivot"),
+    ]
     friction, softening = found.steps
     assert friction.parameters["friction_force"][0] == pytest.approx(FRICTION, rel=0.02)
     # The sine's second term; the next one makes the fitted cube a little smaller.

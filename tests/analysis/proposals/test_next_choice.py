@@ -310,7 +310,6 @@ def test_every_cause_of_the_catalogue_is_supposed() -> None:
         "backlash", "end_stop", "quadratic_damping", "stiffness_drift", "extra_mode", "moment_coupling", "wrong_mass",
         "imperfect_lock", "channel_delay", "sensor_gain", "clipping", "crosstalk", "mains_hum", "relaxation", "damping_drift",
         "hysteresis", "asymmetric_stiffness", "asymmetric_damping", "bilinear_stiffness", "stiffening_hysteresis",
-        "cubic_softening",
     }  # fmt: skip
 
 

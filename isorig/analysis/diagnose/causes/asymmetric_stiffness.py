@@ -24,7 +24,7 @@ class AsymmetricStiffness(LinkCause):
     family = "spring"
     rank = 3
     law = Polynomial
-    generalizes = frozenset({"hardening_stiffness", "cubic_softening"})
+    generalizes = frozenset({"hardening_stiffness"})
     phrase = "an asymmetric spring in the {place}, quadratic stiffness {quadratic_stiffness}, cubic stiffness {cubic_stiffness}"
     signs = frozenset({"amplitude", "blocked by the lock", "uneven directions"})
 

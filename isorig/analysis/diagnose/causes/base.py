@@ -176,7 +176,8 @@ class Cause(ABC):
     rank: ClassVar[int] = 1
     #: The conclusion of a report: {place}, and the reported parameters by name, as value with uncertainty.
     phrase: ClassVar[str]
-    #: The same without parameters that are zero within their uncertainty, by their names; the first of which all are counts.
+    #: The same without parameters that are zero within their uncertainty, or missing, by their names; the first of which all are
+    #: counts.
     phrases_without: ClassVar[Mapping[tuple[str, ...], str]] = {}
     #: Signs in the records that support it.
     signs: ClassVar[frozenset[SignKind]] = frozenset()
