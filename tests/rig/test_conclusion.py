@@ -281,6 +281,21 @@ def test_a_play_that_is_zero_within_its_uncertainty_is_not_mentioned(play: float
 
 
 @pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"cubic_stiffness": {"value": -0.62, "std": 0.02, "unit": "N/m^3"}}, "cubic stiffness -0.62 ± 0.02 N/m³"),
+        (
+            {"softening": {"value": 0.4, "std": 0.01, "unit": "1"}, "scale": {"value": 2e-3, "std": 1e-4, "unit": "m"}},
+            "it loses 40.0 ± 1.0 % of its stiffness beyond 2.00 ± 0.10 mm",
+        ),
+    ],
+)
+def test_a_softening_spring_is_told_by_the_values_of_its_law(values: dict[str, dict[str, Any]], said: str) -> None:
+    softens = {"cause": "softening_stiffness", "location": "mount", "kind": "spring_shape", "form": "softening_stiffness"}
+    assert cause_in_words(step(**softens, parameters=values)).endswith(said)
+
+
+@pytest.mark.parametrize(
     ("backward", "said"),
     [
         (0.0, "friction at the mount of 27.7 ± 1.2 N forward and 12.2 ± 1.2 N backward"),
