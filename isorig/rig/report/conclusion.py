@@ -88,8 +88,8 @@ def cause_in_words(step: NamedCause) -> str:
         shown["change"] = _change(values["drift_rate"], step.held.get("until"))
     try:
         others = WITHOUT.get(step.cause, {})
-        told = {name for name, row in values.items() if not _is_zero(row)}
-        phrase = next((other for names, other in others.items() if told.isdisjoint(names)), PHRASES[step.cause])
+        stated = {name for name, row in values.items() if not _is_zero(row)}
+        phrase = next((other for names, other in others.items() if stated.isdisjoint(names)), PHRASES[step.cause])
         phrase = phrase if step.kind == "sensor" else phrase.replace("the {place}", "{place}")
         return phrase.format(place=words(step.location) if step.kind == "sensor" else place, **shown)
     except KeyError:  # a cause, or its parameters, that these phrases do not have
