@@ -211,14 +211,19 @@ def determined(carried: Entry, mates: Sequence[Entry], floors: FloatArray) -> En
 
 def is_determined(entry: Entry) -> bool:
     """Whether the data determine a form's own values: each one's standard uncertainty is smaller than the value."""
-    own = [free for free in entry.candidate.free if free.log]
-    return all(entry.fit.std.get(free.path, 0.0) < abs(entry.fit.model.get(free.path)) for free in own)
+    return all(_determined(entry))
 
 
 def is_undetermined(entry: Entry) -> bool:
     """Whether the data determine none of a form's own values: each one's standard uncertainty is at least the value."""
-    own = [free for free in entry.candidate.free if free.log]
-    return bool(own) and all(entry.fit.std.get(free.path, 0.0) >= abs(entry.fit.model.get(free.path)) for free in own)
+    own = _determined(entry)
+    return bool(own) and not any(own)
+
+
+def _determined(entry: Entry) -> list[bool]:
+    # Whether the data determine each of a form's own values that cannot be zero.
+    own = [free.path for free in entry.candidate.free if free.log]
+    return [entry.fit.std.get(path, 0.0) < abs(entry.fit.model.get(path)) for path in own]
 
 
 def vanishes(entry: Entry) -> bool:
@@ -290,10 +295,12 @@ def _closest(mates: Sequence[Entry], now: Score, floors: FloatArray, *, odd: boo
     # by direction.
     shares = [(mate, share_removed(now.error, mate.score.error, floors)) for mate in mates]
     shares = [pair for pair in shares if pair[1] >= POLICY.main and not (odd and pair[0].candidate.cause in UNEVEN)]
-    best = max(shares, key=lambda pair: pair[1], default=None)
-    near = [x for x in shares if best and ratio(x[0].score.error, best[0].score.error, floors) < POLICY.matters]
-    form = min(near, key=lambda pair: (len(pair[0].candidate.free), -pair[1]), default=None)
-    return form and (form[0].candidate.cause, form[1])
+    if not shares:
+        return None
+    best, _ = max(shares, key=lambda pair: pair[1])
+    near = [pair for pair in shares if ratio(pair[0].score.error, best.score.error, floors) < POLICY.matters]
+    form, share = min(near, key=lambda pair: (len(pair[0].candidate.free), -pair[1]))
+    return form.candidate.cause, share
 
 
 def _same_curve(shape: Entry, chosen: Entry) -> bool:

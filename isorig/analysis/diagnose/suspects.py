@@ -506,7 +506,8 @@ class Suspects:
 
     def _solved(self, explanation: Explanation) -> tuple[dict[str, float], ElementForce | None]:
         if explanation not in self._values:
-            force = element_force(self.equations, explanation.place, shape_of(explanation))
+            shape = shape_of(explanation)
+            force = None if shape is None else element_force(self.equations, explanation.place, shape)
             self._values[explanation] = start_values(self.equations, explanation), force
         return self._values[explanation]
 

@@ -43,7 +43,9 @@ def equations_at(located: Located, campaign: Campaign, trials: Sequence[Trial]) 
             records, level = _estimated(located, trial, added)
             runs.append(_with_records(trial.run, records))
             noise.append({**levels[trial.run.id], **level})
-    free = tuple(path for path in model.free if kept or not path.startswith("sensors."))  # a fitted gain, say
+    free = tuple(
+        path for path in model.free if kept or not path.startswith("sensors.")
+    )  # without these sensors, their gains are no parameters
     extended = msgspec.structs.replace(model, sensors=(*kept, *added), free=free)
     return Equations(replace(campaign, runs=tuple(runs)), extended, noise, zero_errors(campaign, model), only=located.place)
 

@@ -92,33 +92,22 @@ def shape_of(explanation: Explanation) -> Shape | None:
 
 
 def element_force(equations: Equations, place: str, shape: Shape | None) -> ElementForce | None:
-    """The recorded force of an element with a free shape; None without one, or if no equation contains the element alone."""
-    if shape is None:
-        return None
+    """The recorded force of an element, with a free shape or the model's own laws; None if no equation contains it alone."""
     for balance in equations.balances:
         element = next((e for e, _ in balance.crossing if e.name == place), None)
         if element is None:
             continue
-        # Undescribed dry friction shows while the element slides.
+        # Undescribed dry friction shows while the element slides; through reversals, the low-pass spreads its force.
         found = equations.in_time(balance, element, sliding=True if shape is DRY_FRICTION else None)
         if found is not None and not found[0].through_reversals:
             size = abs(next(s for e, s in balance.crossing if e.name == element.name))
             force = _sliding_force(equations, balance, element, shape, size, *found)
             # An estimated force has no content where noise hides it, at low frequencies above all.
             hidden = equations.only is not None or np.mean(force.left**2) > HIDDEN * np.mean(force.force**2)
-            if hidden and balance.name in equations.prepared and element.link is not None and not law_columns(element):
+            spectral = balance.name in equations.prepared and element.link is not None and not law_columns(element)
+            if shape is not None and hidden and spectral:
                 return _spectral_force(equations, balance, element, shape, force)
             return force
-    return None
-
-
-def recorded_force(equations: Equations, place: str) -> tuple[Element, ElementForce] | None:
-    """An element and its recorded force, from its equation with the model's own laws; None if none contains the element alone."""
-    for balance in equations.balances:
-        for element, sign in balance.crossing:
-            found = equations.in_time(balance, element) if place in element.names else None
-            if found is not None:
-                return element, _sliding_force(equations, balance, element, None, abs(sign), *found)
     return None
 
 
@@ -236,7 +225,7 @@ def fitted_form(
             trial = model.replace(values)
         except ModelError:
             return np.full(len(force.force) + held_points + 1, 1e3)
-        predicted = _predicted(trial, element, force, courses, swing * float(coordinates[-1]))
+        predicted = force_of(trial, element, force, swing * float(coordinates[-1]), courses)
         left = (predicted - force.force) / size
         # Points of a curve without samples follow their neighbours.
         values = {**given, **values}
@@ -284,15 +273,15 @@ def force_left(model: RigModel, element: Element, force: ElementForce, offset: f
     return float(np.std(force.force - force_of(model, element, force, offset)))
 
 
-def force_of(model: RigModel, element: Element, force: ElementForce, offset: float = 0.0) -> FloatArray:
-    """The force in N that a model's element has along its recorded motion, with an offset in m of the deflections, shape (n,)."""
-    return _predicted(model, element, force, {}, offset)
-
-
-def _predicted(
-    model: RigModel, element: Element, force: ElementForce, courses: dict[Law, FloatArray], offset: float
+def force_of(
+    model: RigModel, element: Element, force: ElementForce, offset: float = 0.0,
+    courses: dict[Law, FloatArray] | None = None,
 ) -> FloatArray:  # fmt: skip
-    # An element's force in N; `courses` holds that of laws with memory, which depends on their own parameters only.
+    """The force in N that a model's element has along its recorded motion, with an offset in m of the deflections, shape (n,).
+
+    `courses` keeps that of laws with memory, which depends on their own parameters only.
+    """
+    courses = {} if courses is None else courses
     d, v, t = force.deflection + offset, force.velocity, force.time
     total = np.zeros(len(d))
     links = [link for link in model.links if link.name in element.names | force.parallel]

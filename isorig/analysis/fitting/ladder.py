@@ -314,8 +314,8 @@ def verified(
         few = sum(other[1] is starts[k][0] for other in near) < EACH
         if few and (cost <= LEAVES * begun[0][0] or k == first):
             near.append((cost, *starts[k]))
-    sure_one = [item for item in near[most:] if first is not None and item[1] is starts[first][0]][:1]
-    near = [*near[: most - len(sure_one)], *sure_one]
+    last = next((item for item in near[most:] if first is not None and item[3] is starts[first][2]), None)
+    near = near[:most] if last is None else [*near[: most - 1], last]
     climbed: Running = []
     for place, (cost, candidate, free, model) in enumerate(near):
         if any(other[1] is candidate and cost <= (1.0 + CLOSE) * other[0] for other in near[:place]):

@@ -1,6 +1,7 @@
 """The page of a diagnosis, for readers who were not present."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -95,10 +96,10 @@ def _first(
     models: Mapping[Named, Simulated], scores: Mapping[Named, Score],
 ) -> First:  # fmt: skip
     model = diagnosis.baseline.model
-    of_extended = equations_of(campaign, diagnosis.extended.model)
+    of_extended = cache(partial(equations_of, campaign, diagnosis.extended.model))  # many pages do not need them
     force, errors = _force(diagnosis, models, of_extended), _errors_chart(diagnosis, scores)
     second = second_chart(worst_second(diagnosis.trials, diagnosis.division.judged, models))
-    equations = residual_chart(diagnosis.residuals, of_extended.residuals() if diagnosis.steps else None)
+    equations = residual_chart(diagnosis.residuals, of_extended().residuals() if diagnosis.steps else None)
     # Charts of half the page's width in pairs.
     pairs = force is not None and equations is not None
     pictures = [force, equations, second, errors] if pairs else [force or equations, errors, second]
@@ -115,7 +116,7 @@ def _with_masses_of(extended: RigModel, model: RigModel) -> RigModel:
     return model.replace({path: extended.get(path) for path in masses})
 
 
-def _force(diagnosis: Diagnosis, models: Mapping[Named, Simulated], equations: Equations) -> Chart | None:
+def _force(diagnosis: Diagnosis, models: Mapping[Named, Simulated], equations: Callable[[], Equations]) -> Chart | None:
     # At the place of the first cause, or to which the equations point; otherwise in the link that the baseline gets most wrong.
     # Where other links hold the bodies beyond it, too, or their motion is not simulated, its equation of motion gives the force.
     baseline = diagnosis.baseline.model
@@ -139,7 +140,7 @@ def _force(diagnosis: Diagnosis, models: Mapping[Named, Simulated], equations: E
     simulated_by = {name: (owners[name], responses) for name, responses in models.items()}
     found = [at for link in links if (at := place_force(link, diagnosis.trials, simulated_by)) is not None]
     if not found and place:
-        found = [at for at in [equation_force(place, equations, {name: owners[name] for name in models})] if at is not None]
+        found = [at for at in [equation_force(place, equations(), {name: owners[name] for name in models})] if at is not None]
     curves = SHOWN.get(kind, "mean") if over == "deflection" else "mean"
     return force_chart(max(found, key=lambda at: at.misfit), over, curves) if found else None
 

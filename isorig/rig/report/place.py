@@ -10,7 +10,7 @@ from isorig.analysis.campaign import Channel, FloatArray, Run
 from isorig.analysis.diagnose.link_force import EDGE
 from isorig.analysis.diagnose.step import Step
 from isorig.analysis.diagnose.surface import passed
-from isorig.analysis.equations.forms import force_of, recorded_force
+from isorig.analysis.equations.forms import element_force, force_of
 from isorig.analysis.equations.system import Equations
 from isorig.analysis.fitting.trials import Trial
 from isorig.analysis.model.rig_model import GROUND, Link, RigModel
@@ -221,10 +221,10 @@ def equation_force(place: str, equations: Equations, models: Mapping[Named, RigM
 
     The baseline is the first of the models.
     """
-    found = recorded_force(equations, place)
-    if found is None or len(found[1].force) < FEWEST:
+    element = next((each for each in equations.elements() if place in each.names), None)
+    force = None if element is None else element_force(equations, element.name, None)
+    if element is None or force is None or len(force.force) < FEWEST:
         return None
-    element, force = found
     link, baseline = element.link, next(iter(models.values()))
     moved = baseline.bodies[int(np.argmax(np.abs(element.weights)))]
 

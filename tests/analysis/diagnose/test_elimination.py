@@ -231,6 +231,10 @@ def test_a_sure_candidate_is_fitted_however_many_start_closer_to_the_data(monkey
     assert [done.cost for _, done in run] == [5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0, 20.0]
     run = verified(starts, rung, lambda text: None)
     assert [done.cost for _, done in run] == [5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0, 16.0]
+    # Where its closest starting point is among the twelve, no further one takes a place.
+    close = (sure, (), stage().replace({"bodies.table.mass": 4.0}))
+    run = verified([close, *starts], rung, lambda text: None, sure=True)
+    assert [done.cost for _, done in run] == [4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0]
 
 
 @pytest.mark.parametrize(("bare", "followed_on"), [(1.99, 10), (2.01, 8)])

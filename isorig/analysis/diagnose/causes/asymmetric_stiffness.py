@@ -47,4 +47,4 @@ class AsymmetricStiffness(LinkCause):
 
 def _scales(link: LinkInRuns) -> tuple[float, float]:
     # Where each term adds as much force as the spring has, N/m^2 and N/m^3.
-    return link.stiffness / link.deflection, link.stiffness / link.deflection**2
+    return link.stiffness / link.deflection, link.cubic_scale

@@ -77,6 +77,11 @@ class LinkInRuns:
         dry = [c.law.friction_force for c in self.model.contacts if c.name == self.name and isinstance(c.law, Coulomb)]
         return max(*dry, self.link.damping * self.speed, 1e-12)
 
+    @property
+    def cubic_scale(self) -> float:
+        """Where a cube of the largest deflection is as large as the spring's force, N/m^3."""
+        return self.stiffness / self.deflection**2
+
     def having(self, law: SpringLaw) -> RigModel:
         """The rig with one more law on the link."""
         return added(self.model, self.link, law)

@@ -22,15 +22,10 @@ class HardeningStiffness(LinkCause):
     signs = frozenset({"amplitude", "blocked by the lock", "stiffens"})
 
     def starts(self, link: LinkInRuns, evidence: Evidence) -> Iterable[RigModel]:
-        return (link.having(Cubic(cubic_stiffness=share * _scale(link))) for share in (0.05, 0.6, 6.0))
+        return (link.having(Cubic(cubic_stiffness=share * link.cubic_scale)) for share in (0.05, 0.6, 6.0))
 
     def free(self, link: LinkInRuns) -> Iterable[Free]:
-        return (Free(path="cubic_stiffness", low=1e-5 * _scale(link), high=1e3 * _scale(link)),)
+        return (Free(path="cubic_stiffness", low=1e-5 * link.cubic_scale, high=1e3 * link.cubic_scale),)
 
     def sized_law(self, link: LinkInRuns, size: float, sizes: Sizes) -> Cubic:
-        return Cubic(cubic_stiffness=size * sizes.weak_to_strong(0.3, 1.0) * _scale(link))
-
-
-def _scale(link: LinkInRuns) -> float:
-    # Where the law adds as much force as the spring has, N/m^3.
-    return link.stiffness / link.deflection**2
+        return Cubic(cubic_stiffness=size * sizes.weak_to_strong(0.3, 1.0) * link.cubic_scale)

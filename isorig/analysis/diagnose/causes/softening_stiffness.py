@@ -37,8 +37,7 @@ class SofteningStiffness(LinkCause):
     def proposed(self, model: RigModel, evidence: Evidence, place: str) -> Iterator[Candidate]:
         yield from super().proposed(model, evidence, place)
         link = LinkInRuns(model, evidence, place)
-        # Where the cube is as large as the spring's force, N/m^3.
-        scale, name = link.stiffness / link.deflection**2, "cubic_stiffness"
+        scale, name = link.cubic_scale, "cubic_stiffness"
         path = f"links.{place}.laws.{len(link.link.laws)}.{name}"
         if not any(isinstance(law, Cubic) for law in link.link.laws):
             yield Candidate(
