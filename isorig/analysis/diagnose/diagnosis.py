@@ -39,7 +39,7 @@ from isorig.analysis.diagnose.revise import Revision, SearchStage, merged, stage
 from isorig.analysis.diagnose.search import Job, best_fits, next_step
 from isorig.analysis.diagnose.step import Entry, Found, Step, updated, vanishes, with_evidence, without_form
 from isorig.analysis.diagnose.suspects import BROKEN, SHOWN, Suspects, suspects
-from isorig.analysis.equations.forms import fit_start, start_values
+from isorig.analysis.equations.forms import fit_start, solved_values
 from isorig.analysis.equations.ranking import ranking
 from isorig.analysis.equations.system import Equations, equations_of
 from isorig.analysis.errors import FitError, OutOfTimeError, SimulationError
@@ -401,7 +401,7 @@ def _standing(found: Sequence[Doubt], campaign: Campaign, model: RigModel, equat
     blamed = None
     with suppress(OutOfTimeError):
         blamed = suspects(equations)
-    values = start_values(equations, blamed.chosen[0] if blamed is not None else None)
+    values = solved_values(equations, blamed.chosen[0] if blamed is not None else None)
 
     def refuted(doubt: Doubt) -> bool:
         if doubt.parameter != drive or doubt.kind not in OF_LEVELS or blamed is None or not blamed.exact:

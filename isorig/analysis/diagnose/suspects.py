@@ -17,7 +17,15 @@ from isorig.analysis.diagnose.kinds import OVER_VELOCITY, kind_of
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.equations.balances import Element
 from isorig.analysis.equations.columns import DRY_FRICTION, INTERVALS, OVER_DEFLECTION, OVER_POSITION, PERIODIC, RARE_STOP
-from isorig.analysis.equations.forms import ElementForce, element_force, fitted_form, shape_of, solved_values, start_values
+from isorig.analysis.equations.forms import (
+    ElementForce,
+    element_force,
+    fitted_form,
+    scales_of,
+    shape_of,
+    solved_values,
+    start_values,
+)
 from isorig.analysis.equations.ranking import HINTS, Explanation, Ranking, ranking, score_of, share_left
 from isorig.analysis.equations.system import CHANNEL_FAULTS, HOLDS, Equations
 from isorig.analysis.errors import ModelError
@@ -507,7 +515,8 @@ class Suspects:
     def _solved(self, explanation: Explanation) -> tuple[dict[str, float], ElementForce | None]:
         if explanation not in self._values:
             shape = shape_of(explanation)
-            force = None if shape is None else element_force(self.equations, explanation.place, shape)
+            scales = scales_of(self.equations, explanation)
+            force = None if shape is None else element_force(self.equations, explanation.place, shape, scales)
             self._values[explanation] = start_values(self.equations, explanation), force
         return self._values[explanation]
 

@@ -91,8 +91,13 @@ def shape_of(explanation: Explanation) -> Shape | None:
     return next((shape for shape in (*SHAPES, RARE_STOP) if shape.name == explanation.what), None)
 
 
-def element_force(equations: Equations, place: str, shape: Shape | None) -> ElementForce | None:
-    """The recorded force of an element, with a free shape or the model's own laws; None if no equation contains it alone."""
+def element_force(
+    equations: Equations, place: str, shape: Shape | None, scales: Mapping[str, float] | None = None
+) -> ElementForce | None:  # fmt: skip
+    """The recorded force of an element, with a free shape or the model's own laws; None if no equation contains it alone.
+
+    Where a balance takes something as given for its scale, with that times its value in `scales`.
+    """
     for balance in equations.balances:
         element = next((e for e, _ in balance.crossing if e.name == place), None)
         if element is None:
@@ -101,13 +106,14 @@ def element_force(equations: Equations, place: str, shape: Shape | None) -> Elem
         found = equations.in_time(balance, element, sliding=True if shape is DRY_FRICTION else None)
         if found is not None and not found[0].through_reversals:
             size = abs(next(s for e, s in balance.crossing if e.name == element.name))
+            scale = (scales or {}).get(balance.name, 1.0)
             force = _sliding_force(equations, balance, element, shape, size, *found)
             # An estimated force has no content where noise hides it, at low frequencies above all.
             hidden = equations.only is not None or np.mean(force.left**2) > HIDDEN * np.mean(force.force**2)
             spectral = balance.name in equations.prepared and element.link is not None and not law_columns(element)
             if shape is not None and hidden and spectral:
-                return _spectral_force(equations, balance, element, shape, force)
-            return force
+                force = _spectral_force(equations, balance, element, shape, force)
+            return replace(force, force=scale * force.force, left=scale * force.left)
     return None
 
 
@@ -310,11 +316,46 @@ def solved_values(equations: Equations, explanation: Explanation | None = None) 
     bent = ""  # the stiffness that is part of a curve
     if explanation is not None and explanation.what == "force over deflection":
         bent = f"links.{explanation.place}.stiffness"
+    scales = scales_of(equations, explanation)
     for balance in sorted(equations.balances, key=lambda b: len(b.crossing)):
-        for path, value in _values_of(equations, balance, explanation).items():
+        for path, scaled in _values_of(equations, balance, explanation).items():
+            value = scales[balance.name] * scaled
             if path not in found and path != bent and value > 0.0 and _is_likely(equations, path, value):
                 found[path] = value
     return found
+
+
+def scales_of(equations: Equations, explanation: Explanation | None = None) -> dict[str, float]:
+    """By balance, the likely value of what it takes as given for its scale (`Equations.assumed_scale`), over the given one.
+
+    A stiffness or a mass that two balances share has one value: it gives the scale of one of them by that of the other. Balances
+    without a connection to one of known scale keep what is given, as those of known scale do.
+    """
+    values = {balance.name: _of_scale(equations, balance, explanation) for balance in equations.balances}
+    found = {balance.name: 1.0 for balance in equations.balances if not equations.assumed_scale(balance)}
+    known = {path: value for name in found for path, value in values[name].items()}
+    pending = [balance.name for balance in equations.balances if balance.name not in found]
+    while pending:
+        name, shared = next(((n, p) for n in pending for p in values[n] if p in known), (pending[0], ""))
+        ratio = known[shared] / values[name][shared] if shared else 1.0
+        found[name] = ratio if 1.0 / FACTOR < ratio < FACTOR else 1.0
+        known = {path: found[name] * value for path, value in values[name].items()} | known
+        pending.remove(name)
+    return found
+
+
+def _of_scale(equations: Equations, balance: Balance, explanation: Explanation | None) -> dict[str, float]:
+    # A balance's masses and stiffnesses by path, and what it takes as given for its scale; the stiffness at the place of an
+    # explanation without this, for it may be part of a curve.
+    solved, place = _values_of(equations, balance, explanation), explanation.place if explanation is not None else ""
+    if any(place == element.name for element, _ in balance.crossing):
+        solved |= {
+            path: value for path, value in _values_of(equations, balance, None).items() if path == f"links.{place}.stiffness"
+        }
+    if assumed := equations.assumed_scale(balance):
+        solved[assumed] = equations.model.get(assumed)
+    kinds = ("mass", "stiffness", "factor")
+    return {path: value for path, value in solved.items() if path.rpartition(".")[2] in kinds and value > 0.0}
 
 
 def _is_likely(equations: Equations, path: str, value: float) -> bool:
@@ -325,13 +366,26 @@ def _is_likely(equations: Equations, path: str, value: float) -> bool:
     return given <= 0.0 or 1.0 / FACTOR < value / given < FACTOR
 
 
+def lacks_inertia(equations: Equations) -> bool:
+    """Whether an equation holds with a mass far from the described one: then a constant force, or none, explains its record."""
+    return any(
+        path.endswith(".mass") and not _is_likely(equations, path, value)
+        for balance in equations.balances
+        for path, value in _values_of(equations, balance, None).items()
+    )
+
+
 def start_values(equations: Equations, explanation: Explanation | None = None) -> dict[str, float]:
     """The rig's free parameters by path from the equations, with an explanation's effect taken out.
 
-    Parameters that the equations do not determine, or only with an artefact, are left out.
+    Parameters that the equations do not determine, or only with an artefact, are left out; those that they take as given for
+    their scale are in it.
     """
-    model = equations.model
+    model, scales = equations.model, scales_of(equations, explanation)
     found = {path: value for path, value in solved_values(equations, explanation).items() if path in model.free}
+    for balance in equations.balances:
+        if path := equations.assumed_scale(balance):
+            found.setdefault(path, scales[balance.name] * model.get(path))
     if equations.only is not None:  # all records together tell more of the rest of the rig than each equation
         found |= rest_of(model, equations.only)
     return found

@@ -11,6 +11,7 @@ from isorig.analysis.equations.columns import YIELDS
 from isorig.analysis.equations.sliding import SlidingRun
 from isorig.analysis.equations.slip import slip_operator
 from isorig.analysis.laws import ElastoSlip, Maxwell
+from isorig.analysis.laws.base import Law
 from isorig.analysis.model.rig_model import Chain, RigModel
 from isorig.analysis.simulate.free_run import delivered
 from isorig.analysis.simulate.sampling import recharged
@@ -21,12 +22,17 @@ def law_of(element: Element, k: int) -> str:
     return f"law {k} of {element.name}"
 
 
+def _slips(law: Law) -> bool:
+    # Whether a law is one of many springs that slip, at forces that hardly differ: then those of all sizes count.
+    return isinstance(law, ElastoSlip) and law.clearance == 0.0
+
+
 def law_columns(element: Element) -> int:
     """Number of columns for an element's laws: one for all without memory, one for each with memory, and those of slip."""
     if element.link is None or not element.link.laws:
         return 0
     remembering = [law for law in element.link.laws if law.remembers]
-    slips = sum(isinstance(law, ElastoSlip) for law in remembering)
+    slips = sum(_slips(law) for law in remembering)
     plain = len(remembering) < len(element.link.laws)
     return plain + len(remembering) - slips + (len(YIELDS) if slips else 0)
 
@@ -47,7 +53,7 @@ def law_forces(
     found = [np.sum(plain, axis=0)] if plain else []
     whole, at = (d, slice(None)) if run is None else (run.deflection, place)
     memory = run.memory if run is not None else {}
-    for k, law in enumerate(law for law in link.laws if law.remembers and not isinstance(law, ElastoSlip)):
+    for k, law in enumerate(law for law in link.laws if law.remembers and not _slips(law)):
         key = f"memory {k}"
         if key not in memory:
             if isinstance(law, Maxwell):
@@ -56,7 +62,7 @@ def law_forces(
             else:
                 memory[key] = law.along(whole, v if run is None else run.velocity, rate, constants)
         found.append(memory[key][at])
-    if any(isinstance(law, ElastoSlip) for law in link.laws):
+    if any(_slips(law) for law in link.laws):
         if "slips" not in memory:
             swing = float(np.abs(whole).max())
             memory["slips"] = np.stack([slip_operator(whole, share * swing) for share in YIELDS], axis=1)

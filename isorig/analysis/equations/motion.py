@@ -2,7 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
+from hashlib import blake2b
 
 import numpy as np
 
@@ -16,6 +17,9 @@ UNDETERMINED = 1e-9
 #: Degree of the polynomial that is taken out of an integrated displacement before its high-pass: constants of integration and a
 #: constant error of an accelerometer are of degree two, its drift of three.
 SLOW_DEGREE = 3
+#: Number of records whose derivatives are kept, and samples of the longest of these: each stage of a diagnosis asks for the same
+#: ones. Derived: 0.4 GB.
+REMEMBERED, LONGEST = 128, 2**17
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +49,34 @@ def derivatives(values: FloatArray, order: int, rate: float, low: float, high: f
     steady
         Whether the mean of a velocity is part of the motion, and no error of a sensor: its displacement is one about that mean.
     """
+    if len(values) > LONGEST:
+        return _derivatives(values, order, rate, low, high, steady=steady)
+    return _remembered(_Samples(values), order, rate, low, high, steady=steady)
+
+
+class _Samples:
+    # An array that is a key by its content.
+
+    def __init__(self, values: FloatArray) -> None:
+        self.values = values
+        self._digest = blake2b(np.ascontiguousarray(values).view(np.uint8).data, digest_size=16).digest()
+
+    def __hash__(self) -> int:
+        return hash(self._digest)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Samples) and self._digest == other._digest
+
+
+@lru_cache(maxsize=REMEMBERED)
+def _remembered(samples: _Samples, order: int, rate: float, low: float, high: float, *, steady: bool) -> Signals:
+    found = _derivatives(samples.values, order, rate, low, high, steady=steady)
+    for values in found.orders.values():
+        values.flags.writeable = False
+    return found
+
+
+def _derivatives(values: FloatArray, order: int, rate: float, low: float, high: float, *, steady: bool) -> Signals:
     counted = order == 1 and low == 0.0
     found = {order: values - (values.mean() if order and not counted else 0.0)}
     if counted:

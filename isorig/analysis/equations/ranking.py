@@ -768,6 +768,12 @@ def share_left(before: Mapping[str, float], after: Mapping[str, float]) -> float
     return left / whole if whole > 0.0 else None
 
 
+def removed(before: Mapping[str, float], after: Mapping[str, float]) -> float:
+    """Share of the excess residuals, summed over equations, that goes; 0 without an excess."""
+    left = share_left(before, after)
+    return 0.0 if left is None else 1.0 - left
+
+
 def score_of(before: Mapping[str, float], after: Mapping[str, float]) -> float:
     """How much an explanation reduces the residuals of the equations.
 

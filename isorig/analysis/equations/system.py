@@ -1,5 +1,7 @@
 """The equations of a campaign: the signals of all runs, each equation solved without any further cause."""
 
+from __future__ import annotations
+
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -94,8 +96,8 @@ class Record:
 
 
 def is_shaped(friction: FrictionLaw) -> bool:
-    """Whether a friction depends on more than its direction, but has no memory: its column is then the law's own force."""
-    return not friction.remembers and not isinstance(friction, Coulomb)
+    """Whether a friction depends on more than its direction: its column is then the law's own force."""
+    return not isinstance(friction, Coulomb)
 
 
 class Equations:
@@ -113,11 +115,13 @@ class Equations:
         Channels of acceleration whose zero wanders.
     only
         The only place where causes are tested; None for all.
+    like
+        Equations of another model with whose residuals these are compared: they use the same frequencies and segments.
     """
 
     def __init__(
         self, campaign: Campaign, model: RigModel, noise: Sequence[Mapping[str, float]], wandering: Collection[str] = (),
-        only: CausePlace | None = None,
+        only: CausePlace | None = None, like: Equations | None = None,
     ) -> None:  # fmt: skip
         self.wandering, self.only = frozenset(wandering), only
         self.hidden = estimable(model) if only is None else ()
@@ -148,35 +152,42 @@ class Equations:
         )
         self.locks = locks(model, self.balances, self.combos)
         longest = max((len(next(iter(r.channels.values()))) for r in self.records), default=0)
-        self.lowest = lowest_frequency(model, longest / self.rate)
         # In a decay a change in time is one with the amplitude, unless other runs begin later.
         self.timed = len(silent) < len(model.drives) or len({r.start for r in self.records}) > 1
         self.end = max((r.start + len(next(iter(r.channels.values()))) / self.rate for r in self.records), default=1.0)
-        # Displacements carry no signal in the second derivative above some frequency: there equations are cut. An imposed speed
-        # is not differentiated where no equation has the inertia of its body.
-        self.edge = np.inf
-        weighed = {sensor.force_in for sensor in model.sensors}
-        as_it_is = {
-            channel for channel in self.imposing if f"drive.{channel}" not in weighed and self.combos.orders.get(channel) == 1
-        }
-        for channel, order in self.combos.orders.items():
-            if order < 2 and channel in model.channels and channel not in as_it_is:
-                edges = [signal_edge(r.channels[channel], self.rate) for r in self.records if len(r.channels[channel]) > SHORTEST]
-                used = [e for e in edges if np.isfinite(e)]
-                if used:
-                    self.edge = min(self.edge, EDGE * max(*used, self._pushed_edge(channel, 2 - order)))
-        if self.edge < self.lowest:  # a slow motion, as which the rig moves without any mode
-            self.lowest = max(self.edge / SLOWER, 4.0 * self.rate / max(longest, 1))
-        length = 2 ** round(np.log2(max(SEGMENT_PERIODS / self.lowest * self.rate, SHORTEST)))
-        while length > SHORTEST and length > longest // 2:
-            length //= 2
-        self.length = min(length, longest)
+        self._cuts: dict[tuple[str, str], float] = {} if like is None else {**like._cuts}
+        self.lowest: float
+        self.edge: float
+        self.length: int
+        self.lowest, self.edge, self.length = self._band(longest) if like is None else (like.lowest, like.edge, like.length)
         self.assumed = model
         self.every = max(1, int(self.rate / (SAMPLES * self.edge))) if np.isfinite(self.edge) else 1
         self._prepare()
         if self.hidden and self.prepared:
             self.assumed = fitted(model, adjacent(model, self.hidden), self._left)
             self._prepare()
+
+    def _band(self, longest: int) -> tuple[float, float, int]:
+        # The rig's lowest frequency, the one at which the equations are cut, and the samples of a segment.
+        lowest, edge = lowest_frequency(self.model, longest / self.rate), float(np.inf)
+        # Displacements carry no signal in the second derivative above some frequency: there equations are cut. An imposed speed
+        # is not differentiated where no equation has the inertia of its body.
+        weighed = {sensor.force_in for sensor in self.model.sensors}
+        as_it_is = {
+            channel for channel in self.imposing if f"drive.{channel}" not in weighed and self.combos.orders.get(channel) == 1
+        }
+        for channel, order in self.combos.orders.items():
+            if order < 2 and channel in self.model.channels and channel not in as_it_is:
+                edges = [signal_edge(r.channels[channel], self.rate) for r in self.records if len(r.channels[channel]) > SHORTEST]
+                used = [e for e in edges if np.isfinite(e)]
+                if used:
+                    edge = min(edge, EDGE * max(*used, self._pushed_edge(channel, 2 - order)))
+        if edge < lowest:  # a slow motion, as which the rig moves without any mode
+            lowest = max(edge / SLOWER, 4.0 * self.rate / max(longest, 1))
+        length = 2 ** round(np.log2(max(SEGMENT_PERIODS / lowest * self.rate, SHORTEST)))
+        while length > SHORTEST and length > longest // 2:
+            length //= 2
+        return lowest, edge, min(length, longest)
 
     def _pushed_edge(self, channel: str, derivatives: int) -> float:
         # The `force_edge` of a motion that one recorded force causes alone, over all runs; 0 for any other channel.
@@ -337,10 +348,20 @@ class Equations:
 
     def unknown_masses(self, balance: Balance) -> tuple[str, ...]:
         """The masses of a balance that are solved for: the free ones, unless nothing else sets the scale."""
-        free = [body for body in balance.bodies if f"bodies.{body}.mass" in self.model.free and body not in self.hidden]
-        if len(free) == len(balance.bodies) and not balance.pushes and not balance.forces and free:
-            free.remove(max(free, key=lambda name: self.model.body(name).mass))
-        return tuple(free)
+        free = self._free_masses(balance)
+        return tuple(body for body in free if f"bodies.{body}.mass" != self.assumed_scale(balance))
+
+    def _free_masses(self, balance: Balance) -> list[str]:
+        return [body for body in balance.bodies if f"bodies.{body}.mass" in self.model.free and body not in self.hidden]
+
+    def assumed_scale(self, balance: Balance) -> str:
+        """Path of the free value that a balance takes as given because nothing else sets its scale; empty if something does."""
+        free = self._free_masses(balance)
+        if len(free) < len(balance.bodies) or balance.forces or not free:
+            return ""
+        if balance.pushes:
+            return "drive.factor" if self.model.drive.channel in balance.pushes and "drive.factor" in self.model.free else ""
+        return f"bodies.{max(free, key=lambda name: self.model.body(name).mass)}.mass"
 
     def unknown_scale(self, balance: Balance) -> bool:
         """Whether the drive's factor is to be found from the given masses; the equation is then scaled to the drive."""
@@ -418,7 +439,10 @@ class Equations:
         key = balance.name, element.name, rubs
         if key not in self._in_time:
             sign = next(s for e, s in balance.crossing if e.name == element.name)
-            cut = self.cut(balance, element)
+            place = balance.name, element.name
+            if place not in self._cuts:
+                self._cuts[place] = self.cut(balance, element)
+            cut = self._cuts[place]
             if key[:2] not in self._runs:
                 self._runs[key[:2]] = self._sliding_runs(balance, element, sign, self.records, self.signals, cut)
             shared, noise, velocity_noise = self._runs[key[:2]]
@@ -545,7 +569,11 @@ class Equations:
 
         def columns(d: FloatArray, v: FloatArray, run: SlidingRun, place: IntArray) -> FloatArray:
             rubbing: FloatArray = direction_of_sliding(v, run.creep)
-            if friction is not None and is_shaped(friction):
+            if friction is not None and friction.remembers:
+                if "friction" not in run.memory:
+                    run.memory["friction"] = friction.along(run.deflection, run.velocity, self.rate / self.every)
+                rubbing = run.memory["friction"][place]
+            elif friction is not None and is_shaped(friction):
                 rubbing = friction.force(d, v, run.time[place], np.zeros((1, len(d))), NO_LINK)
             parts = [d, v, rubbing] if dry else [d, v]
             if laws:
@@ -707,7 +735,9 @@ class Equations:
             return True
         force = self.combined(self.signals[[r.index for r in self.records].index(run)], self.force_row(balance))
         _, base = self.sliding[balance.name]
-        return bool(np.quantile(np.abs(force), HELD) < base.values[FRICTION_COLUMN])
+        contact = self.primary(balance).contact
+        level = getattr(contact.law, "friction_force", 1.0) if contact is not None and is_shaped(contact.law) else 1.0
+        return bool(np.quantile(np.abs(force), HELD) < level * base.values[FRICTION_COLUMN])
 
     def residuals(self) -> dict[str, float]:
         """Residual of each equation over noise."""
@@ -873,10 +903,10 @@ def _read(run: Run, model: RigModel) -> dict[str, FloatArray]:
     return {name: as_held(values, 1) if name in held and is_command(values) else values for name, values in records.items()}
 
 
-def equations_of(campaign: Campaign, model: RigModel) -> Equations:
-    """The equations of a campaign for a rig with the causes found so far."""
+def equations_of(campaign: Campaign, model: RigModel, like: Equations | None = None) -> Equations:
+    """The equations of a campaign for a rig with the causes found so far, `like` those with which they are compared."""
     noise = noise_of_runs(campaign, tuple(drive.channel for drive in model.drives))
-    return Equations(campaign, model, noise, zero_errors(campaign, model))
+    return Equations(campaign, model, noise, zero_errors(campaign, model), like=like)
 
 
 def lowest_frequency(model: RigModel, longest: float) -> float:

@@ -746,7 +746,7 @@ def test_equations_refute_a_doubt_about_the_unit_of_the_drive(
     doubt = Doubt(parameter=f"drive.{rig.drive.channel}", kind="unit", ratio=4.0, text="")
     blamed = {rig.drive.factor: remains, 4.0 * rig.drive.factor: 1.0}
     monkeypatch.setattr(diagnosis, "equations_of", lambda campaign, model: model)
-    monkeypatch.setattr(diagnosis, "start_values", lambda equations, explanation: {})
+    monkeypatch.setattr(diagnosis, "solved_values", lambda equations, explanation: {})
     monkeypatch.setattr(
         diagnosis, "suspects",
         lambda model: SimpleNamespace(exact=True, chosen=[None], remains=blamed[model.drive.factor]),
