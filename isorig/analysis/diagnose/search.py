@@ -6,19 +6,21 @@ and judged on held-out data; where no form explains the error, free shapes show 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray
-from isorig.analysis.deadline import Deadline, out_of_time, time_left
+from isorig.analysis.deadline import Deadline, ask_time, out_of_time, time_left
 from isorig.analysis.diagnose.cause_in_model import without_cause
 from isorig.analysis.diagnose.causes import contains, proposed
 from isorig.analysis.diagnose.causes.base import Evidence, Kind
+from isorig.analysis.diagnose.forms_in_equations import comparable_forms, shows_two
 from isorig.analysis.diagnose.forms_of_curves import starts_from_curve
 from isorig.analysis.diagnose.free_shapes import free_shapes, with_more_points
 from isorig.analysis.diagnose.kinds import SHAPED, kind_of
@@ -36,7 +38,8 @@ from isorig.analysis.diagnose.step import (
 )
 from isorig.analysis.diagnose.suspects import ALWAYS, BROKEN, STANDS_ALIKE, Suspects, suspects
 from isorig.analysis.equations.at_place import equations_at
-from isorig.analysis.equations.forms import solved_values
+from isorig.analysis.equations.forms import lacks_inertia, solved_values, start_values
+from isorig.analysis.equations.ranking import removed
 from isorig.analysis.equations.system import HOLDS, CausePlace, Equations, equations_of
 from isorig.analysis.equations.unknown_force import Places, compared_places, rest_of
 from isorig.analysis.errors import FitError, ModelError, OutOfTimeError
@@ -104,6 +107,13 @@ UNSEEN: frozenset[Kind] = frozenset({"memory", "friction_shape"})
 STICKING = ("friction", "memory")
 
 
+class SolvedWith(NamedTuple):
+    """What the equations of motion give with a model."""
+
+    residuals: Mapping[str, float]
+    values: Mapping[str, float]  #: Of the rig's free parameters, by path.
+
+
 @dataclass(frozen=True, kw_only=True)
 class Job:
     """What a search is about."""
@@ -130,11 +140,28 @@ class Job:
     #: Kind and place of the free shape that the step before found; None for a form, and for the first step.
     curved: tuple[Kind, str] | None = None
     judged: list[Entry] = field(default_factory=list)  #: Takes every candidate that is judged on held-out data.
+    with_models: dict[tuple[bytes, bytes], SolvedWith | None] = field(default_factory=dict)  #: The equations with models.
 
     @cached_property
     def evidence(self) -> Evidence:
         """What the records show without a fit of a candidate."""
         return observe(self.campaign, self.current.model, self.trials, self.described, self.guess)
+
+    def solved_with(self, model: RigModel, like: Equations) -> SolvedWith | None:
+        """The equations with a model, in the frequencies of those with which they are compared; computed once.
+
+        None where these are not the same equations: with a further body, one that never slides, or a first friction, with which
+        an equation is solved in the time domain. As without the model where its effect cancels the inertia.
+        """
+        key = model.encoded, like.model.encoded
+        if key not in self.with_models:
+            ask_time()
+            found, solved = equations_of(self.campaign, model, like), None
+            if found.sliding.keys() == like.sliding.keys() and like.residuals().keys() <= found.residuals().keys():
+                wrong = lacks_inertia(found) and not lacks_inertia(like)
+                solved = SolvedWith(like.residuals(), {}) if wrong else SolvedWith(found.residuals(), start_values(found))
+            self.with_models[key] = solved
+        return self.with_models[key]
 
     def evidence_of(self, model: RigModel) -> Evidence:
         """The same for a model that may have more links."""
@@ -361,6 +388,9 @@ class _Asked:
         """Ask one source after the other; a pair of causes, if one is found."""
         begun = Deadline()
         for each in sources(job):
+            two = self.whole and isinstance(each, Suspected) and each.shows_two
+            if two and (both := _both(job, each, [], begun.spent)) and adequate((both.then or both).entry.score, job.floors):
+                return both
             rough = job.entries(each.forms[:FINALISTS])
             self.whole = self.whole and not out_of_time()
             if self.whole and (both := _both(job, each, rough, begun.spent)):
@@ -382,7 +412,7 @@ def _both(job: Job, source: Source, forms: Sequence[Entry], spent: float) -> Fou
     # The best pair, found in a multiple of the time that was spent on the forms; None without one, or where one cause is enough.
     if job.steps > 1 and not any(adequate(entry.score, job.floors) or job.nearly(entry) for entry in forms):
         with Deadline(min(max(FOR_PAIRS * spent, LEAST_FOR_PAIRS), time_left())), suppress(OutOfTimeError):
-            return _together(job, source.pairs(), forms)
+            return _together(job, source.pairs, forms)
     return None
 
 
@@ -462,7 +492,44 @@ class Suspected:
     @cached_property
     def _started(self) -> Starts:
         candidates = self.found.candidates(self.job.current, self.job.evidence)
-        return _started([c for c in candidates if self.job.judges(c)], self.found, self.job.current)
+        return self._comparable(_started([c for c in candidates if self.job.judges(c)], self.found, self.job.current), self.found)
+
+    def _comparable(self, starts: Starts, found: Suspects) -> Starts:
+        # The starting points without the forms that the equations with them in the model refute, and those of the others with the
+        # rig's values from these equations, too.
+        after = self._in_model(starts, found)
+        kept = comparable_forms(found.ranking.residuals, after)
+        chosen: Starts = []
+        for candidate, free, model in (start for start in starts if start[0].key not in after or start[0].key in kept):
+            solved = self.job.with_models.get((model.encoded, found.equations.model.encoded))
+            if solved is not None:  # without the form, its effect is in the rig's other values
+                with suppress(ModelError):  # values that exclude the candidate's own
+                    paths = {each.path for each in free}
+                    better = model.replace({path: value for path, value in solved.values.items() if path in paths})
+                    chosen.append((candidate, free, better))
+            chosen.append((candidate, free, model))
+        return chosen
+
+    def _in_model(self, starts: Starts, found: Suspects) -> dict[tuple[str, str], Mapping[str, float]]:
+        # The residuals of the equations with each form that they suggest in the model; none where motions are estimated, or few
+        # events broke the equations.
+        after: dict[tuple[str, str], Mapping[str, float]] = {}
+        if not found.broken or self.job.equations.hidden or found.tentative or found.rare:
+            return after
+        for candidate, _, model in starts:
+            # Values from a link's recorded force are about the same from every start.
+            known = candidate.key in after and found.left(candidate, self.job.current.free) > 0.0
+            if candidate.shape is None and not known and found.score_of(*candidate.key) > 0.0:
+                solved = self.job.solved_with(model, found.equations)
+                if solved is not None:
+                    best = after.get(candidate.key, solved.residuals)
+                    after[candidate.key] = max(solved.residuals, best, key=lambda one: removed(found.ranking.residuals, one))
+        return after
+
+    @cached_property
+    def shows_two(self) -> bool:
+        """Whether the equations show two causes at different places."""
+        return shows_two(self.found.ranking.residuals, self._in_model(self._started, self.found))
 
     @cached_property
     def forms(self) -> Running:
@@ -529,12 +596,13 @@ class Suspected:
         ]
         return self._fitted([*_started(suspected, self.found, self.job.current), *from_forms])
 
+    @cached_property
     def pairs(self) -> list[tuple[Candidate, Fit, Candidate, Fit]]:
         """Each suspected form at its starting values, with what the equations show then."""
         job, found = self.job, list[tuple[Candidate, Fit, Candidate, Fit]]()
         if self.found.tentative or not self.found.leaves_another(job.current, job.evidence):
             return found
-        for begun in unlike(_with_curve(self._started, self.found, job.current, job.evidence))[:PAIRS]:
+        for begun in self._firsts[:PAIRS]:
             if any(pair[3].cost <= AGREES for pair in found) and not self.found.blamed(begun[0].cause, begun[0].location):
                 break  # only what the equations show as clearly may stand for the first cause of a pair that agrees
             starts, then = self._after(begun)
@@ -556,13 +624,39 @@ class Suspected:
                 keys = {first[0].key, candidate.key}
                 if keys in named:
                     continue
-                fitted = (done for one, done in self.forms if one is first[0])
                 # Without the other one its values may be none that would be named.
-                alone = next(fitted, None) or tried(first[2], first[1], job.rungs[-1])
+                alone = tried(first[2], first[1], job.rungs[-1])
                 if alone is not None:
                     named.append(keys)
                     found.append((first[0], alone, candidate, both))
         return sorted(found, key=lambda pair: pair[3].cost)[:FINALISTS]
+
+    @property
+    def _firsts(self) -> Starts:
+        # The first causes of pairs: the curve of the best explanation in place of its forms, or, if one of these repairs the
+        # equations as well, after it.
+        curved = self._with_curve(self._started, self.found, self.job.current, self.job.evidence)
+        curve = next((start for start in curved if start[0].shape is not None), None)
+        if curve is None:
+            return unlike(curved)
+        before = self.found.ranking.residuals
+        there = [left for key, left in self._in_model(self._started, self.found).items() if key[1] == curve[0].location]
+        with_curve = self.job.solved_with(curve[2], self.found.equations) if there else None
+        if with_curve is None or all(removed(before, left) < removed(before, with_curve.residuals) for left in there):
+            return unlike(curved)
+        return unlike([self._started[0], curve, *self._started[1:]])
+
+    def _with_curve(self, starts: Starts, found: Suspects, current: Fit, evidence: Evidence) -> Starts:
+        # The same with the curve of the best explanation in place of its forms, if none of these leaves as little of a link's
+        # force; after the forms of other explanations that are as good, which are simpler.
+        curve = found.curve(current, evidence)
+        if curve is None or any(found.stands(candidate, current, evidence) for candidate, _, _ in starts):
+            return starts
+        best, (shape, model) = found.chosen[0].score, curve
+        simpler = [start for start in starts if found.otherwise(start[0].cause, start[0].location)]
+        others = [start for start in starts if found.score_of(start[0].cause, start[0].location) < best]
+        others = [start for start in others if all(start is not other for other in simpler)]
+        return [*simpler, (shape, shape.parameters(current.model, current.free), model), *others]
 
     def _with_second(self, begun: Start, starts: Starts, then: Suspects) -> tuple[Running, list[tuple[Start, Start]]]:
         # Fits of a first cause with a second one that starts at one of these points, best first; and the starts that have another
@@ -639,9 +733,9 @@ class Suspected:
         extended = replace(job.current, model=model, free=free)
         evidence = job.evidence_of(model)
         others = (c for c in then.candidates(extended, evidence) if c.cause not in ALWAYS and job.judges(c))
-        candidates = [c for c in others if not then.alike(c.key, first.key)]
-        starts = _started(candidates, then, extended)
-        starts = _with_curve(starts, then, extended, evidence) if curves else starts
+        candidates = [c for c in others if not then.alike(c.key, first.key) and c.key not in then.untested]
+        starts = self._comparable(_started(candidates, then, extended), then)
+        starts = self._with_curve(starts, then, extended, evidence) if curves else starts
         return [start for start in starts if start[0].key != first.key and _keeps(first, start)], then
 
     def doubtful(self, forms: Sequence[Entry]) -> bool:
@@ -724,6 +818,7 @@ class InTransferFunctions:
         """None: the rig is linear."""
         return []
 
+    @property
     def pairs(self) -> list[tuple[Candidate, Fit, Candidate, Fit]]:
         """A second cause is searched for after the first."""
         return []
@@ -832,6 +927,7 @@ class Screened:
         denser = [with_more_points(candidate, done, self.job.rungs[-1]) for candidate, done in run[:CURVES]]
         return sorted([*denser, *run[CURVES:]], key=lambda pair: pair[1].cost)
 
+    @property
     def pairs(self) -> list[tuple[Candidate, Fit, Candidate, Fit]]:
         """A second cause is searched for after the first."""
         return []
@@ -893,19 +989,6 @@ def _started(candidates: Sequence[Candidate], found: Suspects, current: Fit) -> 
         for candidate in sorted(candidates, key=order)
         for model in found.started(candidate, current.free)
     ]
-
-
-def _with_curve(starts: Starts, found: Suspects, current: Fit, evidence: Evidence) -> Starts:
-    # The same with the curve of the best explanation in place of its forms, if none of these leaves as little of a link's force;
-    # after the forms of other explanations that are as good, which are simpler.
-    curve = found.curve(current, evidence)
-    if curve is None or any(found.stands(candidate, current, evidence) for candidate, _, _ in starts):
-        return starts
-    best, (shape, model) = found.chosen[0].score, curve
-    simpler = [start for start in starts if found.otherwise(start[0].cause, start[0].location)]
-    others = [start for start in starts if found.score_of(start[0].cause, start[0].location) < best]
-    others = [start for start in others if all(start is not other for other in simpler)]
-    return [*simpler, (shape, shape.parameters(current.model, current.free), model), *others]
 
 
 def unlike(begun: Starts) -> Starts:

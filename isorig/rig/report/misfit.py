@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 Named = tuple[str, Role]
 BASELINE: Named = ("baseline", "simulated")
 EXTENDED: Named = ("extended model", "extended")
-#: Points of an amplitude spectrum, number of segments, and seconds of a time interval.
+#: Points of an amplitude spectrum, number of segments and least samples of one, and seconds of a time interval.
 POINTS = 400
-SEGMENTS = 24
+SEGMENTS, SHORTEST = 24, 8
 SECONDS = 1.5
 #: Seconds of the interval in which the models differ most.
 SECOND = 1.0
@@ -84,7 +84,7 @@ def misfit_charts(trials: Sequence[Trial], models: Mapping[Named, Simulated]) ->
 
 
 def _amplitude(values: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
-    n = max(len(values) // SEGMENTS, 2)
+    n = max(len(values) // SEGMENTS, min(len(values), SHORTEST))
     window = hanning(n)
     power = (np.abs(segment_spectra(values, window, n)) ** 2).mean(axis=0) * 2.0 / (rate * (window**2).sum())
     return np.asarray(np.fft.rfftfreq(n, 1.0 / rate)[1:]), np.asarray(np.sqrt(power[1:]))
