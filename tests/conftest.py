@@ -94,7 +94,8 @@ def _one_process_draws() -> Iterator[None]:
 
 #: Files whose tests take longest, begun first: a worker that begins one last keeps the other waiting.
 LONGEST = (
-    "tests/docs/test_pages.py", "tests/rig/test_demo.py", "tests/blind/", "tests/analysis/diagnose/test_other_forms.py",
+    "tests/docs/test_pages.py", "tests/rig/test_demo.py", "tests/blind/", "tests/analysis/diagnose/",
+    "tests/rig/test_displaced_damper.py",
     "tests/rig/fleet/", "tests/analysis/equations/", "tests/rig/test_moved_rigs.py", "tests/analysis/test_characterize.py",
     "tests/thesis/", "tests/analysis/test_wrong_scale.py", "tests/rig/test_slow_pulls.py", "tests/test_interface.py",
     "tests/rig/test_any_rig.py", "tests/rig/test_seed.py", "tests/rig/next/", "tests/docs/", "tests/rig/test_diagnose_options.py",

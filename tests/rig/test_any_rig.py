@@ -39,7 +39,7 @@ from isorig.rig.virtual.simulated_recording import described_campaign
 BONDER = re.compile(r"wire.?bonder|heat.?block|\bbond\b|\bthesis|head_mass|\bthe head\b|\bthe motor\b|\bhead\b", re.IGNORECASE)
 OTHERS = [name for name in SHIPPED if name != "wire-bonder"]
 #: Rigs that take a few seconds each.
-QUICK = ("two-carts", "damper-test", "free-free-pair")
+QUICK = ("two-carts", "damper-test")
 CASES = [pytest.param(name, marks=() if name in QUICK else pytest.mark.study) for name in OTHERS]
 
 

@@ -344,10 +344,10 @@ def test_dry_friction_and_a_drive_that_acts_late(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("spring", "late", "dry", "sensor"),
     [
-        (SPRING, 0.02, 0.0, "displacement"),
-        # Friction and a delay at once are also diagnosed above, in fewer seconds.
+        # A delay alone, a delay beside friction and a sound rig on a spring are also diagnosed above, in fewer seconds.
+        pytest.param(SPRING, 0.02, 0.0, "displacement", marks=pytest.mark.study),
         pytest.param(SPRING, 0.02, 0.5, "displacement", marks=pytest.mark.study),
-        (SPRING, 0.0, 0.0, "displacement"),
+        pytest.param(SPRING, 0.0, 0.0, "displacement", marks=pytest.mark.study),
         pytest.param(0.0, 0.01, 1.2, "displacement", marks=pytest.mark.study),
         (0.0, 0.0, 0.8, "velocity"),
         (0.0, 0.0, 0.0, "velocity"),

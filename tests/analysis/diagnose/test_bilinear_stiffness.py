@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from small_rigs import SESSION, guessed, played, stage, with_law
+from small_rigs import guessed, played, stage, with_law
 
 import isorig as iso
 from isorig.analysis import laws
@@ -59,7 +59,7 @@ def test_the_weakest_differs_by_a_tenth_of_the_stiffness() -> None:
 
 def test_it_is_named() -> None:
     hidden = with_law(stage(), "rail", laws.Bilinear(stiffness_difference=0.2 * stage().get("links.rail.stiffness")))
-    found = iso.diagnose(played(hidden, seed=11, takes=SESSION), guessed(stage(), 12))
+    found = iso.diagnose(played(hidden, seed=11), guessed(stage(), 12))
     (step,) = found.steps
     assert (found.verdict, step.cause, step.location) == ("explained", "bilinear_stiffness", "rail")
     value, std, _ = step.parameters["stiffness_difference"]

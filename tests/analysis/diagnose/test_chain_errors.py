@@ -32,7 +32,7 @@ def soiled(model: RigModel) -> Campaign:
     wrong = with_chains(
         model, a0=Chain(delay=0.35 / RATE), a1=Chain(crosstalk={"a2": 0.012}, gain=1.006), a2=Chain(crosstalk={"a0": -0.01})
     )
-    return disturbed(played(wrong, seed=SEED), 0.02)
+    return disturbed(played(wrong, seed=SEED, longer=0.5), 0.02)
 
 
 def found(truth: RigModel) -> Diagnosis:

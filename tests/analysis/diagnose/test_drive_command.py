@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import msgspec
 import numpy as np
@@ -37,11 +38,12 @@ class Amplifier:
     dead: float = 0.0  #: The command in N below which it delivers nothing, and by which it delivers less above.
 
 
+@cache
 def pushed(amplifier: Amplifier, *, springs: bool = True) -> tuple[Campaign, RigModel]:
     """Two masses in a row by scipy, the last one pushed by an amplifier whose command is recorded; without springs one cart."""
     draw, runs = np.random.default_rng(SEED), []
     for number, level in enumerate((1.0, 2.0)):
-        n = round(20.0 * RATE)
+        n = round(8.0 * RATE)
         command = level * 5.0 * sosfilt(butter(2, [0.6, 30.0], "band", fs=RATE, output="sos"), draw.normal(0.0, 1.0, n))
         fine = resample(command, FINER * n)
         limit = amplifier.limit
@@ -86,17 +88,20 @@ def pushed(amplifier: Amplifier, *, springs: bool = True) -> tuple[Campaign, Rig
     return Campaign(runs=tuple(runs), source="commands"), rig
 
 
-@pytest.mark.parametrize("springs", [True, False])
 @pytest.mark.parametrize(
-    ("amplifier", "cause", "value"),
+    ("amplifier", "cause", "value", "springs"),
     [
-        (Amplifier(limit=6.0), "drive_saturation", ("limit", 6.0, "N")),
-        (Amplifier(lag=0.012), "drive_lag", ("time_constant", 0.012, "s")),
+        (Amplifier(limit=6.0), "drive_saturation", ("limit", 6.0, "N"), False),
+        (Amplifier(lag=0.012), "drive_lag", ("time_constant", 0.012, "s"), True),
+        (Amplifier(lag=0.012), "drive_lag", ("time_constant", 0.012, "s"), False),
+        # On springs, a drive that saturates gradually is diagnosed below.
+        pytest.param(Amplifier(limit=6.0), "drive_saturation", ("limit", 6.0, "N"), True, marks=pytest.mark.study),
     ],
 )
 def test_a_drive_that_does_not_follow_its_command_is_named(
     amplifier: Amplifier, cause: str, value: tuple[str, float, str], springs: bool
 ) -> None:
+    """With one sensor, a lag of the drive is also that of the sensor."""
     found = diagnose(*pushed(amplifier, springs=springs))
     assert found.verdict == "explained"
     assert [(step.cause, step.location) for step in found.steps] == [(cause, "f")]
@@ -104,6 +109,8 @@ def test_a_drive_that_does_not_follow_its_command_is_named(
     fitted = found.steps[0].parameters[name]
     assert fitted[0] == pytest.approx(size, rel=0.02)
     assert fitted[2] == unit
+    same = (("low_pass", "x"),) if cause == "drive_lag" and not springs else ()
+    assert found.steps[0].indistinguishable == same
 
 
 def test_a_drive_that_saturates_gradually_has_a_static_curve() -> None:
@@ -119,7 +126,8 @@ def test_a_drive_that_saturates_gradually_has_a_static_curve() -> None:
     np.testing.assert_allclose(acting, 9.0 * np.tanh(at[inside] / 9.0), atol=0.2)
 
 
-@pytest.mark.parametrize("springs", [True, False])
+# On springs, the equations with a dead band are tested below, and a diagnosed static curve is above.
+@pytest.mark.parametrize("springs", [pytest.param(True, marks=pytest.mark.study), False])
 def test_a_drive_with_a_dead_band_has_a_static_curve(springs: bool) -> None:
     """A valve with overlap: no form of the catalogue is one, and the band is a small part of the command's range."""
     found = diagnose(*pushed(Amplifier(dead=0.5), springs=springs))
@@ -155,11 +163,6 @@ def test_a_drive_that_delivers_hardly_anything_does_not_seem_to_fit(changes: dic
     campaign, rig = pushed(Amplifier(limit=6.0), springs=False)
     judged = ends(prepare(campaign, rig)).judged
     assert score(with_drive(rig, **changes), judged).figure > score(rig, judged).figure > 0.05
-
-
-def test_with_one_sensor_a_lag_of_the_drive_is_that_of_the_sensor() -> None:
-    found = diagnose(*pushed(Amplifier(lag=0.012), springs=False))
-    assert found.steps[0].indistinguishable == (("low_pass", "x"),)
 
 
 def test_only_a_drive_whose_command_is_recorded_can_differ_from_it() -> None:

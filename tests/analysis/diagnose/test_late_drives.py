@@ -6,10 +6,14 @@ from math import copysign
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
 from isorig.analysis.diagnose.diagnosis import diagnose
-from isorig.analysis.model.rig_model import Body, Drive, Link, RigModel, Sensor
+from isorig.analysis.equations.ranking import ranking
+from isorig.analysis.equations.system import equations_of
+from isorig.analysis.laws import Coulomb
+from isorig.analysis.model.rig_model import Body, Contact, Drive, Link, RigModel, Sensor
 
 SEED = 8500
 RATE, FINE, LATE = 200, 10_000, 2
@@ -55,6 +59,16 @@ def recorded(seed: int) -> Campaign:
     return Campaign(runs=tuple(runs), source="carts")
 
 
+def test_the_equations_show_friction_that_differs_by_direction_beside_a_level_and_a_late_drive() -> None:
+    """Else the constant force that the difference is would be a curve over the deflection."""
+    rubbing = Contact(name="spring", a="cart", law=Coulomb(friction_force=0.8))
+    rig = replace(RIG, contacts=(rubbing,), free=(*RIG.free, "contacts.spring.law.friction_force"))
+    best = ranking(equations_of(recorded(SEED), rig)).explanations[0]
+    assert (best.kind, best.place, best.what) == ("friction_shape", "spring", "friction by direction")
+
+
+# The equations decide which causes are fitted: above.
+@pytest.mark.study
 @pytest.mark.parametrize("seed", [SEED, SEED + 10])
 def test_friction_that_differs_by_direction_is_named_beside_a_late_drive(seed: int) -> None:
     """Beside a level that is the same in both directions, their difference is a constant force: no curve over the deflection."""

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from scipy.integrate import solve_ivp
 
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
 from isorig.analysis.diagnose.diagnosis import diagnose
 from isorig.analysis.equations.ranking import ranking
 from isorig.analysis.equations.system import equations_of
-from isorig.analysis.model.rig_model import Body, Configuration, Drive, Link, RigModel, Sensor
+from isorig.analysis.laws import Coulomb
+from isorig.analysis.model.rig_model import Body, Configuration, Contact, Drive, Link, RigModel, Sensor
 
 SEED = 5300
 RATE, SECONDS = 100.0, 20.0
@@ -77,6 +79,19 @@ def test_the_equations_show_dry_friction_where_every_sample_is_close_to_a_revers
     assert best.score > 0.3
 
 
+def test_a_restoring_torque_like_a_sine_is_named_beside_described_friction() -> None:
+    campaign, rig = released()
+    rubbing = Contact(name="pivot", a="pendulum", law=Coulomb(friction_force=1.2 * FRICTION))
+    rig = replace(rig, contacts=(rubbing,), free=(*rig.free, "contacts.pivot.law.friction_force"))
+    found = diagnose(campaign, rig)
+    (softening,) = found.steps
+    assert (found.verdict, softening.cause, softening.location) == ("explained", "softening_stiffness", "pivot")
+    # The sine's second term; the next one makes the fitted cube a little smaller.
+    assert softening.parameters["cubic_stiffness"][0] == pytest.approx(-WEIGHT / 6.0, rel=0.06)
+
+
+# The equations show the friction, and the restoring torque is named beside it: above.
+@pytest.mark.study
 def test_a_released_pendulum_has_dry_friction_and_a_restoring_torque_like_a_sine() -> None:
     found = diagnose(*released())
     assert [(step.cause, step.location) for step in found.steps] == [
@@ -85,5 +100,4 @@ def test_a_released_pendulum_has_dry_friction_and_a_restoring_torque_like_a_sine
     ]
     friction, softening = found.steps
     assert friction.parameters["friction_force"][0] == pytest.approx(FRICTION, rel=0.02)
-    # The sine's second term; the next one makes the fitted cube a little smaller.
     assert softening.parameters["cubic_stiffness"][0] == pytest.approx(-WEIGHT / 6.0, rel=0.06)

@@ -32,7 +32,7 @@ RIG = RigModel(
 def recorded(free: float, stiffness: float) -> Campaign:
     runs = []
     for number in range(2):
-        draw, n = np.random.default_rng(SEED + number), round(16.0 * RATE)
+        draw, n = np.random.default_rng(SEED + number), round(6.0 * RATE)
         t = np.arange(n) / RATE
         force = np.repeat(draw.uniform(-7.0, 7.0, n // 125), 125)
 

@@ -16,8 +16,8 @@ CLEAR = {
     "wire_bonder": "moment_coupling", "chain": "coulomb_friction", "cart": "hardening_stiffness", "stage": "slow sensor",
     "torsion": "hardening_stiffness", "base": "mains_hum", "partial": "mains_hum",
 }  # fmt: skip
-#: Families of the short tests: a force with sensors at all bodies, position and acceleration, rotations, bodies without a sensor.
-QUICK = ("chain", "stage", "torsion", "partial")
+#: Families of the short tests: a force with sensors at all bodies, position and acceleration, bodies without a sensor.
+QUICK = ("chain", "stage", "partial")
 FAMILIES = [family if family in QUICK else pytest.param(family, marks=pytest.mark.study) for family in CLEAR]
 
 Made = tuple[Path, Path]

@@ -102,7 +102,7 @@ def test_a_seed_gives_the_same_campaign_again(
         np.testing.assert_array_equal(first, again)
 
 
-@pytest.mark.parametrize("family", ["wire_bonder", "base"])
+@pytest.mark.parametrize("family", [pytest.param("wire_bonder", marks=pytest.mark.study), "base"])
 def test_a_sound_rig_behind_a_sharp_filter_is_adequate_with_its_true_values(
     family: str, campaign_of: Callable[[str, str, int], tuple[Path, Path]]
 ) -> None:
@@ -130,8 +130,11 @@ def test_a_sound_wire_bonder_behind_a_sharp_filter_is_called_adequate(seed: int,
 @pytest.mark.parametrize(
     ("family", "effects"),
     [
-        ("torsion", "one"), ("base", "none"), ("base", "one"), ("partial", "one"),
-        *(pytest.param(family, "none", marks=pytest.mark.study) for family in ("torsion", "partial")),
+        ("torsion", "one"), ("base", "none"),
+        *(
+            pytest.param(family, effect, marks=pytest.mark.study)
+            for family, effect in (("base", "one"), ("partial", "one"), ("torsion", "none"), ("partial", "none"))
+        ),
     ],
 )  # fmt: skip
 def test_a_channel_of_another_derivative_is_said_with_and_without_a_cause(

@@ -19,7 +19,7 @@ def test_a_clear_cause_ranks_first(clear: tuple[Path, Path]) -> None:
     assert found.outcome == "first", found.suspected
 
 
-@pytest.mark.parametrize(("family", "seed"), [("wire_bonder", 5), ("stage", 4)])
+@pytest.mark.parametrize(("family", "seed"), [pytest.param("wire_bonder", 5, marks=pytest.mark.study), ("stage", 4)])
 def test_nothing_is_shown_of_a_sound_rig(
     family: str, seed: int, campaign_of: Callable[[str, str, int], tuple[Path, Path]]
 ) -> None:
