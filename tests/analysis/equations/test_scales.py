@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 from isorig.analysis import laws
 from isorig.analysis.campaign import Campaign, Channel, FloatArray, Run
 from isorig.analysis.equations import forms
+from isorig.analysis.equations.balances import Balance
 from isorig.analysis.equations.forms import scales_of, solved_values, start_values
 from isorig.analysis.equations.motion import LONGEST, derivatives
 from isorig.analysis.equations.system import Equations, equations_of
@@ -144,3 +145,23 @@ def test_an_equation_lacks_inertia_where_its_mass_is_five_times_off(
     values = {"bodies.second.mass": mass, "links.two.stiffness": 1.0}
     monkeypatch.setattr(forms, "_values_of", lambda equations, balance, explanation: values)
     assert forms.lacks_inertia(cast("Equations", equations)) is lacks
+
+
+@pytest.mark.parametrize(
+    ("law", "value", "held"),
+    [
+        (laws.Coulomb(friction_force=6.0), 5.1, True),
+        (laws.Coulomb(friction_force=6.0), 4.9, False),
+        # Its column is the law's own force, so its value is a factor.
+        (laws.Stribeck(friction_force=6.0, static_force=7.0, stribeck_velocity=0.1), 0.84, True),
+        (laws.Stribeck(friction_force=6.0, static_force=7.0, stribeck_velocity=0.1), 0.83, False),
+    ],
+)
+def test_a_run_is_held_whose_force_stays_below_the_friction(law: laws.FrictionLaw, value: float, held: bool) -> None:
+    """A force of 5 N."""
+    fake = SimpleNamespace(
+        sliding={"table": (None, SimpleNamespace(values=np.array([0.0, 0.0, value])))}, records=[SimpleNamespace(index=0)],
+        signals=[{}], combined=lambda signals, row: np.full(50, 5.0), force_row=lambda balance: {},
+        primary=lambda balance: SimpleNamespace(contact=SimpleNamespace(law=law)),
+    )  # fmt: skip
+    assert Equations._held(cast("Equations", fake), 0, cast("Balance", SimpleNamespace(name="table"))) is held
