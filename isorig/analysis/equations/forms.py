@@ -331,14 +331,16 @@ def scales_of(equations: Equations, explanation: Explanation | None = None) -> d
     A stiffness or a mass that two balances share has one value: it gives the scale of one of them by that of the other. Balances
     without a connection to one of known scale keep what is given, as those of known scale do.
     """
-    values = {balance.name: _of_scale(equations, balance, explanation) for balance in equations.balances}
     found = {balance.name: 1.0 for balance in equations.balances if not equations.assumed_scale(balance)}
-    known = {path: value for name in found for path, value in values[name].items()}
     pending = [balance.name for balance in equations.balances if balance.name not in found]
+    if not pending:
+        return found
+    values = {balance.name: _of_scale(equations, balance, explanation) for balance in equations.balances}
+    known = {path: value for name in found for path, value in values[name].items()}
     while pending:
         name, shared = next(((n, p) for n in pending for p in values[n] if p in known), (pending[0], ""))
         ratio = known[shared] / values[name][shared] if shared else 1.0
-        found[name] = ratio if 1.0 / FACTOR < ratio < FACTOR else 1.0
+        found[name] = ratio if _is_plausible(ratio) else 1.0
         known = {path: found[name] * value for path, value in values[name].items()} | known
         pending.remove(name)
     return found
@@ -363,7 +365,12 @@ def _is_likely(equations: Equations, path: str, value: float) -> bool:
     if path.endswith(("damping", "friction_force")):
         return True
     given = equations.model.get(path)
-    return given <= 0.0 or 1.0 / FACTOR < value / given < FACTOR
+    return given <= 0.0 or _is_plausible(value / given)
+
+
+def _is_plausible(ratio: float) -> bool:
+    # Whether a value from the equations, over its given one, may be true.
+    return 1.0 / FACTOR < ratio < FACTOR
 
 
 def lacks_inertia(equations: Equations) -> bool:
@@ -454,7 +461,7 @@ def _scale(values: Mapping[str, float]) -> float:
     # An equation whose drive's factor is unknown is solved for the given factor and the scale of the given masses, which has no
     # path: its forces are those of the rig times this scale.
     scale = values.get("", 1.0)
-    return scale if 1.0 / FACTOR < scale < FACTOR else 1.0
+    return scale if _is_plausible(scale) else 1.0
 
 
 def _slid(equations: Equations, balance: Balance, element: Element, explanation: Explanation | None) -> SlidingFit:
