@@ -1,5 +1,6 @@
 """Zero-phase low-pass for records, and the frequency above which a record is only noise."""
 
+from collections.abc import Sequence
 from functools import lru_cache
 from math import sqrt
 
@@ -11,6 +12,10 @@ from isorig.analysis.rounding import rounding
 #: Ratio of power to that of the noise above which a frequency bin belongs to the signal; number of bins averaged for it; share of
 #: the spectrum from which on all belongs to it. Chosen: the second derivative of such a record has a few per cent of noise.
 SIGNAL, AVERAGED, NEARLY_ALL = 30.0, 16, 0.9
+#: Number of corner frequencies that are compared for a derivative, and the lowest as a share of the highest.
+EDGES, LEAST_OF_EDGE = 40, 0.05
+#: Largest share of the noise in the power of a derivative. Chosen: it makes a mass that is solved for a tenth too small.
+NOISE_OF_DERIVATIVE = 0.1
 #: Noise of a velocity as a share of its rms that a low-pass may pass. Chosen: less than the accuracy of a simulation.
 SLOPE_NOISE = 0.003
 #: The low-pass passes everything up to this share of its corner frequency, and nothing above `STOPS` times it.
@@ -84,16 +89,44 @@ def signal_edge(values: FloatArray, rate: float) -> float:
     The noise is assumed white; its level is the median power in the highest sixth of the spectrum (ln 2 times its mean). That of
     rounding to counts is not: at a steady speed the counts follow each other regularly, at a frequency far above the motion.
     """
+    power, noise, first = _with_noise(values, rate)
+    return max(first, _edge(power, noise, rate))
+
+
+def derivative_edge(records: Sequence[FloatArray], rate: float, derivatives: int) -> float:
+    """The same for records, each shape (n,), of which `derivatives` are taken.
+
+    At most the highest of them, and so low that noise is at most `NOISE_OF_DERIVATIVE` of the derivatives' power in all together:
+    a resonance may exceed the noise where a record is noise between it and a slow motion.
+    """
+    edges = [signal_edge(values, rate) for values in records]
+    edge = max((each for each in edges if np.isfinite(each)), default=np.inf)
+    if not np.isfinite(edge):
+        return edge
+    candidates = np.geomspace(edge, LEAST_OF_EDGE * edge, EDGES)
+    powers = np.zeros((2, EDGES))
+    for values in records:
+        power, noise, _ = _with_noise(values, rate)
+        frequency = np.arange(len(power)) * rate / 2.0 / (len(power) - 1)
+        gains = np.stack([lowpass_gain(frequency, each) for each in candidates])
+        weight = gains**2 * frequency ** (2 * derivatives) / len(values)
+        powers += weight @ power, weight @ np.broadcast_to(noise, power.shape)
+    clean = np.flatnonzero(powers[1] <= NOISE_OF_DERIVATIVE * powers[0])
+    return float(candidates[clean[0]]) if len(clean) else edge
+
+
+def _with_noise(values: FloatArray, rate: float) -> tuple[FloatArray, FloatArray | float, float]:
+    # Power of a record and of its noise in the bins of numpy's rfft, and for counts a frequency in Hz that surely exceeds it.
     power, noise = _spectrum(values)
     averaged, step = _averaged(power), sqrt(12.0) * rounding(values)
     strongest = int(np.argmax(averaged))
     below = averaged[strongest:] <= SIGNAL * noise
     if step == 0.0 or not below.any():
-        return _edge(power, noise, rate)
+        return power, noise, 0.0
     first = float(strongest + np.argmax(below)) / (len(power) - 1) * rate / 2.0
     motion = low_passed(values, rate, first / PASSES) - values[0]
     of_counts, _ = _spectrum(step * np.round(motion / step) - motion)
-    return max(first, _edge(power, np.maximum(noise, _averaged(of_counts)), rate))
+    return power, np.maximum(noise, _averaged(of_counts)), first
 
 
 def force_edge(force: FloatArray, motion: FloatArray, rate: float, mass: float, derivatives: int) -> float:

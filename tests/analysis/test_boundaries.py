@@ -66,7 +66,14 @@ def test_a_block_is_sound_of_which_a_shape_removes_half(share: float, sound: boo
     # Four blocks have the usual residual; one has a hundred times as much, which is this share of that without the shape.
     powers, before = (1.0, 1.0, 1.0, 1.0, 100.0), (1.0, 1.0, 1.0, 1.0, 100.0 / share)
     sliding = cast(Any, object.__new__(Sliding))
-    sliding.integrated, sliding.noise, sliding.power, sliding.parts, sliding.runs = False, 1.0, 0.0, 0.0, ()
+    sliding.integrated, sliding.drifts, sliding.noise, sliding.power, sliding.parts, sliding.runs = (
+        False,
+        False,
+        1.0,
+        0.0,
+        0.0,
+        (),
+    )
     sliding.blocks = sliding.active = [
         SimpleNamespace(held_out=k == 0, base=base, power=power, spline=np.zeros(1))
         for k, (power, base) in enumerate(zip(powers, before, strict=True))

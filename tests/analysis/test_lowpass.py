@@ -8,6 +8,7 @@ import pytest
 from isorig.analysis.lowpass import (
     SIGNAL,
     SLOPE_NOISE,
+    derivative_edge,
     force_edge,
     low_passed,
     lowpass_gain,
@@ -107,3 +108,31 @@ def test_the_edge_of_a_counted_decay_is_above_its_oscillation() -> None:
     decay = 2000.0 * np.exp(-TIME) * np.sin(2.0 * np.pi * 20.0 * TIME)
     as_noise = signal_edge(decay + np.random.default_rng(1).normal(0.0, 1.0 / np.sqrt(12.0), COUNT), RATE)
     assert 20.0 < signal_edge(np.round(decay), RATE) == pytest.approx(as_noise, rel=0.6)
+
+
+def band(low: float, high: float, rms: float, seed: int) -> np.ndarray:
+    """Noise between two frequencies."""
+    spectrum = np.fft.rfft(np.random.default_rng(seed).normal(size=COUNT))
+    frequency = np.fft.rfftfreq(COUNT, 1.0 / RATE)
+    found = np.fft.irfft(np.where((frequency >= low) & (frequency <= high), spectrum, 0.0), COUNT)
+    return rms * found / found.std()
+
+
+@pytest.mark.parametrize(("resonance", "low", "high"), [(0.02, 30.0, 35.0), (0.002, 1.0, 25.0)])
+def test_a_derivative_is_taken_up_to_a_resonance_only_if_that_exceeds_the_noise_below_it(
+    resonance: float, low: float, high: float
+) -> None:
+    """Between a slow motion and a resonance of 30 to 31 Hz there is noise only; both resonances exceed it."""
+    clean = band(0.2, 1.0, 1.0, 1) + band(30.0, 31.0, resonance, 2)
+    noisy = clean + np.random.default_rng(3).normal(0.0, 5e-3, COUNT)
+    assert 30.0 < signal_edge(noisy, RATE) < 33.0
+    assert low < derivative_edge([noisy], RATE, 2) < high
+
+
+def test_the_derivative_of_several_records_may_be_taken_as_far_as_in_the_loudest() -> None:
+    loud = np.sin(2.0 * np.pi * 5.0 * TIME) * np.exp(-3.0 * (TIME % 2.0))  # broad about 5 Hz
+    noise = np.random.default_rng(4).normal(0.0, 1e-3, (2, COUNT))
+    alone = derivative_edge([loud + noise[0]], RATE, 2)
+    assert derivative_edge([loud + noise[0], 0.03 * loud + noise[1]], RATE, 2) == pytest.approx(alone, rel=0.15)
+    assert derivative_edge([0.03 * loud + noise[1]], RATE, 2) < 0.8 * alone
+    assert derivative_edge([loud], RATE, 2) == np.inf

@@ -34,6 +34,8 @@ MOST_SAMPLES = 3000
 #: Weight of a curve point's distance from its neighbours' course, in its allowed deviations, relative to the rms of the force.
 #: Chosen: a single sample outweighs it.
 HELD = 0.02
+#: Largest residual of a sample in such a fit, in rms of the force: larger ones have no square.
+LARGEST = 1e6
 #: Largest number of evaluations of such a fit, and the finite difference of its search coordinates.
 EVALUATIONS, DIFFERENCE = 60, 1e-6
 
@@ -61,6 +63,7 @@ class ElementForce:
     motions: tuple[RecordedMotion, ...]
     rate: float  #: Sample rate of the motions, Hz.
     parallel: frozenset[str] = frozenset()  #: Names of the links between the same ends, whose force is in it.
+    allowed: float = 0.0  #: What its noise and accuracy allow any form to leave, rms, N; 0 where it is not known.
 
     def until(self, share: float) -> BoolArray:
         """Whether each sample is in the first `share` of its run, shape (n,)."""
@@ -113,7 +116,7 @@ def element_force(
             spectral = balance.name in equations.prepared and element.link is not None and not law_columns(element)
             if shape is not None and hidden and spectral:
                 force = _spectral_force(equations, balance, element, shape, force)
-            return replace(force, force=scale * force.force, left=scale * force.left)
+            return replace(force, force=scale * force.force, left=scale * force.left, allowed=abs(scale) * force.allowed)
     return None
 
 
@@ -149,7 +152,7 @@ def _spectral_force(
     return replace(
         in_time, deflection=d[samples], velocity=np.concatenate([course.velocity for course in courses])[samples],
         time=np.concatenate([course.time for course in courses])[samples], force=taken,
-        left=taken - halves.mean(axis=0)[samples], rate=equations.rate,
+        left=taken - halves.mean(axis=0)[samples], rate=equations.rate, allowed=0.0,
         motions=tuple(
             RecordedMotion(deflection=course.deflection, velocity=course.velocity, used=at[runs == k])
             for k, course in enumerate(courses)
@@ -179,14 +182,15 @@ def _sliding_force(
         d.append((run.deflection + run.slow)[place])
         v.append((run.velocity + run.slow_velocity)[place])
         t.append(run.time[place])
-        f.append((run.force[place] - matrix[:, others] @ fitted.values[others]) / size)
-        left.append((run.force[place] - matrix @ fitted.values) / size)
+        f.append(sliding.left(block, matrix[:, others], fitted.values[others]) / size)
+        left.append(sliding.left(block, matrix, fitted.values) / size)
     sliding.restore(state)
     samples = _thinned(np.concatenate(d))
     runs, at = np.concatenate(places, axis=1)[:, samples]
     return ElementForce(
         deflection=np.concatenate(d)[samples], velocity=np.concatenate(v)[samples], time=np.concatenate(t)[samples],
         force=np.concatenate(f)[samples], left=np.concatenate(left)[samples], rate=sliding.rate,
+        allowed=float(np.sqrt(sliding.allowed)) / abs(size),
         parallel=frozenset(other.name for other, _ in balance.crossing if other.link is not None and element.has_ends_of(other)),
         motions=tuple(
             RecordedMotion(deflection=run.deflection, velocity=run.velocity, used=at[runs == run.run]) for run in sliding.runs
@@ -232,7 +236,7 @@ def fitted_form(
         except ModelError:
             return np.full(len(force.force) + held_points + 1, 1e3)
         predicted = force_of(trial, element, force, swing * float(coordinates[-1]), courses)
-        left = (predicted - force.force) / size
+        left = np.clip((predicted - force.force) / size, -LARGEST, LARGEST)
         # Points of a curve without samples follow their neighbours.
         values = {**given, **values}
         held = [(values[f.path] - sum(weight * values[path] for path, weight in f.follows)) / f.give for f in own if f.follows]

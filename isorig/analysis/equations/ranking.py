@@ -31,10 +31,9 @@ from isorig.analysis.equations.filters import filtered, resonator, rocked, rocke
 from isorig.analysis.equations.known import law_columns
 from isorig.analysis.equations.motion import derivatives
 from isorig.analysis.equations.repeats import pitch_of
-from isorig.analysis.equations.sliding import Sliding, SlidingFit, SlidingRun
+from isorig.analysis.equations.sliding import Sliding, SlidingFit, SlidingRun, shortly_low_passed
 from isorig.analysis.equations.spectral import Prepared, Row
 from isorig.analysis.equations.system import CUT, HOLDS, CausePlace, Equations
-from isorig.analysis.lowpass import low_passed
 from isorig.analysis.model.rig_model import damps
 from isorig.analysis.simulate.sampling import lagging
 
@@ -215,7 +214,8 @@ class Regressions:
                 passive = shape.name != "relaxation" or dissipates(fitted.values[len(base.values) :])
                 after[balance.name] = sliding.residual(fitted, base) if passive else sliding.residual(base)
             elif balance.name in self._sliding and (found := self.on.in_time(balance, element)) is not None:
-                after[balance.name] = self._counted[balance.name] * self._reduced(balance, element, shape, *found)
+                excess = self._counted[balance.name] - 1.0
+                after[balance.name] = 1.0 + excess * self._reduced(balance, element, shape, *found)
         if shape.name == "slip":
             for name, lock in self.on.stuck.items():
                 if lock.element.name == element.name:
@@ -390,7 +390,7 @@ class Regressions:
     ) -> float:  # fmt: skip
         # Residual of a sliding equation with a further known force.
         state, columns = sliding.state(), self.on.base_columns(element)
-        forces = {run.run: value * low_passed(signal[run.run], sliding.rate, self.on.edge) for run in sliding.runs}
+        forces = {run.run: value * shortly_low_passed(signal[run.run], sliding.rate, self.on.edge) for run in sliding.runs}
         for run in sliding.runs:
             run.force -= forces[run.run]
         fitted = sliding.fit(columns, base.values, LOADED)

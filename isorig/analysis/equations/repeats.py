@@ -60,5 +60,5 @@ def _residual(sliding: Sliding, base: SlidingFit, columns: Columns) -> tuple[Flo
         place = block.first + block.used
         matrix, _ = sliding.evaluated(block, columns)
         d.append(block.run.deflection[place] + block.run.slow[place])
-        left.append(block.run.force[place] - matrix @ base.values)
+        left.append(sliding.left(block, matrix, base.values))
     return np.concatenate(d), np.concatenate(left)

@@ -3,6 +3,7 @@
 The force of the element follows from its equation without any unknown, or with linear ones. Its deflection is integrated, so its
 slow part (integrated noise, a rest position off centre) is unknown: in blocks of some periods a cubic B-spline is added to it and
 eliminated block by block, linearized about the current fit (Gauss-Newton). Every second block is held out from the coefficients.
+Where the element's own motion is known but another one's integrated deflection is not, that one's slow force is such a spline.
 """
 
 from __future__ import annotations
@@ -26,8 +27,9 @@ LONGER = 4
 #: Samples next to a reversal that are left out: the converter's filter spreads the step of the friction over them. A low-pass
 #: spreads it over this share of its period, also next to samples that stick.
 REVERSAL, SPREAD = 5, 0.6
-#: Half of its length in periods of the low-pass.
-TAPS = 2.0
+#: Half of its length in periods of the low-pass, and the parameter of its Kaiser window. Derived: it passes less than 0.015 of
+#: what is above 1.45 times its edge. Chosen: a stronger window smooths friction that falls with velocity by 5 %.
+TAPS, KAISER = 2.0, 1.0
 #: Velocity below which a contact counts as not sliding, as a share of the largest rms velocity of the runs. Chosen: integrated
 #: noise and the sampling filter blur the moment of a reversal. If the deflection is measured, from a smaller share on, and from
 #: this many times the velocity's noise: friction that falls with velocity shows there.
@@ -41,8 +43,9 @@ MOST_SAMPLES = 20_000
 PER_KNOT = 20
 #: Samples of a block below which it is not used: with and without a slow part to be fitted.
 FEWEST, FEWEST_ALONE = 50, 10
-#: Relative accuracy of the force, rms (see `spectral.ACCURACY`).
-ACCURACY = 0.004
+#: Relative accuracy of the force, rms (see `spectral.ACCURACY`), and ratio by which the force's noise may exceed its estimate,
+#: rms. Chosen: with it sound rigs whose equations are mostly noise hold; it was 1.2 for carts with noisy encoders.
+ACCURACY, NOISIER = 0.004, 1.6
 #: Largest correction of the slow part in one step, as a share of the largest deflection, and damping of its steps as a share of
 #: the spring's own curvature. Chosen: undamped, a spring with gaps diverges in single blocks.
 CLIP, DAMPED = 0.1, 1e-3
@@ -136,6 +139,8 @@ class Sliding:
         Of the rig's lowest mode, s.
     integrated
         Whether the deflection was integrated, so that its slow part is unknown.
+    drifts
+        Whether the force has an unknown slow part: that of another element's integrated deflection.
     stiffness
         First value of the element's stiffness, N/m.
     noise
@@ -145,18 +150,19 @@ class Sliding:
     parts
         Mean square of the channels' parts in the force, N^2: each is accurate to `ACCURACY`.
     edge
-        Corner frequency in Hz of the low-pass that the force went through (`low_passed`), but not yet the columns; infinite for
-        none.
+        Corner frequency in Hz of the low-pass that the force went through (`shortly_low_passed`), but not yet the columns;
+        infinite for none.
     rubs
         Whether a contact acts: then only samples that slide are used.
     """
 
     def __init__(
-        self, runs: Sequence[SlidingRun], rate: float, period: float, *, integrated: bool, stiffness: float, noise: float,
-        velocity_noise: float, parts: float, edge: float, rubs: bool,
+        self, runs: Sequence[SlidingRun], rate: float, period: float, *, integrated: bool, drifts: bool, stiffness: float,
+        noise: float, velocity_noise: float, parts: float, edge: float, rubs: bool,
     ) -> None:  # fmt: skip
         self.runs, self.rate, self.integrated, self.noise, self.parts = tuple(runs), rate, integrated, noise, parts
-        self.rubs, self.fewest = rubs, FEWEST if integrated else FEWEST_ALONE
+        self.drifts, self.with_slow_part = drifts, integrated or drifts
+        self.rubs, self.fewest = rubs, FEWEST if self.with_slow_part else FEWEST_ALONE
         self.through_reversals = False  #: Whether samples close to a reversal are used, too.
         self.reach = REVERSAL if np.isinf(edge) else max(REVERSAL, round(SPREAD * rate / edge))
         self.spread = 0 if np.isinf(edge) else self.reach
@@ -172,8 +178,8 @@ class Sliding:
             run.creep = self.slow if self.spread else 0.0
         shortest = min(len(run.force) for run in runs)
         self.knot = max(round(KNOT_PERIODS * period * rate), 8)
-        knots = BLOCK_KNOTS if integrated else 1
-        if not integrated:
+        knots = BLOCK_KNOTS if self.with_slow_part else 1
+        if not self.with_slow_part:
             moving = max(int((np.abs(run.velocity) > self.slow).sum()) for run in runs)
             moving = min(shortest, moving)
             self.knot = max(moving // BLOCKS, min(LONGER * len(self.taps), moving // 2), 8)
@@ -264,7 +270,7 @@ class Sliding:
     @property
     def allowed(self) -> float:
         """Mean square residual that noise and the accuracy of the force allow, N^2."""
-        return self.noise**2 + ACCURACY**2 * max(self.power, self.parts)
+        return (NOISIER * self.noise) ** 2 + ACCURACY**2 * max(self.power, self.parts)
 
     def residual(self, fitted: SlidingFit, before: SlidingFit | None = None) -> float:
         """Residual power over what is allowed; one if the equation holds.
@@ -338,6 +344,9 @@ class Sliding:
             self._move(reduced, change, scale)
         assert best is not None
         self.restore(best[2])
+        if self.drifts:
+            for item in best[3]:
+                item.block.spline = item.back[:, -1]
         tested = [item for item in best[3] if item.block.held_out]
         power = np.array([item.power for item in tested])
         count = np.array([item.count for item in tested])
@@ -352,6 +361,11 @@ class Sliding:
             arithmetic=float((power * count).sum() / count.sum()),
             sound=tuple(sound.tolist()),
         )
+
+    def left(self, block: _Block, matrix: FloatArray, values: FloatArray) -> FloatArray:
+        """What columns with these coefficients leave of the force at a block's samples in use, without its slow part, N."""
+        slow = self._spread(block.used, self._value[block.used]) @ block.spline if self.drifts else 0.0
+        return np.asarray(block.run.force[block.first + block.used] - matrix @ values - slow)
 
     def share_kept(self, columns: Columns, before: FloatArray, after: FloatArray) -> float:
         """Share of the force with the coefficients `before`, by projection, that the coefficients `after` also give."""
@@ -390,11 +404,11 @@ class Sliding:
         normal: FloatArray = np.asarray(whole.T @ whole, dtype=np.float64)
         count = len(place)
         back = np.zeros((self.knots, whole.shape[1]))
-        if self.integrated:
-            basis = motion
+        if self.with_slow_part:
+            basis = motion if self.integrated else self._spread(block.used, self._value[block.used])
             gram = basis.T @ basis
-            scale = max(abs(self.stiffness), 1e-12) ** 2
-            if damped:
+            scale = max(abs(self.stiffness), 1e-12) ** 2 if self.integrated else 1.0
+            if damped and self.integrated:
                 plain = self._spread(block.used, self._value[block.used])
                 gram += DAMPED * scale * (plain.T @ plain)
             # Where no sample in use determines a coefficient, and without a described spring, the others set the scale.
@@ -488,13 +502,25 @@ def still(velocities: Iterable[FloatArray]) -> float:
     return float(np.mean(np.concatenate([np.abs(v) <= SLOW * np.sqrt(np.mean(v**2)) for v in velocities])))
 
 
+def shortly_low_passed(values: FloatArray, rate: float, edge: float) -> FloatArray:
+    """A record, shape (n,), through the low-pass of the columns, mirrored about its ends.
+
+    This filter is short, so its gain differs from that of `low_passed`: the sides of an equation must pass the same one.
+    """
+    taps = _taps(rate, edge)
+    half = min(len(taps) // 2, len(values) - 1)
+    return np.convolve(
+        np.pad(values, half, mode="reflect"), taps[len(taps) // 2 - half : len(taps) // 2 + half + 1], mode="valid"
+    )
+
+
 def _taps(rate: float, edge: float) -> FloatArray:
-    # The low-pass of `low_passed` as a symmetric filter, shape (odd,); one for none.
+    # The low-pass of `low_passed` as a short symmetric filter, shape (odd,); one for none.
     if np.isinf(edge):
         return np.ones(1)
     half = int(np.ceil(TAPS * rate / edge))
     response = np.fft.irfft(lowpass_gain(np.asarray(np.fft.rfftfreq(64 * half, 1.0 / rate)), edge))
-    taps = np.concatenate([response[-half:], response[: half + 1]])
+    taps = np.concatenate([response[-half:], response[: half + 1]]) * np.kaiser(2 * half + 1, KAISER)
     return np.asarray(taps / taps.sum())
 
 

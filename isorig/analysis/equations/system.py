@@ -20,12 +20,21 @@ from isorig.analysis.equations.motion import (
     estimate_of,
     without_slow_part,
 )
-from isorig.analysis.equations.sliding import ROUNDS, TAPS, Columns, Sliding, SlidingFit, SlidingRun, direction_of_sliding
+from isorig.analysis.equations.sliding import (
+    ROUNDS,
+    TAPS,
+    Columns,
+    Sliding,
+    SlidingFit,
+    SlidingRun,
+    direction_of_sliding,
+    shortly_low_passed,
+)
 from isorig.analysis.equations.spectral import SHORTEST, Prepared, Row, Solved, Spectra
 from isorig.analysis.fitting.preparation import zero_errors
 from isorig.analysis.laws import Coulomb, FrictionLaw
 from isorig.analysis.laws.base import NO_LINK
-from isorig.analysis.lowpass import fast_length, force_edge, low_passed, signal_edge
+from isorig.analysis.lowpass import derivative_edge, fast_length, force_edge, low_passed
 from isorig.analysis.model.linear import floats
 from isorig.analysis.model.rig_model import GROUND, Link, RigModel
 from isorig.analysis.rounding import is_command
@@ -53,6 +62,9 @@ STEEP = 2.0
 SURE = 0.5
 #: Share of the signal's edge at which a record of displacements is cut before its second derivative.
 EDGE = 1.0
+#: Least number of periods in a run of the frequency up to which the slow force of other elements is fitted. Chosen: so few
+#: unknowns leave a friction that reverses as often visible.
+PERIODS_OF_CUT = 4.0
 #: Seconds at both ends of a run that are left out where anything is integrated, in periods of the lowest mode.
 ENDS = 2.5
 #: Where the sensors show no motion at the lowest mode, their edge in multiples of the frequency that takes its place. Chosen: a
@@ -178,10 +190,10 @@ class Equations:
         }
         for channel, order in self.combos.orders.items():
             if order < 2 and channel in self.model.channels and channel not in as_it_is:
-                edges = [signal_edge(r.channels[channel], self.rate) for r in self.records if len(r.channels[channel]) > SHORTEST]
-                used = [e for e in edges if np.isfinite(e)]
-                if used:
-                    edge = min(edge, EDGE * max(*used, self._pushed_edge(channel, 2 - order)))
+                moved = [r.channels[channel] for r in self.records if len(r.channels[channel]) > SHORTEST]
+                found = derivative_edge(moved, self.rate, 2 - order)
+                if np.isfinite(found):
+                    edge = min(edge, EDGE * max(found, self._pushed_edge(channel, 2 - order)))
         if edge < lowest:  # a slow motion, as which the rig moves without any mode
             lowest = max(edge / SLOWER, 4.0 * self.rate / max(longest, 1))
         length = 2 ** round(np.log2(max(SEGMENT_PERIODS / lowest * self.rate, SHORTEST)))
@@ -443,6 +455,7 @@ class Equations:
             if place not in self._cuts:
                 self._cuts[place] = self.cut(balance, element)
             cut = self._cuts[place]
+            drifts = self.drifts(balance, element)
             if key[:2] not in self._runs:
                 self._runs[key[:2]] = self._sliding_runs(balance, element, sign, self.records, self.signals, cut)
             shared, noise, velocity_noise = self._runs[key[:2]]
@@ -453,7 +466,7 @@ class Equations:
             if runs:
                 stiffness = element.link.stiffness if element.link is not None else 0.0
                 found = Sliding(
-                    runs, self.rate / self.every, CUT / cut, integrated=self.integrated(element),
+                    runs, self.rate / self.every, CUT / cut, integrated=self.integrated(element), drifts=drifts,
                     stiffness=abs(sign) * stiffness, noise=noise, velocity_noise=velocity_noise, parts=self._parts(balance),
                     edge=self.edge, rubs=rubs,
                 )  # fmt: skip
@@ -497,10 +510,12 @@ class Equations:
         return all(order > 0 for order in orders)
 
     def cut(self, balance: Balance, element: Element) -> float:
-        """Frequency in Hz up to which the slow part of an element's integrated deflection is fitted.
+        """Frequency in Hz up to which the slow part of an element's integrated deflection is fitted, or that of others' forces.
 
         The sensors' errors integrate to more than the motion there, or their noise to more than `NOISY` of it.
         """
+        if self.drifts(balance, element):
+            return self._cut_of_others(balance, element)
         own = self.own_frequency(element, balance)
         if self.wandering & set(self.combos.of(element.weights, 0) or {}):
             return WANDERING_CUT * own
@@ -511,6 +526,27 @@ class Equations:
         # Above, the rig's motion may grow towards its lowest mode, too.
         while found < WANDERING_CUT * self.lowest and self.grows_below(element, found):
             found = min(2.0 * found, WANDERING_CUT * self.lowest)
+        return found
+
+    def drifts(self, balance: Balance, element: Element) -> bool:
+        """Whether the element's motion is known, and another one's force in its equation has an unknown slow part.
+
+        It has where its deflection is the small difference of two counted positions.
+        """
+        return self.counted and not self.integrated(element) and any(self.integrated(o) for o, _ in balance.others(element))
+
+    def _cut_of_others(self, balance: Balance, element: Element) -> float:
+        # Frequency in Hz from which the noise of other elements' integrated deflections makes no more of their force than the
+        # rest of the equation's noise; at most where integrals are cut otherwise, and so high that a run has `PERIODS_OF_CUT`.
+        allowed = self._force_noise(balance, element, self.records[0], len(next(iter(self.records[0].channels.values()))))
+        stiff = [(abs(sign) * o.link.stiffness, o) for o, sign in balance.others(element) if o.link and self.integrated(o)]
+        found = CUT * self.lowest
+        shortest = min(len(next(iter(record.channels.values()))) for record in self.records) / self.rate
+        while found >= 2.0 * PERIODS_OF_CUT / shortest:
+            noise = (k * self._deflection_noise(other, SURE * found / 2.0, self.records[0]) for k, other in stiff)
+            if float(np.linalg.norm(list(noise))) > allowed:
+                break
+            found /= 2.0
         return found
 
     def grows_below(self, element: Element, frequency: float) -> bool:
@@ -531,22 +567,22 @@ class Equations:
 
     def noise_share(self, element: Element, low: float) -> float:
         """Noise of an element's deflection, integrated from this frequency in Hz on, as its least share of a run's rms."""
-        channels = {  # an estimate has no noise of its own
-            channel: weight
-            for channel, weight in (self.combos.of(element.weights, 0) or {}).items()
-            if self.combos.orders[channel]
-        }
         shares = []
         for record, signals in zip(self.records, self.signals, strict=True):
-            variance = 0.0
-            for channel, weight in channels.items():
+            motion = float(np.std(self.elongation(signals, element, low)[0]))
+            shares.append(self._deflection_noise(element, low, record) / max(motion, 1e-300))
+        return min(shares, default=0.0)
+
+    def _deflection_noise(self, element: Element, low: float, record: Record) -> float:
+        # Standard deviation of the noise of an element's deflection in m, integrated from this frequency in Hz on.
+        variance = 0.0
+        for channel, weight in (self.combos.of(element.weights, 0) or {}).items():
+            power = 2 * self.combos.orders[channel]
+            if power:  # an estimate has no noise of its own
                 # White noise of an n-th derivative, integrated n times: the integral of 1 / (2 pi f)^2n from that frequency on.
-                power = 2 * self.combos.orders[channel]
                 density = 2.0 * (weight * record.noise.get(channel, 0.0)) ** 2 / self.rate
                 variance += density / ((2.0 * np.pi) ** power * (power - 1) * low ** (power - 1))
-            motion = float(np.std(self.elongation(signals, element, low)[0]))
-            shares.append(float(np.sqrt(variance)) / max(motion, 1e-300))
-        return min(shares, default=0.0)
+        return float(np.sqrt(variance))
 
     def _settled(self, sliding: Sliding, element: Element, sign: float) -> SlidingFit:
         laws = law_columns(element)
@@ -598,7 +634,7 @@ class Equations:
             d, v = self.elongation(signals, element, SURE * cut)
             fixed = [way * self.combined(signals, row) for _, row, _ in self.unknown_rows(balance)]
             for other, other_sign in balance.others(element):
-                od, ov = self.elongation(signals, other, CUT * self.lowest)
+                od, ov = self.elongation(signals, other, SURE * cut if self.counted else CUT * self.lowest)
                 if other.link is not None and not element.has_ends_of(other):
                     fixed += [way * other_sign * od * self.springs(other.link), way * other_sign * ov]
                     fixed += [way * other_sign * signals[law_of(other, k), -1] for k in range(law_columns(other))]
@@ -609,7 +645,8 @@ class Equations:
             if not self.integrated(element):
                 combo = self.combos.of(element.weights, 0) or {}
                 velocity_noise.append(self._processed_noise(record, [(name, 1, abs(w)) for name, w in combo.items()], len(force)))
-            force, d, v, columns = self.thinned(low_passed(force, self.rate, self.edge)), *map(self.thinned, (d, v, columns))
+            force, d, v, columns = map(self.thinned, (force, d, v, columns))
+            force = shortly_low_passed(force, self.rate / self.every, self.edge)
             n = len(force)
             usable = np.zeros(n, dtype=bool)
             ends = ENDS / self.lowest if any(self.combos.orders.values()) else TAPS / self.edge
@@ -683,9 +720,12 @@ class Equations:
         return d, v
 
     def _force_noise(self, balance: Balance, element: Element, record: Record, n: int) -> float:
-        # Standard deviation of the noise of an equation: of its known part, and of the forces of springs and dampers with the
-        # values of the rig. Most of that of an integrated deflection is in the slow part that is fitted.
+        # Standard deviation of the noise of an equation: of its known part, of the inertia of masses that are solved for, and of
+        # the forces of springs and dampers, with the values of the rig. Most of that of an integrated deflection is in the slow
+        # part that is fitted.
         parts = [(channel, order, abs(complex(weight))) for (channel, order), weight in self.force_row(balance).items()]
+        for _, row, value in self.unknown_rows(balance):
+            parts += [(channel, order, abs(value * complex(weight))) for (channel, order), weight in row.items()]
         for other, _ in balance.crossing:
             if other.link is not None and not (other.name == element.name and self.integrated(element)):
                 for order, value in enumerate((other.link.stiffness, other.link.damping)):
@@ -705,7 +745,9 @@ class Equations:
             if order >= 0:
                 own = self.combos.orders[channel]
                 values = derivatives(values, own, self.rate, CUT * self.lowest, np.inf).orders[order]
-            total += level**2 * float(np.mean(low_passed(values, self.rate, self.edge) ** 2))
+            passed = low_passed(values, self.rate, self.edge)
+            # At the ends of a record its derivatives are much larger, and no equation uses them.
+            total += level**2 * float(np.mean(passed[len(passed) // 8 : -(len(passed) // 8)] ** 2))
         return float(np.sqrt(total))
 
     def _stuck(self) -> dict[str, Lock]:

@@ -401,6 +401,13 @@ def test_explanations_with_less_than_a_share_of_the_best_score_are_not_suspected
     assert [item.place for item in suspected([explanation("a", 1.0), close, far], {})] == ["a", "b"]
 
 
+@pytest.mark.parametrize(("score", "count"), [(0.801, 5), (0.799, 3)])
+def test_more_than_three_explanations_are_suspected_if_they_are_as_good_as_the_best(score: float, count: int) -> None:
+    """Four fifths of its score."""
+    alike = [explanation(place, score) for place in "bcde"]
+    assert len(suspected([explanation("a", 1.0), *alike], {})) == count
+
+
 @pytest.mark.parametrize(("score", "count"), [(1.01, 1), (0.99, 0)])
 def test_an_explanation_that_removes_hardly_anything_is_not_suspected(score: float, count: int) -> None:
     assert len(suspected([explanation("a", score * LEAST_SCORE)], {})) == count
@@ -575,7 +582,8 @@ def test_a_late_record_shows_in_an_equation_with_friction_and_an_unknown_mass(de
     assert {item.what for item in first.values()} == {"delay"}
     assert first["f"].values["value"] == pytest.approx(delay, rel=0.02)
     assert first["a"].values["value"] * delay < 0.0
-    assert all(item.residuals["table"] < 0.01 * ranked.residuals["table"] for item in first.values())
+    assert all(item.residuals["table"] < 1.0 for item in first.values())  # all that is left is noise
+    assert ranked.residuals["table"] > 50.0
 
 
 def test_a_gain_of_the_only_known_force_explains_nothing() -> None:

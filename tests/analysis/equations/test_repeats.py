@@ -23,8 +23,9 @@ def turning(pitch: float, noise: float, frequency: float = 0.1) -> Sliding:
         usable=np.ones(N, dtype=bool), slow=np.zeros(N), slow_velocity=np.zeros(N),
     )  # fmt: skip
     return Sliding(
-        [run], RATE, 1.0, integrated=False, stiffness=0.0, noise=noise, velocity_noise=0.0, parts=1.0, edge=np.inf, rubs=False
-    )
+        [run], RATE, 1.0, integrated=False, drifts=False, stiffness=0.0, noise=noise, velocity_noise=0.0, parts=1.0, edge=np.inf,
+        rubs=False,
+    )  # fmt: skip
 
 
 def columns(d: FloatArray, v: FloatArray, run: SlidingRun, place: IntArray) -> FloatArray:
