@@ -1,4 +1,7 @@
-"""A limit of processor time, which long computations ask."""
+"""Limits of processor time and of simulated samples, which long computations ask.
+
+A limit of samples gives the same result on every computer; one of time does not.
+"""
 
 from __future__ import annotations
 
@@ -9,17 +12,20 @@ from math import inf
 from isorig.analysis.errors import OutOfTimeError
 
 _in_force: ContextVar[Deadline | None] = ContextVar("deadline", default=None)
+_simulated: ContextVar[int] = ContextVar("simulated", default=0)
 
 
 class Deadline:
     """A limit for what is computed within its `with` block: `seconds` of this process from now on, no limit if None.
 
-    It is processor time: other work on the computer does not count.
+    It is processor time: other work on the computer does not count. With `samples` it also ends after as many simulated samples
+    (`count_samples`).
     """
 
-    def __init__(self, seconds: float | None = None) -> None:
+    def __init__(self, seconds: float | None = None, *, samples: float = inf) -> None:
         self._start = time.process_time()
         self._limit = self._end = inf if seconds is None else self._start + seconds
+        self._last = _simulated.get() + samples
         self._outer: Token[Deadline | None]
 
     def __enter__(self) -> Deadline:
@@ -31,8 +37,8 @@ class Deadline:
 
     @property
     def over(self) -> bool:
-        """Whether the time has ended."""
-        return time.process_time() > self._end
+        """Whether the time has ended, or the samples are spent."""
+        return time.process_time() > self._end or _simulated.get() > self._last
 
     @property
     def spent(self) -> float:
@@ -76,6 +82,16 @@ def keep_time(seconds: float) -> None:
     deadline = _in_force.get()
     if deadline is not None:
         deadline.keep(seconds)
+
+
+def samples_simulated() -> int:
+    """Number of samples that were simulated so far (`count_samples`)."""
+    return _simulated.get()
+
+
+def count_samples(number: int) -> None:
+    """Count simulated samples: those of each record times the steps per sample."""
+    _simulated.set(_simulated.get() + number)
 
 
 def ask_time() -> None:

@@ -62,7 +62,7 @@ from isorig.analysis.fitting.linear_spectra import spectra_of
 from isorig.analysis.fitting.plausible import Doubt, doubts, doubts_of_records, explains_as_given, is_near
 from isorig.analysis.fitting.preparation import prepare, zero_errors
 from isorig.analysis.fitting.repeats import disturbance, with_disturbance
-from isorig.analysis.fitting.residual_analysis import depends_on_drive
+from isorig.analysis.fitting.residual_analysis import UNRELATED, depends_on_drive
 from isorig.analysis.fitting.residuals import Problem
 from isorig.analysis.fitting.score import (
     Improvement,
@@ -103,13 +103,13 @@ KEPT = 0.5
 LEAST_RANKING = 2.0
 #: What the evidence says of a remainder that counts as a disturbance.
 DISTURBED = (
-    "Disturbance: what the model leaves, {} of the signal, is related to neither the drive nor the motion, so it counts as noise "
-    "or as a disturbance from outside. Play one drive twice (repeat_of) to measure it."
+    f"Disturbance: what the model leaves, {{}} of the signal, is {UNRELATED}, so it counts as noise or as a disturbance from "
+    "outside. Play one drive twice (repeat_of) to measure it."
 )
 #: The same of one that does so once small errors of all channels are fitted, too.
 IN_CHAIN = (
     "Measuring chain: what follows the drive in the misfit of {} is within small errors of several channels together{}. "
-    "The rest is related to neither the drive nor the motion."
+    f"The rest is {UNRELATED}."
 )
 
 

@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 
 from isorig.analysis.campaign import Campaign, FloatArray
-from isorig.analysis.deadline import Deadline, ask_time, out_of_time, time_left
+from isorig.analysis.deadline import Deadline, ask_time, out_of_time, samples_simulated, time_left
 from isorig.analysis.diagnose.cause_in_model import without_cause
 from isorig.analysis.diagnose.causes import contains, proposed
 from isorig.analysis.diagnose.causes.base import Evidence, Kind
@@ -87,9 +87,9 @@ from isorig.analysis.wording import in_per_cent
 FINALISTS, CURVES, PAIRS = 4, 3, 2
 #: Number of places of a partly measured rig whose equations are solved.
 PLACES = 3
-#: Longest time for pairs of causes in multiples of that for single ones before, and at least in s. Chosen: pairs that were found
-#: took up to six times as long, of 4 s; where they need more, the best single cause is named.
-FOR_PAIRS, LEAST_FOR_PAIRS = 5.0, 45.0
+#: Most simulated samples for pairs of causes in multiples of those for single ones before, and at least. Chosen: pairs that were
+#: found took up to six times as many; where they need more, the best single cause is named. The least takes 45 s.
+FOR_PAIRS, LEAST_FOR_PAIRS = 5, 150_000_000
 #: Share of the model's misfit in the first seconds that candidates for a further step must remove. Chosen: half of what the step
 #: must remove to count (`Policy.of_rest`).
 PROMISING_LATER = 0.25
@@ -386,14 +386,18 @@ class _Asked:
 
     def of_sources(self, job: Job) -> Found | None:
         """Ask one source after the other; a pair of causes, if one is found."""
-        begun = Deadline()
+        begun = samples_simulated()
         for each in sources(job):
             two = self.whole and isinstance(each, Suspected) and each.shows_two
-            if two and (both := _both(job, each, [], begun.spent)) and adequate((both.then or both).entry.score, job.floors):
+            if (
+                two
+                and (both := _both(job, each, [], samples_simulated() - begun))
+                and adequate((both.then or both).entry.score, job.floors)
+            ):
                 return both
             rough = job.entries(each.forms[:FINALISTS])
             self.whole = self.whole and not out_of_time()
-            if self.whole and (both := _both(job, each, rough, begun.spent)):
+            if self.whole and (both := _both(job, each, rough, samples_simulated() - begun)):
                 return both
             more = job.finished(rough)
             allowed = [one for one in more if (job.explains(one) or each.allows(one)) and not job.contradicts(one)]
@@ -408,10 +412,11 @@ class _Asked:
         return None
 
 
-def _both(job: Job, source: Source, forms: Sequence[Entry], spent: float) -> Found | None:
-    # The best pair, found in a multiple of the time that was spent on the forms; None without one, or where one cause is enough.
+def _both(job: Job, source: Source, forms: Sequence[Entry], spent: int) -> Found | None:
+    # The best pair, found with a multiple of the samples that were simulated for the forms; None without one, or where one cause
+    # is enough.
     if job.steps > 1 and not any(adequate(entry.score, job.floors) or job.nearly(entry) for entry in forms):
-        with Deadline(min(max(FOR_PAIRS * spent, LEAST_FOR_PAIRS), time_left())), suppress(OutOfTimeError):
+        with Deadline(time_left(), samples=max(FOR_PAIRS * spent, LEAST_FOR_PAIRS)), suppress(OutOfTimeError):
             return _together(job, source.pairs, forms)
     return None
 
@@ -516,10 +521,12 @@ class Suspected:
         after: dict[tuple[str, str], Mapping[str, float]] = {}
         if not found.broken or self.job.equations.hidden or found.tentative or found.rare:
             return after
+        solved_once: set[int] = set()
         for candidate, _, model in starts:
-            # Values from a link's recorded force are about the same from every start.
-            known = candidate.key in after and found.left(candidate, self.job.current.free) > 0.0
+            # Values from a link's recorded force are about the same from every start, but not for every variant of a form.
+            known = id(candidate) in solved_once and found.left(candidate, self.job.current.free) > 0.0
             if candidate.shape is None and not known and found.score_of(*candidate.key) > 0.0:
+                solved_once.add(id(candidate))
                 solved = self.job.solved_with(model, found.equations)
                 if solved is not None:
                     best = after.get(candidate.key, solved.residuals)

@@ -39,7 +39,7 @@ LEAST_SCORE = 0.05
 #: Explanations whose score is below this share of the best one are not suspected. Chosen: the right one had at least half of the
 #: best score in the sealed campaigns in which it was not the best.
 ALIKE = 0.4
-#: Maximum number of suspects.
+#: Number of suspects, unless more are as good as the best one (`NEARLY`).
 MOST = 3
 #: Residual from which an equation is broken, and the share of it that may remain once it is repaired. Chosen: twice the residual
 #: up to which sound rigs stay; half of the excess, as a further step must remove (`Policy.of_rest`).
@@ -63,7 +63,7 @@ SHOWN, APART = 0.3, 0.3
 ONLY = 2.0
 #: Share of the equations' excess residuals from which a contribution is stated. Chosen: a tenth, as `LEAST_SCORE`.
 CONTRIBUTES = 0.1
-#: Share of the best score from which an explanation's free shapes are fitted.
+#: Share of the best score from which an explanation is as good: it is suspected for certain, and its free shapes are fitted.
 NEARLY = 0.8
 #: Share of what the best candidate removes from the misfit of a link's recorded force that another one must remove to be
 #: simulated. Chosen: the right form removed nearly all in every sealed campaign, wrong ones of another shape less than a third.
@@ -167,10 +167,13 @@ class Suspects:
         return max((item.score for item in self.chosen if self._is(item, cause, location)), default=0.0)
 
     def shown(self, kind: str, place: str) -> bool:
-        """Whether no explanation of another kind or place comes close to this one in all equations, or in a broken one."""
+        """Whether no explanation of another kind or place comes close to this one in all equations, or in a broken one.
+
+        Nothing is shown where all equations hold.
+        """
         mine = [e for e in self.chosen if self._is(e, kind, place)]
         others = [e for e in self.ranking.explanations if not self._is(e, kind, place)]
-        if not mine or self.tentative:
+        if not mine or self.tentative or self.ranking.worst < HOLDS:
             return False
         pairs = [(max(e.score for e in mine), max((e.score for e in others), default=0.0))]
         for name, before in self.ranking.residuals.items():
@@ -365,7 +368,8 @@ class Suspects:
         # these rms forces, as far as this can be known without a simulation.
         begun = {id(candidate): self._begun(candidate, current.free) for candidate in candidates}
         left = {key: (one.explanation, one.left) for key, one in begun.items() if one.explanation and one.left is not None}
-        bare = {e: found for e, _ in left.values() if (found := self._bare(e, current))}
+        # What noise may leave without a cause compares none.
+        bare = {e: found for e, _ in left.values() if (found := self._bare(e, current)) and found > self._allowed(e)}
         removed = {key: (e.place, 1.0 - (rest / bare[e]) ** 2) for key, (e, rest) in left.items() if e in bare}
         best: dict[str, float] = {}
         for place, share in (
@@ -384,6 +388,11 @@ class Suspects:
                 solved = fitted_form(current.model, current.free, element, force)
             self._without[key] = None if solved is None else solved.left
         return self._without[key]
+
+    def _allowed(self, explanation: Explanation) -> float:
+        # The rms force that noise allows any form to leave there, N.
+        _, force = self._solved(explanation)
+        return 0.0 if force is None else force.allowed
 
     def stands(self, candidate: Candidate, current: Fit, evidence: Evidence) -> bool:
         """Whether a form of one of the best explanations leaves as little of a link's recorded force as any curve there, or is a
@@ -611,7 +620,7 @@ def suspected(
     chosen: list[Explanation] = []
     holds = bool(explanations) and all(value < BROKEN for value in explanations[0].residuals.values())
     for item in explanations:
-        if best < LEAST_SCORE or item.score < ALIKE * best or len(chosen) == MOST:
+        if best < LEAST_SCORE or item.score < (ALIKE if len(chosen) < MOST else NEARLY) * best:
             break
         if holds and any(value >= REFUTED for value in item.residuals.values()):
             continue

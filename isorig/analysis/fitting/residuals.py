@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 
 from isorig.analysis.campaign import FloatArray
-from isorig.analysis.deadline import ask_time
+from isorig.analysis.deadline import ask_time, count_samples
 from isorig.analysis.errors import FitError, ModelError, SimulationError
 from isorig.analysis.fitting.trials import SIGNAL_SHARE, Trial, expected, true_motion
 from isorig.analysis.model.rig_model import RigModel
@@ -127,5 +127,6 @@ class Problem:
             if len(models) == 1:
                 self._last[index] = seen, part.copy()
 
+        count_samples(len(models) * sum(trial.fitted * trial.excitation.oversample for trial in self.trials))
         side_by_side(one, [(which, index) for which in range(len(models)) for index in range(len(self.trials))])
         return out

@@ -42,7 +42,7 @@ from isorig.analysis.fitting.candidate import Candidate
 from isorig.analysis.fitting.ladder import Starts
 from isorig.analysis.fitting.preparation import prepare
 from isorig.analysis.fitting.score import Score
-from isorig.analysis.fitting.solve import Free
+from isorig.analysis.fitting.solve import Fit, Free
 from isorig.analysis.model.rig_model import RigModel
 
 POSSIBLE = SimpleNamespace(
@@ -498,3 +498,29 @@ def test_a_level_of_dry_friction_stands_where_an_equation_holds_with_it(
     free = tuple(Free(path=path) for path in (level, "contacts.rail.law.bristle_stiffness")[:own])
     candidate = Candidate(cause="coulomb_friction", location="rail", family="friction", starts=(), free=free, reported=())
     assert found._is_level(candidate) == holds
+
+
+@pytest.mark.parametrize(("worst", "shown"), [(2.0, True), (1.99, False)])
+def test_equations_that_hold_show_nothing(worst: float, shown: bool) -> None:
+    """However much of their noise an explanation removes."""
+    found = blaming(("memory", "rail", 1.5), ("spring_shape", "belt", 0.1), worst=worst, after=1.0)
+    assert found.shown("memory", "rail") is shown
+
+
+@pytest.mark.parametrize(("allowed", "kept"), [(0.99, False), (1.01, True)])
+def test_forms_are_not_compared_by_a_force_that_noise_may_leave(allowed: float, kept: bool) -> None:
+    """Without a cause 1 N is left, a form of dry friction leaves 0.9 N, and the curve over the velocity 0.1 N."""
+    found = blaming(("friction_shape", "rail", 0.5))
+    (one,) = found.chosen
+    still = np.zeros(3)
+    force = ElementForce(
+        deflection=still, velocity=still, time=still, force=still, left=still, motions=(), rate=1.0, allowed=allowed
+    )  # fmt: skip
+    found._values[one] = {}, force
+    model = stage()
+    current = Fit(model=model, free=(), covariance=np.zeros((0, 0)), cost=1.0, evaluations=0)
+    found._without[one, model.encoded] = 1.0
+    friction = Candidate(cause="coulomb_friction", location="rail", family="friction", starts=(model,), free=(), reported=())
+    key = *friction.key, (), friction.shape, model.encoded
+    found._fits[key] = suspects_module._Begun(models=[(0.9, model)], explanation=one)
+    assert found._comparable([friction], current, {one: 0.1}) == ([friction] if kept else [])

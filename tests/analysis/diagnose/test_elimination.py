@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from small_rigs import played, rubbing, stage
 
-from isorig.analysis.deadline import Deadline, time_left
+from isorig.analysis.deadline import Deadline, count_samples, out_of_time, time_left
 from isorig.analysis.diagnose import search
 from isorig.analysis.diagnose.causes import containing, proposed
 from isorig.analysis.diagnose.observe import observe
 from isorig.analysis.diagnose.policy import POLICY
-from isorig.analysis.diagnose.search import FOR_PAIRS, LEAST_FOR_PAIRS, PROMISING_LATER, contenders
+from isorig.analysis.diagnose.search import PROMISING_LATER, contenders
 from isorig.analysis.diagnose.step import Entry
 from isorig.analysis.equations.unknown_force import Places
 from isorig.analysis.errors import OutOfTimeError
@@ -406,23 +406,26 @@ def test_a_curve_of_one_source_is_not_lost_to_the_next(monkeypatch: pytest.Monke
     assert [entry.candidate for entry in given[0]] == [curve]
 
 
-@pytest.mark.parametrize(("spent", "left", "limit"), [(1.0, 1e3, LEAST_FOR_PAIRS), (1e2, 1e3, FOR_PAIRS * 1e2), (1e2, 7.0, 7.0)])
-def test_pairs_take_a_multiple_of_the_time_of_single_causes(
-    spent: float, left: float, limit: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Where that ends, the single causes remain."""
+@pytest.mark.parametrize(("spent", "limit"), [(1, 150_000_000), (100_000_000, 500_000_000)])
+def test_pairs_take_a_multiple_of_the_samples_of_single_causes(spent: int, limit: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where these end, the single causes remain; the time that is left ends them, too."""
     times: list[float] = []
 
     def together(*given: object) -> None:
         times.append(time_left())
-        raise OutOfTimeError("the time limit is reached")
+        count_samples(limit)
+        assert not out_of_time()
+        count_samples(1)
+        assert out_of_time()
+        raise OutOfTimeError("the limit is reached")
 
     monkeypatch.setattr(search, "_together", together)
     source = SimpleNamespace(pairs=list)
-    with Deadline(left):
+    with Deadline(7.0):
         found = search._both(cast("search.Job", SimpleNamespace(steps=2)), cast("search.Source", source), [], spent)
+        assert not out_of_time()
     assert found is None
-    assert times == [pytest.approx(limit, abs=0.5)]
+    assert times == [pytest.approx(7.0, abs=0.5)]
 
 
 @pytest.mark.parametrize(("attached", "causes"), [(False, {"stribeck_friction", "asymmetric_friction"}), (True, set())])

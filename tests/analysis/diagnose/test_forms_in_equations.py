@@ -1,8 +1,15 @@
 """Which forms the equations of motion refute, from given residuals; the limits stated here are those of the code."""
 
+from types import SimpleNamespace
+from typing import Any, cast
+
 import pytest
+from small_rigs import stage
 
 from isorig.analysis.diagnose.forms_in_equations import comparable_forms, shows_two
+from isorig.analysis.diagnose.search import Suspected
+from isorig.analysis.fitting.candidate import Candidate
+from isorig.analysis.fitting.solve import Free
 
 STOP, SPRING, DELAY = ("end_stop", "spring"), ("hardening_stiffness", "spring"), ("channel_delay", "x")
 
@@ -65,3 +72,26 @@ def test_forces_with_a_memory_refute_no_other_such_force() -> None:
     loop, play = ("hysteresis", "spring"), ("play_and_friction", "spring")
     assert comparable_forms({"a": 101.0}, {loop: {"a": 2.0}, play: {"a": 90.0}}) == {loop, play}
     assert comparable_forms({"a": 101.0}, {STOP: {"a": 2.0}, play: {"a": 90.0}}) == {STOP}
+
+
+def test_each_variant_of_a_form_is_compared() -> None:
+    """A stop at both ends and a stop at one end are one cause; only one of them repairs the equation of a stop at one end."""
+    both, one = (
+        Candidate(cause="end_stop", location="spring", family="stop", starts=(stage(),), free=free, reported=())
+        for free in ((), (Free(path="links.spring.laws.0.stroke"),))
+    )
+    solved = []
+
+    def solved_with(model: object, like: object) -> SimpleNamespace:
+        solved.append(model)
+        return SimpleNamespace(residuals={"a": 90.0 if model == "both" else 2.0})
+
+    job = SimpleNamespace(equations=SimpleNamespace(hidden=()), current=SimpleNamespace(free=()), solved_with=solved_with)
+    found = SimpleNamespace(
+        broken=True, tentative=False, rare=False, left=lambda candidate, free: 1.0, score_of=lambda *key: 1.0,
+        ranking=SimpleNamespace(residuals={"a": 101.0}), equations=None,
+    )  # fmt: skip
+    starts = [(both, (), "both"), (both, (), "both again"), (one, (), "one"), (one, (), "one again")]
+    suspected = SimpleNamespace(job=job)
+    assert Suspected._in_model(cast(Any, suspected), cast(Any, starts), cast(Any, found)) == {STOP: {"a": 2.0}}
+    assert solved == ["both", "one"]
