@@ -1,8 +1,9 @@
-"""The reason for a low coherence: the sensors' noise, a nonlinear rig, or undecided from the runs so far.
+"""The reason for a low coherence: the sensors' noise, narrow resonances, a nonlinear rig, or undecided from the runs so far.
 
 A response that is not coherent with the drive is either not caused by it (noise, another source) or caused by it nonlinearly. The
 second one is repeatable: it is equal in two runs with one drive, lies between the driven frequencies of a periodic drive, or
-changes the transfer function with the drive's level.
+changes the transfer function with the drive's level. What resonances narrower than the resolution make incoherent becomes less in
+longer segments.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,9 +20,17 @@ from isorig.analysis.spectra.noise import ENOUGH, noise_level
 from isorig.analysis.spectra.overload import LONGEST
 from isorig.analysis.spectra.periodic import SETTLING, Detection
 from isorig.analysis.spectra.welch import WELL_DRIVEN, Spectra, estimate
-from isorig.rig.acquire.policy import DIFFERENT, LEVEL_RATIO, NOISE_RATIO, NOT_REPEATABLE, REPEATABLE
+from isorig.rig.acquire.policy import (
+    DIFFERENT,
+    LEAST_AVERAGES,
+    LEVEL_RATIO,
+    NARROW,
+    NOISE_RATIO,
+    NOT_REPEATABLE,
+    REPEATABLE,
+)
 
-IncoherenceKind = Literal["nonlinear", "undecided", "noise"]
+IncoherenceKind = Literal["nonlinear", "undecided", "narrow", "noise"]
 KINDS: tuple[IncoherenceKind, ...] = get_args(IncoherenceKind)
 
 
@@ -70,6 +79,12 @@ def incoherence(
             f", and {what} differ; look for another source of vibration, drive harder, and repeat the run. Impacts differ, too: "
             "they change the transfer function with the drive's level.",
         )
+    if _less_in_longer_segments(run, spectra, name, drive):
+        return because(
+            "narrow",
+            f", because resonances are narrower than the resolution of {spectra.resolution:.2g} Hz; measure a longer run for its "
+            "transfer functions. rig diagnose needs none.",
+        )
     return because(
         "undecided",
         ", although its record is above the sensor's noise: the rig is nonlinear, or something else moves it; a run with the "
@@ -98,6 +113,21 @@ def _alike(run: Run, other: Run, name: str, drive: str) -> bool:
 
 def _incoherent_power(spectra: Spectra, name: str, drive: str, driven: BoolArray) -> float:
     return float(np.sum(((1.0 - spectra.frf(name, drive).coherence) * spectra.density(name))[driven]))
+
+
+def _less_in_longer_segments(run: Run, spectra: Spectra, name: str, drive: str) -> bool:
+    # Whether the ratio of incoherent to coherent power falls with the resolution, as that of a narrow resonance does: noise and
+    # nonlinear parts keep theirs. An estimate from few averages is too small.
+    ratios = []
+    with suppress(DataError):
+        for each in (spectra, estimate([run], references=[drive], resolution=0.5 * spectra.resolution)):
+            driven = driven_bins(run, each, drive)
+            whole = max(float(np.sum(each.density(name)[driven])), 1e-300)
+            if each.averages < LEAST_AVERAGES:
+                return False
+            share = _incoherent_power(each, name, drive, driven) / whole / (1.0 - 1.0 / each.averages)
+            ratios.append(share / max(1.0 - share, 1e-9))
+    return len(ratios) == 2 and ratios[1] <= NARROW * ratios[0]
 
 
 def _not_repeated(run: Run, spectra: Spectra, name: str, drive: str, others: Sequence[Run]) -> tuple[float, str]:

@@ -30,6 +30,9 @@ COHERENT = 0.5
 STICKING = 0.2
 #: Distortion above this share of the response and above the noise is reported; a gain that differs more from the plan, too.
 DISTORTED, GAIN_DIFFERENCE = 0.1, 1e-3
+#: Ratio of incoherent to coherent power at half of the resolution, relative to that at the resolution, up to which resonances are
+#: too narrow for it, and the least number of averages for such a ratio. Derived: theirs halves or more, that of noise stays.
+NARROW, LEAST_AVERAGES = 0.6, 3.0
 #: Ratio of what two runs with one drive do not share to the incoherent power: below the first the incoherent power is repeatable,
 #: above the second it is not.
 REPEATABLE, NOT_REPEATABLE = 0.3, 0.7

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from strange_rigs import StrangeRig, campaign, dry, noise, play
 import isorig as iso
 from isorig.analysis.campaign import SI_UNIT, Campaign, Channel, FloatArray, Run
 from isorig.analysis.spectra.quality import faults
+from isorig.rig.acquire import incoherence
 from isorig.rig.acquire.policy import COHERENT
 from isorig.rig.acquire.recover import Recovered
 from isorig.rig.acquire.run_check import Verdict, check_run, incoherences
@@ -210,3 +212,30 @@ def test_checks_of_a_wide_recording_transform_each_record_a_few_times(monkeypatc
     assert faults(campaign, reference="head") == ()
     assert {reason.kind for reason in incoherences(campaign, ["head"])} == {"noise"}
     assert transformed <= 6 * records.size
+
+
+def test_narrow_resonances_of_a_linear_rig_are_no_nonlinearity() -> None:
+    """The rest of a force that an accelerometer far from it shows is small beside the leakage of its resonance."""
+    rig = StrangeRig(
+        masses=(4.0, 2.0), joints=((0, -1, 4e3, 5.0), (1, 0, 3e3, 3.0)), sensors=(("x", 1, "displacement"),)
+    )  # fmt: skip
+    (run,) = campaign(rig, (20.0,), seconds=40.0, band=(1.0, 60.0), seed=4).runs
+    (found,) = incoherences(Campaign(runs=(run,)), ["force"])
+    assert found.kind == "narrow"
+    assert "because resonances are narrower than the resolution of 0.5 Hz; measure a longer run" in found.text
+
+
+@pytest.mark.parametrize(
+    ("second", "averages", "narrow"), [(0.59, 40.0, True), (0.61, 40.0, False), (0.59, 3.0, True), (0.59, 2.9, False)]
+)
+def test_a_ratio_that_falls_with_the_resolution_is_that_of_narrow_resonances(
+    second: float, averages: float, narrow: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To six tenths, without what few averages make coherent."""
+    coarse, fine = (SimpleNamespace(averages=each, resolution=0.5, density=lambda name: np.ones(4)) for each in (80.0, averages))
+    ratio = second * 4.0  # of incoherent to coherent power, 4 with the coarse resolution
+    shares = {id(coarse): 0.8 * (1.0 - 1.0 / 80.0), id(fine): ratio / (1.0 + ratio) * (1.0 - 1.0 / averages)}
+    monkeypatch.setattr(incoherence, "estimate", lambda *given, **how: fine)
+    monkeypatch.setattr(incoherence, "driven_bins", lambda *given: np.ones(4, dtype=bool))
+    monkeypatch.setattr(incoherence, "_incoherent_power", lambda spectra, *given: 4.0 * shares[id(spectra)])
+    assert incoherence._less_in_longer_segments(cast(Any, None), cast(Any, coarse), "x", "force") is narrow
