@@ -81,7 +81,9 @@ def test_intervals_hold_the_truth_with_other_noise_than_white(noise: str) -> Non
     found = characterize(campaign, baseline_model(campaign))
     assert found.adequate
     # White noise of the drive's sensor is known from its spectrum.
-    assert ("is related to neither the drive nor the motion: it is taken as noise" in found.noise) == (noise == NOISES[2])
+    assert (
+        "is related to neither the drive nor the motion beyond 0.80 % of the signal: it is taken as noise" in found.noise
+    ) == (noise == NOISES[2])
     for name, truth in truths(model).items():
         entry = found.table[name]
         if not entry.fixed:

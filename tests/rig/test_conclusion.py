@@ -204,7 +204,7 @@ def test_what_bounds_the_error_of_an_adequate_model_is_said() -> None:
     assert said.endswith("noise and disturbance alone are about 1.2 %")
     found["holdout"]["extended"] = 4.0 * found["holdout"]["noise_floor"]  # no repeated runs measured it
     said = conclude(msgspec.convert(found, Findings)).answer
-    assert "down to what is related to neither the drive nor the motion; " in said
+    assert "down to what is related to neither the drive nor the motion beyond 0.80 % of the signal; " in said
     assert said.endswith("noise alone is about 1.2 %")
     found["tolerance"] = 0.4
     assert "to within the tolerance of 40 %; " in conclude(msgspec.convert(found, Findings)).answer
@@ -457,7 +457,9 @@ def test_what_most_of_an_unexplained_error_is_stands_in_the_answer(low: float, s
 )
 def test_small_errors_of_channels_stand_in_the_answer_of_an_adequate_model(listed: list[str], said: str) -> None:
     answer = conclude(findings(verdict="adequate", steps=[], chain_errors=listed)).answer
-    assert f"down to small errors of its channels{said} and to what is related to neither the drive nor the motion; " in answer
+    assert (
+        f"down to small errors of its channels{said} and to what is related to neither the drive nor the motion beyond " in answer
+    )
 
 
 def test_an_answer_by_the_required_force_promises_no_prediction() -> None:

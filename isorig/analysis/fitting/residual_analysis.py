@@ -20,6 +20,7 @@ from isorig.analysis.simulate import simulate
 from isorig.analysis.simulate.gauges import link_sensors
 from isorig.analysis.spectra.welch import WELL_DRIVEN, effective_averages
 from isorig.analysis.spectra.windows import HANN
+from isorig.analysis.wording import in_per_cent
 
 #: Segments of a record, half overlapping.
 SEGMENTS = 23
@@ -28,6 +29,11 @@ TIED = 2.0
 #: Probability of a chance coherence, over all runs, responses and functions, below which the rest is related to the motion, if
 #: the coherent share of its power is above `SHARE` and above the simulation's own error.
 CHANCE, SHARE = 1e-3, 0.1
+#: Error as a share of the signal, rms, above which what follows the drive or the motion counts. Derived: twice the accuracy of
+#: the simulation, which follows them, too.
+RELATED = 2.0 * SIMULATION_LIMIT
+#: How a remainder is described that is not related to them, after "is" or "what is".
+UNRELATED = f"related to neither the drive nor the motion beyond {in_per_cent(RELATED)} of the signal"
 #: Coherence that must show if it is there, for what is left to count as unrelated. Chosen: half of it.
 DETECTABLE = 0.5
 
@@ -101,7 +107,7 @@ def _chance(left: ComplexArray, values: ComplexArray, size: float, averages: flo
     # Without a relation coherence times averages has an exponential distribution, a weighted sum nearly a gamma distribution.
     shape = 1.0 / (TIED * float(((power / power.sum()) ** 2).sum()))
     share = max(coherence - 1.0 / averages, 0.0) / (1.0 - 1.0 / averages)
-    large = share > SHARE and share * power.sum() > (2.0 * SIMULATION_LIMIT) ** 2 * size
+    large = share > SHARE and share * power.sum() > RELATED**2 * size
     chance, detectable = (float(gammaincc(shape, shape * averages * each)) for each in (coherence, DETECTABLE))
     return chance, bool(large), detectable
 

@@ -25,7 +25,7 @@ from isorig.analysis.fitting.influence import (
     normalised,
 )
 from isorig.analysis.fitting.repeats import disturbance
-from isorig.analysis.fitting.residual_analysis import depends_on_drive
+from isorig.analysis.fitting.residual_analysis import UNRELATED, depends_on_drive
 from isorig.analysis.fitting.score import Score, adequate, noise_floors, score
 from isorig.analysis.fitting.solve import Fit, Free, bending, disagreement, slopes_of
 from isorig.analysis.fitting.trials import Trial
@@ -132,8 +132,8 @@ def assessed(
     if not explained and _noisy(done, judged, trials):
         ratio = float(np.max(judged.error / floors))
         noise = (
-            f"What the model leaves is up to {ratio:.2g} times the sensors' white noise, but is related to neither the drive "
-            "nor the motion: it is taken as noise, with its spectrum and its level in each run."
+            f"What the model leaves is up to {ratio:.2g} times the sensors' white noise, but is {UNRELATED}: it is taken as "
+            "noise, with its spectrum and its level in each run."
         )
         floors, explained = np.maximum(floors, judged.error), True
     # A misfit above the accuracy of the simulation biases every parameter; its size relative to the signal bounds the bias.

@@ -11,6 +11,7 @@ from isorig.analysis.diagnose.causes import CATALOGUE
 from isorig.analysis.diagnose.causes.base import Kind
 from isorig.analysis.diagnose.policy import POLICY
 from isorig.analysis.fitting.excess import SIMULATION_LIMIT
+from isorig.analysis.fitting.residual_analysis import UNRELATED
 from isorig.analysis.wording import MULTIPLE, fall, first_of, in_per_cent, noise_alone, sized, with_article, with_std, words
 from isorig.rig.files.findings import CauseAt, Findings, HeldValue, NamedCause, TriedCause, Value
 
@@ -168,11 +169,11 @@ def _down_to(findings: Findings) -> str:
         return f"to within the tolerance of {in_per_cent(findings.tolerance)}"
     if findings.chain_errors is not None:
         listed = f" ({', '.join(findings.chain_errors)})" if findings.chain_errors else ""
-        return f"down to small errors of its channels{listed} and to what is related to neither the drive nor the motion"
+        return f"down to small errors of its channels{listed} and to what is {UNRELATED}"
     if not _disturbed(findings):
         return "down to the noise"
     known = "the disturbance between repeated runs"
-    return f"down to {known if _is_measured(findings) else 'what is related to neither the drive nor the motion'}"
+    return f"down to {known if _is_measured(findings) else f'what is {UNRELATED}'}"
 
 
 def _disturbed(findings: Findings) -> bool:
