@@ -99,14 +99,14 @@ def derivative_edge(records: Sequence[FloatArray], rate: float, derivatives: int
     At most the highest of them, and so low that noise is at most `NOISE_OF_DERIVATIVE` of the derivatives' power in all together:
     a resonance may exceed the noise where a record is noise between it and a slow motion.
     """
-    edges = [signal_edge(values, rate) for values in records]
+    spectra = [_with_noise(values, rate) for values in records]
+    edges = [max(first, _edge(power, noise, rate)) for power, noise, first in spectra]
     edge = max((each for each in edges if np.isfinite(each)), default=np.inf)
     if not np.isfinite(edge):
         return edge
     candidates = np.geomspace(edge, LEAST_OF_EDGE * edge, EDGES)
     powers = np.zeros((2, EDGES))
-    for values in records:
-        power, noise, _ = _with_noise(values, rate)
+    for values, (power, noise, _) in zip(records, spectra, strict=True):
         frequency = np.arange(len(power)) * rate / 2.0 / (len(power) - 1)
         gains = np.stack([lowpass_gain(frequency, each) for each in candidates])
         weight = gains**2 * frequency ** (2 * derivatives) / len(values)

@@ -129,6 +129,18 @@ def test_a_derivative_is_taken_up_to_a_resonance_only_if_that_exceeds_the_noise_
     assert low < derivative_edge([noisy], RATE, 2) < high
 
 
+def test_the_noise_of_a_derivative_is_at_most_a_tenth_of_its_power() -> None:
+    clean, noise = band(0.2, 1.0, 1.0, 1) + band(30.0, 31.0, 0.002, 2), np.random.default_rng(3).normal(0.0, 5e-3, COUNT)
+    edge, frequency = derivative_edge([clean + noise], RATE, 2), np.fft.rfftfreq(COUNT, 1.0 / RATE)
+    spectra = [np.abs(np.fft.rfft(values * np.hanning(COUNT))) ** 2 for values in (noise, clean + noise)]
+    shares = []
+    for corner in (edge, 1.1 * edge):  # more than one step of the search higher
+        of_noise, whole = ((each * lowpass_gain(frequency, corner) ** 2 * frequency**4).sum() for each in spectra)
+        shares.append(of_noise / whole)
+    assert shares[0] < 0.105
+    assert shares[1] > 0.1
+
+
 def test_the_derivative_of_several_records_may_be_taken_as_far_as_in_the_loudest() -> None:
     loud = np.sin(2.0 * np.pi * 5.0 * TIME) * np.exp(-3.0 * (TIME % 2.0))  # broad about 5 Hz
     noise = np.random.default_rng(4).normal(0.0, 1e-3, (2, COUNT))

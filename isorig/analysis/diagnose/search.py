@@ -88,7 +88,8 @@ FINALISTS, CURVES, PAIRS = 4, 3, 2
 #: Number of places of a partly measured rig whose equations are solved.
 PLACES = 3
 #: Most simulated samples for pairs of causes in multiples of those for single ones before, and at least. Chosen: pairs that were
-#: found took up to six times as many; where they need more, the best single cause is named. The least takes 45 s.
+#: found took up to six times as many; where they need more, the best single cause is named. A wire bonder's least
+#: takes about 45 s.
 FOR_PAIRS, LEAST_FOR_PAIRS = 5, 150_000_000
 #: Share of the model's misfit in the first seconds that candidates for a further step must remove. Chosen: half of what the step
 #: must remove to count (`Policy.of_rest`).
@@ -388,13 +389,10 @@ class _Asked:
         """Ask one source after the other; a pair of causes, if one is found."""
         begun = samples_simulated()
         for each in sources(job):
-            two = self.whole and isinstance(each, Suspected) and each.shows_two
-            if (
-                two
-                and (both := _both(job, each, [], samples_simulated() - begun))
-                and adequate((both.then or both).entry.score, job.floors)
-            ):
-                return both
+            if self.whole and isinstance(each, Suspected) and each.shows_two:
+                both = _both(job, each, [], samples_simulated() - begun)
+                if both is not None and adequate((both.then or both).entry.score, job.floors):
+                    return both
             rough = job.entries(each.forms[:FINALISTS])
             self.whole = self.whole and not out_of_time()
             if self.whole and (both := _both(job, each, rough, samples_simulated() - begun)):

@@ -63,7 +63,7 @@ SHOWN, APART = 0.3, 0.3
 ONLY = 2.0
 #: Share of the equations' excess residuals from which a contribution is stated. Chosen: a tenth, as `LEAST_SCORE`.
 CONTRIBUTES = 0.1
-#: Share of the best score from which an explanation is as good: it is suspected for certain, and its free shapes are fitted.
+#: Share of the best score from which an explanation is as good: it is always suspected, and its free shapes are fitted.
 NEARLY = 0.8
 #: Share of what the best candidate removes from the misfit of a link's recorded force that another one must remove to be
 #: simulated. Chosen: the right form removed nearly all in every sealed campaign, wrong ones of another shape less than a third.

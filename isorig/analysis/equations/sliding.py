@@ -507,11 +507,9 @@ def shortly_low_passed(values: FloatArray, rate: float, edge: float) -> FloatArr
 
     This filter is short, so its gain differs from that of `low_passed`: the sides of an equation must pass the same one.
     """
-    taps = _taps(rate, edge)
-    half = min(len(taps) // 2, len(values) - 1)
-    return np.convolve(
-        np.pad(values, half, mode="reflect"), taps[len(taps) // 2 - half : len(taps) // 2 + half + 1], mode="valid"
-    )
+    from scipy.ndimage import convolve1d
+
+    return np.asarray(convolve1d(values, _taps(rate, edge), mode="mirror"))
 
 
 def _taps(rate: float, edge: float) -> FloatArray:

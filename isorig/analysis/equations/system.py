@@ -455,7 +455,6 @@ class Equations:
             if place not in self._cuts:
                 self._cuts[place] = self.cut(balance, element)
             cut = self._cuts[place]
-            drifts = self.drifts(balance, element)
             if key[:2] not in self._runs:
                 self._runs[key[:2]] = self._sliding_runs(balance, element, sign, self.records, self.signals, cut)
             shared, noise, velocity_noise = self._runs[key[:2]]
@@ -466,9 +465,9 @@ class Equations:
             if runs:
                 stiffness = element.link.stiffness if element.link is not None else 0.0
                 found = Sliding(
-                    runs, self.rate / self.every, CUT / cut, integrated=self.integrated(element), drifts=drifts,
-                    stiffness=abs(sign) * stiffness, noise=noise, velocity_noise=velocity_noise, parts=self._parts(balance),
-                    edge=self.edge, rubs=rubs,
+                    runs, self.rate / self.every, CUT / cut, integrated=self.integrated(element),
+                    drifts=self.drifts(balance, element), stiffness=abs(sign) * stiffness, noise=noise,
+                    velocity_noise=velocity_noise, parts=self._parts(balance), edge=self.edge, rubs=rubs,
                 )  # fmt: skip
                 if not found.usable and rubs and element.contact is None:
                     found.slide_through_reversals()

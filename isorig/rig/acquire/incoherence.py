@@ -56,7 +56,7 @@ def incoherence(
     coherence = spectra.frf(name, drive).coherence[driven]
     begin = f"{name} has a coherence of {float(np.median(coherence)):.2f} with the drive"
     density = spectra.density(name)[driven]
-    left = _incoherent_power(spectra, name, drive, driven) / max(float(np.sum(density)), 1e-300)
+    left = _incoherent_share(spectra, name, drive, driven)
 
     def because(kind: IncoherenceKind, text: str) -> Incoherence:
         return Incoherence(response=name, kind=kind, text=begin + text)
@@ -79,7 +79,7 @@ def incoherence(
             f", and {what} differ; look for another source of vibration, drive harder, and repeat the run. Impacts differ, too: "
             "they change the transfer function with the drive's level.",
         )
-    if _less_in_longer_segments(run, spectra, name, drive):
+    if _less_in_longer_segments(run, spectra, name, drive, left):
         return because(
             "narrow",
             f", because resonances are narrower than the resolution of {spectra.resolution:.2g} Hz; measure a longer run for its "
@@ -115,19 +115,27 @@ def _incoherent_power(spectra: Spectra, name: str, drive: str, driven: BoolArray
     return float(np.sum(((1.0 - spectra.frf(name, drive).coherence) * spectra.density(name))[driven]))
 
 
-def _less_in_longer_segments(run: Run, spectra: Spectra, name: str, drive: str) -> bool:
+def _incoherent_share(spectra: Spectra, name: str, drive: str, driven: BoolArray) -> float:
+    # The incoherent power of a response relative to its power, in the driven bins.
+    return _incoherent_power(spectra, name, drive, driven) / max(float(np.sum(spectra.density(name)[driven])), 1e-300)
+
+
+def _less_in_longer_segments(run: Run, spectra: Spectra, name: str, drive: str, left: float) -> bool:
     # Whether the ratio of incoherent to coherent power falls with the resolution, as that of a narrow resonance does: noise and
-    # nonlinear parts keep theirs. An estimate from few averages is too small.
-    ratios = []
-    with suppress(DataError):
-        for each in (spectra, estimate([run], references=[drive], resolution=0.5 * spectra.resolution)):
-            driven = driven_bins(run, each, drive)
-            whole = max(float(np.sum(each.density(name)[driven])), 1e-300)
-            if each.averages < LEAST_AVERAGES:
-                return False
-            share = _incoherent_power(each, name, drive, driven) / whole / (1.0 - 1.0 / each.averages)
-            ratios.append(share / max(1.0 - share, 1e-9))
-    return len(ratios) == 2 and ratios[1] <= NARROW * ratios[0]
+    # nonlinear parts keep theirs. An estimate from few averages is too small. `left` is the incoherent share of these spectra.
+    try:
+        finer = estimate([run], references=[drive], resolution=0.5 * spectra.resolution)
+    except DataError:
+        return False
+    if finer.averages < LEAST_AVERAGES:
+        return False
+
+    def ratio(share: float, averages: float) -> float:
+        unbiased = share / (1.0 - 1.0 / averages)
+        return unbiased / max(1.0 - unbiased, 1e-9)
+
+    share = _incoherent_share(finer, name, drive, driven_bins(run, finer, drive))
+    return ratio(share, finer.averages) <= NARROW * ratio(left, spectra.averages)
 
 
 def _not_repeated(run: Run, spectra: Spectra, name: str, drive: str, others: Sequence[Run]) -> tuple[float, str]:

@@ -29,7 +29,7 @@ from isorig.analysis.diagnose.suspects import (
 from isorig.analysis.equations import forms
 from isorig.analysis.equations.balances import balances
 from isorig.analysis.equations.columns import SHAPES, relaxing
-from isorig.analysis.equations.forms import element_force, fitted_form, shape_of, start_values
+from isorig.analysis.equations.forms import ElementForce, element_force, fitted_form, shape_of, start_values
 from isorig.analysis.equations.hidden import estimable, estimated
 from isorig.analysis.equations.motion import derivatives
 from isorig.analysis.equations.ranking import HINTS, OWN, Explanation, ranking
@@ -251,6 +251,15 @@ def test_values_beside_an_unknown_factor_of_the_drive_follow_from_the_given_mass
     found = fitted_form(rubbing(given, "wall", 0.1), own, element, force)
     assert found is not None
     assert found[0][path] == pytest.approx(1.2, rel=0.15)
+
+
+def test_a_form_whose_force_has_no_square_is_fitted_without_a_warning() -> None:
+    """A search may pass values with such forces."""
+    start = with_law(carts(), "between", laws.Cubic(cubic_stiffness=1e170))
+    element = next(e for e in equations_of(played(carts(), seed=SEED), carts()).elements() if e.name == "between")
+    d = np.linspace(-1.0, 1.0, 50)
+    force = ElementForce(deflection=d, velocity=d, time=d, force=d, left=d, motions=(), rate=1.0)
+    assert fitted_form(start, [Free(path="links.between.laws.0.cubic_stiffness", high=1e200)], element, force) is not None
 
 
 def test_a_form_is_fitted_to_the_recorded_force() -> None:

@@ -234,8 +234,8 @@ def test_a_ratio_that_falls_with_the_resolution_is_that_of_narrow_resonances(
     """To six tenths, without what few averages make coherent."""
     coarse, fine = (SimpleNamespace(averages=each, resolution=0.5, density=lambda name: np.ones(4)) for each in (80.0, averages))
     ratio = second * 4.0  # of incoherent to coherent power, 4 with the coarse resolution
-    shares = {id(coarse): 0.8 * (1.0 - 1.0 / 80.0), id(fine): ratio / (1.0 + ratio) * (1.0 - 1.0 / averages)}
+    left, share = 0.8 * (1.0 - 1.0 / 80.0), ratio / (1.0 + ratio) * (1.0 - 1.0 / averages)
     monkeypatch.setattr(incoherence, "estimate", lambda *given, **how: fine)
     monkeypatch.setattr(incoherence, "driven_bins", lambda *given: np.ones(4, dtype=bool))
-    monkeypatch.setattr(incoherence, "_incoherent_power", lambda spectra, *given: 4.0 * shares[id(spectra)])
-    assert incoherence._less_in_longer_segments(cast(Any, None), cast(Any, coarse), "x", "force") is narrow
+    monkeypatch.setattr(incoherence, "_incoherent_power", lambda *given: 4.0 * share)
+    assert incoherence._less_in_longer_segments(cast(Any, None), cast(Any, coarse), "x", "force", left) is narrow
